@@ -1,0 +1,38 @@
+#pragma once
+
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <ostream>
+#include <string>
+
+namespace s2gs {
+
+/// Opens a file for binary reading.
+/// \param remedy  what the user can do when the file is missing, e.g. "Run `colmap mapper` first".
+/// Throws UserError with the path and the reason (missing, a folder, no permission).
+std::ifstream OpenForReading(const std::filesystem::path& path, const std::string& remedy = "");
+
+/// Writes a file so that, whatever moment the program is killed at, `path` holds either its old content or
+/// the complete new one: the bytes go to a temporary file beside it, which is synced to disk and renamed.
+/// \param write  writes the content into the stream it is given; may throw, then nothing is replaced.
+/// Throws UserError when the folder is missing or not writable, or the disk is full.
+void WriteFileAtomically(const std::filesystem::path& path, const std::function<void(std::ostream&)>& write);
+
+/// The same for a file that another library writes by itself: `write` gets the temporary file's path, in the
+/// same folder and with the same extension, and must have closed it when it returns.
+void WriteFileAtomicallyByPath(const std::filesystem::path& path,
+                               const std::function<void(const std::filesystem::path&)>& write);
+
+/// Removes the temporary files that runs which were killed left in `folder` (not below it).
+/// Temporary files of processes that still run are left alone.
+void RemoveStaleTemporaries(const std::filesystem::path& folder);
+
+/// Creates a folder and its parents. Throws UserError with the path and the reason.
+void CreateFolder(const std::filesystem::path& folder);
+
+/// A whole file as a string. Throws like OpenForReading; refuses files over `max_bytes`.
+std::string ReadWholeFile(const std::filesystem::path& path, uint64_t max_bytes,
+                          const std::string& remedy = "");
+
+}  // namespace s2gs
