@@ -5,9 +5,9 @@ find_package(Threads REQUIRED)
 find_package(OpenMP REQUIRED COMPONENTS CXX)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)             # libeigen3-dev
 find_package(nlohmann_json 3.11 REQUIRED)               # nlohmann-json3-dev
-find_package(CLI11 2.1 REQUIRED)                        # libcli11-dev
 find_package(fmt REQUIRED)                              # libfmt-dev (with libspdlog-dev)
 find_package(spdlog REQUIRED)                           # libspdlog-dev
+find_path(XXHASH_INCLUDE_DIR xxhash.h REQUIRED)         # libxxhash-dev, used as a header
 if(NOT S2GS_SFM)
   # One binary for bare nodes: only the system's own libraries stay shared.
   set(CMAKE_FIND_LIBRARY_SUFFIXES .a ${CMAKE_FIND_LIBRARY_SUFFIXES})
