@@ -57,8 +57,8 @@ class TemporaryFile {
     errno = 0;
     std::ofstream stream(path_, std::ios::binary | std::ios::trunc);
     if (!stream) ThrowSystemError(final_path_, "cannot be written", errno);
+    errno = 0;  // A stream does not say why it failed; errno of its last system call does.
     write(stream);
-    errno = 0;
     stream.flush();
     if (!stream) ThrowSystemError(final_path_, "cannot be written completely", errno != 0 ? errno : EIO);
     stream.close();
