@@ -11,6 +11,7 @@
 #include <string_view>
 #include <utility>
 
+#include "sfm_split/camera_model.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
 #include "sfm_split/sqlite_connection.h"
@@ -24,7 +25,6 @@ constexpr uint64_t kMaxNumImages = 2147483647;  // COLMAP's; also the factor in 
 constexpr int64_t kMaxImageId = kMaxNumImages - 1;
 constexpr int64_t kMaxCameraId = std::numeric_limits<uint32_t>::max() - 1;
 constexpr int64_t kMaxImageSide = int64_t{1} << 31;
-constexpr uint64_t kMaxCameraParams = 64;
 constexpr int64_t kSiftType = 0;
 constexpr int64_t kCameraSensorType = 0;
 // Hundreds of times what reading a real schema takes.
@@ -395,19 +395,26 @@ std::vector<DatabaseCamera> ColmapDatabase::ReadCameras() const {
     if (!cameras.empty() && camera.camera_id <= cameras.back().camera.camera_id) {
       statement.FailContent("its rows are out of order");
     }
-    camera.model = static_cast<CameraModelId>(statement.Integer(1, 0, 1000));
+    const std::string id = std::to_string(camera.camera_id);
+    const int64_t model = statement.Integer(1, 0, std::numeric_limits<int>::max());
+    const CameraModelInfo* info = FindCameraModel(static_cast<int>(model));
+    if (info == nullptr) {
+      statement.FailContent("camera " + id + " has the model " + std::to_string(model) +
+                            ", which COLMAP does not have");
+    }
+    camera.model = info->id;
     camera.width = static_cast<uint64_t>(statement.Integer(2, 1, kMaxImageSide));
     camera.height = static_cast<uint64_t>(statement.Integer(3, 1, kMaxImageSide));
     const std::string_view bytes = statement.Blob(4);
-    if (bytes.size() % sizeof(double) != 0 || bytes.size() > kMaxCameraParams * sizeof(double)) {
-      statement.FailContent("camera " + std::to_string(camera.camera_id) + " has " +
-                            std::to_string(bytes.size()) + " bytes of parameters");
+    if (bytes.size() != info->NumParams() * sizeof(double)) {
+      statement.FailContent("camera " + id + " has " + std::to_string(bytes.size()) +
+                            " bytes of parameters, where " + std::string(info->name) + " has " +
+                            std::to_string(info->NumParams()) + " numbers");
     }
-    camera.params.resize(bytes.size() / sizeof(double));
-    if (!bytes.empty()) std::memcpy(camera.params.data(), bytes.data(), bytes.size());
+    camera.params.resize(info->NumParams());
+    std::memcpy(camera.params.data(), bytes.data(), bytes.size());
     if (!std::all_of(camera.params.begin(), camera.params.end(), [](double p) { return std::isfinite(p); })) {
-      statement.FailContent("camera " + std::to_string(camera.camera_id) +
-                            " has parameters that are not finite");
+      statement.FailContent("camera " + id + " has parameters that are not finite");
     }
     row.has_prior_focal_length = statement.Integer(5) != 0;
     cameras.push_back(std::move(row));
@@ -458,6 +465,7 @@ std::vector<DatabaseImage> ColmapDatabase::ReadImages() const {
 uint32_t ColmapDatabase::WriteCamera(const DatabaseCamera& row) {
   const Camera& camera = row.camera;
   S2GS_INVARIANT(camera.camera_id <= kMaxCameraId && camera.width > 0 && camera.height > 0);
+  S2GS_INVARIANT(camera.params.size() == InfoOf(camera.model).NumParams());
   SqliteStatement statement(*connection_,
                             "INSERT INTO cameras(camera_id, model, width, height, params, "
                             "prior_focal_length) VALUES(?, ?, ?, ?, ?, ?)",

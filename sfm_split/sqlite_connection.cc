@@ -61,9 +61,12 @@ SqliteConnection::FileStamp SqliteConnection::Stamp(const fs::path& path) {
 
 SqliteConnection::SqliteConnection(fs::path path, SqliteAccess access, int busy_timeout_ms)
     : path_(std::move(path)) {
-  const fs::path absolute = fs::absolute(path_);
-  wal_path_ = WithSuffix(absolute, "-wal");
+  // SQLite keeps its other files beside the file that a link leads to.
   std::error_code ec;
+  const fs::path absolute = fs::weakly_canonical(fs::absolute(path_), ec);
+  if (ec) throw UserError(path_, "cannot be found (" + ec.message() + ")", "Correct the path");
+  database_path_ = absolute;
+  wal_path_ = WithSuffix(absolute, "-wal");
   const fs::file_status status = fs::status(absolute, ec);
   try {
     if (access == SqliteAccess::kCreate) {
@@ -145,7 +148,7 @@ void SqliteConnection::LimitSteps(std::optional<int> max_steps) {
 
 void SqliteConnection::CheckUnchanged() const {
   if (!is_lockless_) return;
-  if (!(Stamp(fs::absolute(path_)) == database_stamp_) || !(Stamp(wal_path_) == wal_stamp_)) {
+  if (!(Stamp(database_path_) == database_stamp_) || !(Stamp(wal_path_) == wal_stamp_)) {
     throw UserError(path_, "was changed by another program while it was being read",
                     "Wait for that program (COLMAP?) to finish and run the command again");
   }
@@ -318,9 +321,9 @@ void CopySqliteContent(const SqliteConnection& from, SqliteConnection& to,
 
 void RemoveSqliteSideFiles(const fs::path& database) {
   for (const char* suffix : {"-wal", "-shm", "-journal"}) {
-    const fs::path side_file = WithSuffix(database, suffix);
     std::error_code ec;
-    fs::remove(side_file, ec);
+    const fs::path side_file = WithSuffix(fs::weakly_canonical(fs::absolute(database), ec), suffix);
+    if (!ec) fs::remove(side_file, ec);
     if (ec) {
       throw UserError(side_file, "cannot be removed (" + ec.message() + ")",
                       "Remove it: it belongs to the database that is being replaced");

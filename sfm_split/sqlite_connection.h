@@ -69,6 +69,7 @@ class SqliteConnection {
   void OpenWithLocks(const std::filesystem::path& absolute, int flags);
 
   std::filesystem::path path_;
+  std::filesystem::path database_path_;  // absolute, links followed.
   std::filesystem::path wal_path_;
   sqlite3* handle_ = nullptr;
   bool is_lockless_ = false;
