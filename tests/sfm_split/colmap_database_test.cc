@@ -160,11 +160,13 @@ class ColmapDatabaseSchema : public ::testing::TestWithParam<const char*> {
   TemporaryFolder folder_;
 };
 
+std::string VersionName(const ::testing::TestParamInfo<const char*>& version) {
+  const std::vector<std::string> names = {"Colmap38", "Colmap312", "Colmap42"};
+  return names.at(version.index);
+}
+
 INSTANTIATE_TEST_SUITE_P(Versions, ColmapDatabaseSchema,
-                         ::testing::Values(kColmapSchema38, kColmapSchema312, kColmapSchema42),
-                         [](const ::testing::TestParamInfo<const char*>& info) {
-                           return std::array<const char*, 3>{"Colmap38", "Colmap312", "Colmap42"}[info.index];
-                         });
+                         ::testing::Values(kColmapSchema38, kColmapSchema312, kColmapSchema42), VersionName);
 
 TEST_P(ColmapDatabaseSchema, IsRead) {
   const fs::path path = MakeDatabase(folder_ / "d.db", GetParam());
@@ -396,14 +398,10 @@ TEST(ColmapDatabase, ReadOnlyReadsWalModeWithoutALog) {
 // Runs as a user without write permission, which root always has.
 class AsNobody {
  public:
-  AsNobody() : is_root_(::geteuid() == 0) {
-    if (is_root_) EXPECT_EQ(::seteuid(65534), 0);
-  }
+  AsNobody() : is_root_(::geteuid() == 0) { EXPECT_EQ(is_root_ ? ::seteuid(65534) : 0, 0); }
   AsNobody(const AsNobody&) = delete;
   AsNobody& operator=(const AsNobody&) = delete;
-  ~AsNobody() {
-    if (is_root_) EXPECT_EQ(::seteuid(0), 0);
-  }
+  ~AsNobody() { EXPECT_EQ(is_root_ ? ::seteuid(0) : 0, 0); }
 
  private:
   bool is_root_;
@@ -514,13 +512,8 @@ TEST(ColmapDatabase, FailedSafeCopyLeavesTheOldFile) {
   TemporaryFolder folder;
   const fs::path from = folder / "from.db";
   // More pages than one step of the copy takes, so that it can be stopped in between.
-  MakeDatabase(from, "PRAGMA page_size=512;");
-  {
-    RawDatabase raw(from);
-    raw.Execute(
-        "PRAGMA page_size=512; VACUUM; CREATE TABLE filler(data BLOB);"
-        "INSERT INTO filler VALUES(zeroblob(4194304))");
-  }
+  { RawDatabase(from).Execute("PRAGMA page_size=512; CREATE TABLE filler(data BLOB)"); }
+  MakeDatabase(from, kColmapSchema38, "INSERT INTO filler VALUES(zeroblob(4194304))");
   WriteAll(folder / "to.db", "old");
   Stopped stopped;
   EXPECT_THROW(ColmapDatabase::SafeCopy(from, folder / "to.db", stopped), Interrupted);
