@@ -88,7 +88,8 @@ SurfaceSamples SampleSurface(const TriangleMesh& mesh, int64_t count, uint64_t s
     const double area = UnitDouble(bits.words[0], bits.words[1]) * samples.area;
     // The first triangle that ends beyond `area`; an unusable one ends where its predecessor does.
     auto found = std::upper_bound(area_up_to.begin(), area_up_to.end(), area);
-    if (found == area_up_to.end()) found = std::lower_bound(area_up_to.begin(), area_up_to.end(), samples.area);
+    if (found == area_up_to.end())
+      found = std::lower_bound(area_up_to.begin(), area_up_to.end(), samples.area);
     const Eigen::Matrix<uint32_t, 3, 1>& triangle = mesh.triangles[found - area_up_to.begin()];
     const double root = std::sqrt(UnitDouble(bits.words[2]));
     const double along = UnitDouble(bits.words[3]);
@@ -99,7 +100,8 @@ SurfaceSamples SampleSurface(const TriangleMesh& mesh, int64_t count, uint64_t s
   return samples;
 }
 
-std::vector<double> NearestDistances(const std::vector<Vector3d>& queries, const std::vector<Vector3d>& points) {
+std::vector<double> NearestDistances(const std::vector<Vector3d>& queries,
+                                     const std::vector<Vector3d>& points) {
   S2GS_INVARIANT(!points.empty());
   static_assert(sizeof(Vector3d) == 3 * sizeof(double), "FLANN gets the vectors as rows of a matrix");
   std::vector<double> distances(queries.size());

@@ -14,7 +14,7 @@ namespace s2gs {
 /// Points drawn from a mesh's surface.
 struct SurfaceSamples {
   std::vector<Eigen::Vector3d> points;
-  double area = 0;                    ///< of the whole surface.
+  double area = 0;                     ///< of the whole surface.
   int64_t num_unusable_triangles = 0;  ///< without area, or with a corner that is not finite: never drawn.
 };
 
@@ -23,8 +23,8 @@ struct SurfaceSamples {
 /// \param stream  samples of different streams are independent.
 SurfaceSamples SampleSurface(const TriangleMesh& mesh, int64_t count, uint64_t seed, uint64_t stream);
 
-/// The distance of each query to the nearest of `points`, exact up to rounding. `points` must not be empty and
-/// all must be finite.
+/// The distance of each query to the nearest of `points`, exact up to rounding. `points` must not be empty
+/// and all must be finite.
 std::vector<double> NearestDistances(const std::vector<Eigen::Vector3d>& queries,
                                      const std::vector<Eigen::Vector3d>& points);
 
@@ -49,9 +49,9 @@ struct PinholeView {
   Rigid3 cam_from_object;
 };
 
-/// In how many views each point is seen: in a view, a point is hidden when some other point, of `points` or of
-/// `occluders`, falls into the same pixel and is nearer by more than `depth_tolerance`. The points must be dense
-/// enough to fill the pixels.
+/// In how many views each point is seen: in a view, a point is hidden when some other point, of `points` or
+/// of `occluders`, falls into the same pixel and is nearer by more than `depth_tolerance`. The points must be
+/// dense enough to fill the pixels.
 std::vector<int> CountViewsSeen(const std::vector<Eigen::Vector3d>& points,
                                 const std::vector<Eigen::Vector3d>& occluders,
                                 const std::vector<PinholeView>& views, double depth_tolerance);
@@ -64,11 +64,11 @@ struct TruthSurface {
 };
 
 struct TruthSurfaceOptions {
-  int64_t num_samples = 1'000'000;          ///< drawn from the truth before cropping.
-  int64_t num_occluder_samples = 300'000;   ///< drawn from what stands in front of it.
-  int64_t max_num_seen_points = 200'000;    ///< the first ones are kept.
-  int min_num_views = 2;                    ///< that must see a point; ignored without views.
-  double depth_tolerance_ratio = 0.004;     ///< of the bounding box's diagonal of the samples.
+  int64_t num_samples = 1'000'000;         ///< drawn from the truth before cropping.
+  int64_t num_occluder_samples = 300'000;  ///< drawn from what stands in front of it.
+  int64_t max_num_seen_points = 200'000;   ///< the first ones are kept.
+  int min_num_views = 2;                   ///< that must see a point; ignored without views.
+  double depth_tolerance_ratio = 0.004;    ///< of the bounding box's diagonal of the samples.
   uint64_t seed = 0;
 };
 
@@ -86,8 +86,8 @@ struct FScore {
   double f_score = 0;    ///< 0 when both are 0.
 };
 
-/// Distances between two surfaces, in the truth's unit. Unseen truth is not missed, but reconstructing it is not
-/// wrong either: accuracy is measured against the whole truth, completeness over the seen part.
+/// Distances between two surfaces, in the truth's unit. Unseen truth is not missed, but reconstructing it is
+/// not wrong either: accuracy is measured against the whole truth, completeness over the seen part.
 struct SurfaceErrors {
   double accuracy = 0;      ///< mean distance of the estimate's points to the truth.
   double completeness = 0;  ///< mean distance of the seen truth's points to the estimate.
@@ -99,7 +99,8 @@ struct SurfaceErrors {
 /// \param estimate    points on the estimated surface, in the truth's frame, cropped to the same region.
 /// \param thresholds  in the truth's unit, positive.
 std::optional<SurfaceErrors> CompareSurfaces(const std::vector<Eigen::Vector3d>& estimate,
-                                             const TruthSurface& truth, const std::vector<double>& thresholds);
+                                             const TruthSurface& truth,
+                                             const std::vector<double>& thresholds);
 
 /// The points inside a region, in order.
 std::vector<Eigen::Vector3d> Crop(const std::vector<Eigen::Vector3d>& points, const CropRegion& region);

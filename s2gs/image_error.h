@@ -19,13 +19,13 @@ struct PixelMask {
 /// The pixels of a grey image that are brighter than 127: COLMAP's mask convention.
 PixelMask MaskFromImage(const Image8& grey);
 
-/// The mask at another size, each pixel taken from the nearest one of the source (the source column of column x
-/// is floor(x * source width / width), as in OpenCV's INTER_NEAREST).
+/// The mask at another size, each pixel taken from the nearest one of the source (the source column of column
+/// x is floor(x * source width / width), as in OpenCV's INTER_NEAREST).
 PixelMask ResizeNearest(const PixelMask& mask, int width, int height);
 
 /// Peak signal-to-noise ratio [dB] for 8-bit images: 10 log10(255^2 / MSE), the mean over all pixels and
-/// channels. Infinite for equal images, NaN when no pixel counts. The images must be of equal size and channels.
-/// \param mask  the pixels that count, of the images' size; null: all.
+/// channels. Infinite for equal images, NaN when no pixel counts. The images must be of equal size and
+/// channels. \param mask  the pixels that count, of the images' size; null: all.
 double Psnr(const Image8& image, const Image8& reference, const PixelMask* mask = nullptr);
 
 /// The structural similarity at every pixel, in the variant of the Gaussian-splatting papers (3DGS, 2DGS):
@@ -55,7 +55,8 @@ struct MaskOverlap {
 
 /// Intersection over union; 0 when both are empty.
 /// \param mask    resized with ResizeNearest where the sizes differ.
-/// \param labels  grey image; `static_label` and `disc_label` as the data set has them, `object_label` the object.
+/// \param labels  grey image; `static_label` and `disc_label` as the data set has them, `object_label` the
+/// object.
 MaskOverlap CompareMask(const PixelMask& mask, const Image8& labels, uint8_t object_label, uint8_t disc_label,
                         uint8_t static_label);
 

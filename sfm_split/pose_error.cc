@@ -18,8 +18,8 @@ using Eigen::Vector3d;
 
 constexpr double kDegreesPerRadian = 180 / 3.14159265358979323846;
 
-// Below this ratio of the second to the first principal extent, errors of a ten-thousandth of the extent, which
-// is what good SfM leaves, would decide about the rotation around the line.
+// Below this ratio of the second to the first principal extent, errors of a ten-thousandth of the extent,
+// which is what good SfM leaves, would decide about the rotation around the line.
 constexpr double kCollinearRatio = 1e-4;
 
 // Rounding alone leaves equal centres about this far apart, relative to their distance from the origin.
@@ -48,9 +48,7 @@ bool AllFinite(const std::vector<Vector3d>& points) {
 }
 
 // 2 sin(angle) * axis of a rotation.
-Vector3d SineVector(const Matrix3d& r) {
-  return {r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1)};
-}
+Vector3d SineVector(const Matrix3d& r) { return {r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1)}; }
 
 // Rotations since the first image.
 std::vector<Matrix3d> SinceFirst(const std::vector<Quaterniond>& rotations) {
@@ -203,7 +201,8 @@ AxisError CompareAxes(const TurntableAxis& estimate, const TurntableAxis& truth,
   return error;
 }
 
-std::vector<double> RelativePoseErrorsDeg(const PoseMap& estimate, const PoseMap& truth, double min_baseline) {
+std::vector<double> RelativePoseErrorsDeg(const PoseMap& estimate, const PoseMap& truth,
+                                          double min_baseline) {
   std::vector<double> errors;
   errors.reserve(truth.size() * (truth.size() - std::min<size_t>(truth.size(), 1)) / 2);
   for (auto first = truth.begin(); first != truth.end(); ++first) {

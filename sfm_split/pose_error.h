@@ -54,33 +54,34 @@ PoseErrors ComparePoses(const PoseMap& estimate, const PoseMap& truth, double mi
 /// The angle of a rotation, 0 to 180 [degrees], accurate also near 0.
 double RotationAngleDeg(const Eigen::Quaterniond& rotation);
 
-/// Errors of turntable angles after the mean offset is removed (as a circular mean). The estimate's own axis is
-/// taken from its rotations, in whichever of the two senses has the smaller median error.
-/// \param estimated_world_from_object, true_world_from_object  one per image, in the same order.
-/// \param true_axis  in the true world frame, of any length but 0.
-/// \return  per image [degrees]; empty when there are fewer than two images.
-std::vector<double> TurntableAngleErrorsDeg(const std::vector<Eigen::Quaterniond>& estimated_world_from_object,
-                                            const std::vector<Eigen::Quaterniond>& true_world_from_object,
-                                            const Eigen::Vector3d& true_axis);
+/// Errors of turntable angles after the mean offset is removed (as a circular mean). The estimate's own axis
+/// is taken from its rotations, in whichever of the two senses has the smaller median error. \param
+/// estimated_world_from_object, true_world_from_object  one per image, in the same order. \param true_axis in
+/// the true world frame, of any length but 0. \return  per image [degrees]; empty when there are fewer than
+/// two images.
+std::vector<double> TurntableAngleErrorsDeg(
+    const std::vector<Eigen::Quaterniond>& estimated_world_from_object,
+    const std::vector<Eigen::Quaterniond>& true_world_from_object, const Eigen::Vector3d& true_axis);
 
 struct AxisError {
   double direction_deg = 0;  ///< angle between the two lines, 0 to 90: the direction's sign does not count.
-  double offset = 0;         ///< distance of the true axis point from the estimated line, in the truth's unit.
+  double offset = 0;  ///< distance of the true axis point from the estimated line, in the truth's unit.
 };
 
 /// \param truth_from_estimate  between the frames that the two axes are given in.
 AxisError CompareAxes(const TurntableAxis& estimate, const TurntableAxis& truth,
                       const Sim3& truth_from_estimate);
 
-/// Relative pose errors as in COLMAP's reconstruction benchmark: for each pair of images of the truth the larger
-/// of the rotation error and the angle between the directions of translation [degrees]; 180 when one of the two
-/// images has no estimate. Needs no alignment.
-/// \param min_baseline  for pairs whose true centres are no further apart, only the rotation counts.
+/// Relative pose errors as in COLMAP's reconstruction benchmark: for each pair of images of the truth the
+/// larger of the rotation error and the angle between the directions of translation [degrees]; 180 when one
+/// of the two images has no estimate. Needs no alignment. \param min_baseline  for pairs whose true centres
+/// are no further apart, only the rotation counts.
 std::vector<double> RelativePoseErrorsDeg(const PoseMap& estimate, const PoseMap& truth,
                                           double min_baseline = 0);
 
-/// Area under the curve of recall over error from 0 to `threshold`, divided by `threshold`: 1 when every error
-/// is 0, 0 when none is below the threshold or there are none. The curve is linear between the sorted errors.
+/// Area under the curve of recall over error from 0 to `threshold`, divided by `threshold`: 1 when every
+/// error is 0, 0 when none is below the threshold or there are none. The curve is linear between the sorted
+/// errors.
 double AreaUnderRecall(std::vector<double> errors, double threshold);
 
 }  // namespace s2gs

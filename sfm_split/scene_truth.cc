@@ -16,7 +16,8 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 28;
-constexpr const char* kRemedy = "The file must describe a data set with ground truth: check that it is gt/scene.json";
+constexpr const char* kRemedy =
+    "The file must describe a data set with ground truth: check that it is gt/scene.json";
 
 // Matrices stored with six digits are still rigid to this.
 constexpr double kRigidTolerance = 1e-5;

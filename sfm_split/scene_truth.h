@@ -13,9 +13,9 @@ namespace s2gs {
 
 /// One photo of a data set with ground truth.
 struct SceneTruthImage {
-  std::string file;  ///< relative to the data set's folder, e.g. "images/a.jpg".
-  std::string name;  ///< the file name alone: unique in the data set, the key to a workspace's images.
-  std::string mask;  ///< of labels, relative to the data set's folder; empty when there is none.
+  std::string file;      ///< relative to the data set's folder, e.g. "images/a.jpg".
+  std::string name;      ///< the file name alone: unique in the data set, the key to a workspace's images.
+  std::string mask;      ///< of labels, relative to the data set's folder; empty when there is none.
   bool is_train = true;  ///< false: held out.
   int station = 0;
   double angle_deg = 0;  ///< turn of the table, right-handed about the axis.

@@ -18,17 +18,17 @@ S2GS_HD inline Random4 Philox4x32(Random4 counter, uint32_t key0, uint32_t key1)
   for (int round = 0; round < 10; ++round) {
     const uint64_t product0 = uint64_t{0xD2511F53u} * counter.words[0];
     const uint64_t product1 = uint64_t{0xCD9E8D57u} * counter.words[2];
-    counter = {{static_cast<uint32_t>(product1 >> 32) ^ counter.words[1] ^ key0,
-                static_cast<uint32_t>(product1),
-                static_cast<uint32_t>(product0 >> 32) ^ counter.words[3] ^ key1,
-                static_cast<uint32_t>(product0)}};
+    counter = {
+        {static_cast<uint32_t>(product1 >> 32) ^ counter.words[1] ^ key0, static_cast<uint32_t>(product1),
+         static_cast<uint32_t>(product0 >> 32) ^ counter.words[3] ^ key1, static_cast<uint32_t>(product0)}};
     key0 += 0x9E3779B9u;
     key1 += 0xBB67AE85u;
   }
   return counter;
 }
 
-/// Item `index` of the sequence `stream` of the generator `seed`: different arguments give independent numbers.
+/// Item `index` of the sequence `stream` of the generator `seed`: different arguments give independent
+/// numbers.
 S2GS_HD inline Random4 RandomBits(uint64_t seed, uint64_t stream, uint64_t index) {
   return Philox4x32({{static_cast<uint32_t>(index), static_cast<uint32_t>(index >> 32),
                       static_cast<uint32_t>(stream), static_cast<uint32_t>(stream >> 32)}},
