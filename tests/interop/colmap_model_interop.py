@@ -30,19 +30,21 @@ def close(a, b, tolerance):
     return a == b or abs(a - b) <= tolerance * max(abs(a), abs(b), 1)
 
 
-def data_lines(path):
-    """Words of a text file without its comments; blank lines stay, images.txt needs them."""
-    return [line.split(" ") for line in path.read_text().split("\n")[:-1] if not line.startswith("#")]
+def items_by_id(path):
+    """The words of each item of a text file by its id: old versions write the items in no particular order."""
+    lines = [line.split() for line in path.read_text().split("\n")[:-1] if not line.startswith("#")]
+    if path.name == "images.txt":
+        lines = [lines[i] + lines[i + 1] for i in range(0, len(lines), 2)]
+    return {words[0]: words for words in lines}
 
 
 def check_same_text_models(a, b, tolerance):
     """Numbers equal up to a relative tolerance, everything else equal as text."""
     worst = 0.0
     for name in ("cameras.txt", "images.txt", "points3D.txt"):
-        lines_a, lines_b = data_lines(a / name), data_lines(b / name)
-        check(len(lines_a) == len(lines_b), f"{name}: {len(lines_a)} and {len(lines_b)} lines")
-        for words_a, words_b in zip(lines_a, lines_b):
-            words_a, words_b = [[w for w in words if w] for words in (words_a, words_b)]
+        items_a, items_b = items_by_id(a / name), items_by_id(b / name)
+        check(set(items_a) == set(items_b), f"{name}: ids {set(items_a)} and {set(items_b)}")
+        for words_a, words_b in ((items_a[i], items_b[i]) for i in items_a):
             check(len(words_a) == len(words_b), f"{name}: {words_a} and {words_b}")
             for word_a, word_b in zip(words_a, words_b):
                 if word_a == word_b:
