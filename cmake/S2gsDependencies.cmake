@@ -22,7 +22,7 @@ target_compile_definitions(s2gs_logging INTERFACE SPDLOG_FMT_EXTERNAL)
 
 if(S2GS_SFM)
   find_package(SQLite3 REQUIRED)                        # libsqlite3-dev
-  find_package(OpenCV 4.6 REQUIRED COMPONENTS core imgproc imgcodecs)  # libopencv-imgcodecs-dev
+  find_package(OpenCV 4.6 REQUIRED COMPONENTS core features2d imgproc imgcodecs)  # libopencv-features2d-dev libopencv-imgcodecs-dev
 endif()
 
 if(S2GS_TESTS)
