@@ -8,7 +8,9 @@
 #include <nlohmann/json.hpp>
 
 #include "sfm_split/camera_model.h"
+#include "sfm_split/scene_truth.h"
 #include "tests/synthetic_photo_set.h"
+#include "tests/temporary_folder.h"
 
 namespace s2gs {
 namespace {
@@ -26,18 +28,6 @@ SyntheticTurntable SmallTurntable(int flip_from_station = 0) {
   options.flip_from_station = flip_from_station;
   return MakeSyntheticTurntable(options);
 }
-
-class SyntheticFiles : public testing::Test {
- protected:
-  void SetUp() override {
-    const testing::TestInfo& test = *testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = fs::path(testing::TempDir()) / (std::string("s2gs_synthetic_") + test.name());
-    fs::remove_all(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  fs::path folder_;
-};
 
 void ExpectConsistent(const ColmapModel& model) {
   size_t elements = 0;
@@ -91,13 +81,14 @@ TEST(SyntheticModels, ModelsShareTheFramesOfTurntableJson) {
   }
 }
 
-TEST_F(SyntheticFiles, WorkspaceReadsBackEqual) {
+TEST(SyntheticModels, WorkspaceReadsBackEqual) {
   const SyntheticTurntable turntable = SmallTurntable();
   for (const ColmapFormat format : {ColmapFormat::kBinary, ColmapFormat::kText}) {
-    fs::remove_all(folder_);
-    WriteSyntheticWorkspace(folder_, turntable, format);
+    const TemporaryFolder temporary;
+    const fs::path folder = temporary.path() / "workspace";
+    WriteSyntheticWorkspace(folder, turntable, format);
     const ColmapModel expected = SyntheticObjectModel(turntable);
-    const ColmapModel read = ReadColmapModel(folder_ / "sparse" / "0");
+    const ColmapModel read = ReadColmapModel(folder / "sparse" / "0");
     ASSERT_EQ(read.images.size(), expected.images.size());
     ASSERT_EQ(read.points3D.size(), expected.points3D.size());
     for (const auto& [id, image] : expected.images) {
@@ -109,15 +100,17 @@ TEST_F(SyntheticFiles, WorkspaceReadsBackEqual) {
       EXPECT_EQ(read.points3D.at(id).xyz, point.xyz);
       EXPECT_EQ(read.points3D.at(id).rgb, point.rgb);
     }
-    EXPECT_EQ(ReadColmapModel(folder_ / "sparse" / "static").images.size(), 8U);
-    const TurntableFile file = ReadTurntableFile(folder_ / "turntable.json");
+    EXPECT_EQ(ReadColmapModel(folder / "sparse" / "static").images.size(), 8U);
+    const TurntableFile file = ReadTurntableFile(folder / "turntable.json");
     ASSERT_EQ(file.images.size(), 8U);
     EXPECT_EQ(file.images[3].angle_deg, 45);
     EXPECT_TRUE(file.scale_observable);
   }
 }
 
-TEST_F(SyntheticFiles, PhotoSetHasTheDataSetsLayout) {
+TEST(SyntheticPhotoSet, HasTheDataSetsLayout) {
+  const TemporaryFolder temporary;
+  const fs::path& folder = temporary.path();
   SyntheticTurntableOptions options;
   options.stations = 2;
   options.steps = 3;
@@ -129,19 +122,22 @@ TEST_F(SyntheticFiles, PhotoSetHasTheDataSetsLayout) {
   const SyntheticRenderScene scene = MakeSyntheticRenderScene(turntable, {});
   SyntheticPhotoSetOptions set_options;
   set_options.extension = ".jpg";
-  WriteSyntheticPhotoSet(folder_, turntable, scene, set_options);
+  WriteSyntheticPhotoSet(folder, turntable, scene, set_options);
 
-  std::ifstream stream(folder_ / "gt" / "scene.json");
+  std::ifstream stream(folder / "gt" / "scene.json");
   const nlohmann::json json = nlohmann::json::parse(stream);
   EXPECT_EQ(json["width"], 96);
   EXPECT_EQ(json["camera_model"], "SIMPLE_PINHOLE");
   EXPECT_NEAR(json["fx"].get<double>(), 115.2, 1e-12);
   EXPECT_EQ(json["stations"].size(), 2U);
   ASSERT_EQ(json["images"].size(), 8U);
+  const SceneTruth truth = ReadSceneTruth(folder);
+  ASSERT_EQ(truth.images.size(), 8U);
+  EXPECT_TRUE(truth.images[5].CamFromObject().Matrix().isApprox(turntable.scene.views[5].CamFromObject().Matrix(), 1e-12));
   int tests = 0;
   for (const auto& image : json["images"]) {
-    const fs::path photo = folder_ / image["file"].get<std::string>();
-    const fs::path mask = folder_ / image["mask"].get<std::string>();
+    const fs::path photo = folder / image["file"].get<std::string>();
+    const fs::path mask = folder / image["mask"].get<std::string>();
     EXPECT_EQ(photo.stem(), mask.stem());
     EXPECT_EQ(ReadImage(photo, 3).width, 96);
     const Image8 label = ReadImage(mask, 1);
@@ -163,14 +159,14 @@ TEST_F(SyntheticFiles, PhotoSetHasTheDataSetsLayout) {
   }
   EXPECT_EQ(tests, 2);
   // The photo itself, up to JPEG.
-  const Image8 photo = ReadImage(folder_ / "images" / "s01_i002.jpg", 3);
+  const Image8 photo = ReadImage(folder / "images" / "s01_i002.jpg", 3);
   const Image8 exact = RenderImage(scene, turntable, 5).rgb;
   double sum = 0;
   for (size_t i = 0; i < exact.pixels.size(); ++i)
     sum += std::abs(double{0} + photo.pixels[i] - exact.pixels[i]);
   EXPECT_LT(sum / static_cast<double>(exact.pixels.size()), 6);
-  EXPECT_GT(ReadPlyMesh(folder_ / "gt" / "object.ply").triangles.size(), 1000U);
-  EXPECT_GT(ReadPlyMesh(folder_ / "gt" / "disc.ply").triangles.size(), 100U);
+  EXPECT_GT(ReadPlyMesh(folder / "gt" / "object.ply").triangles.size(), 1000U);
+  EXPECT_GT(ReadPlyMesh(folder / "gt" / "disc.ply").triangles.size(), 100U);
 }
 
 }  // namespace
