@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <filesystem>
@@ -91,10 +92,13 @@ TEST(Fingerprint, StatesOfFreshFilesProveNothing) {
   EXPECT_TRUE(TakeState(folder / "a").state.empty());
 }
 
-// A fingerprint whose state is settled, without waiting: what a state recorded later would be.
+// A fingerprint whose state proves something: waits until the file is old enough.
 Fingerprint Settled(const fs::path& path) {
   Fingerprint print = TakeFingerprint(path, kSilent);
-  while (print.state.empty()) print.state = TakeState(path).state;
+  while (print.state.empty()) {
+    ::usleep(50'000);
+    print.state = TakeState(path).state;
+  }
   return print;
 }
 
