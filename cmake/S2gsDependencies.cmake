@@ -14,6 +14,14 @@ if(NOT S2GS_SFM)
 endif()
 find_package(JPEG REQUIRED)                             # libjpeg62-turbo-dev
 find_package(PNG REQUIRED)                              # libpng-dev
+find_path(FLANN_INCLUDE_DIR flann/flann.hpp REQUIRED)      # libflann-dev
+find_library(FLANN_LIBRARY NAMES flann_cpp_s REQUIRED)
+find_library(LZ4_LIBRARY NAMES lz4 REQUIRED)               # liblz4-dev: FLANN's templates refer to it
+
+# Nearest neighbours: FLANN's static library in every build.
+add_library(s2gs_flann INTERFACE)
+target_include_directories(s2gs_flann SYSTEM INTERFACE "${FLANN_INCLUDE_DIR}")
+target_link_libraries(s2gs_flann INTERFACE "${FLANN_LIBRARY}" "${LZ4_LIBRARY}" OpenMP::OpenMP_CXX)
 
 # Header-only logging: no shared spdlog or fmt in the closure.
 add_library(s2gs_logging INTERFACE)
@@ -21,7 +29,9 @@ target_link_libraries(s2gs_logging INTERFACE fmt::fmt-header-only Threads::Threa
 target_compile_definitions(s2gs_logging INTERFACE SPDLOG_FMT_EXTERNAL)
 
 if(S2GS_SFM)
+  find_package(Ceres 2.1 REQUIRED)                      # libceres-dev
   find_package(SQLite3 REQUIRED)                        # libsqlite3-dev
+  find_package(OpenCV 4.6 REQUIRED COMPONENTS core imgproc imgcodecs)  # libopencv-imgcodecs-dev
 endif()
 
 if(S2GS_TESTS)

@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <memory>
 #include <streambuf>
 #include <system_error>
 #include <utility>
@@ -199,6 +200,18 @@ class FileWriter : public std::streambuf {
   int error_ = 0;
 };
 
+// Writes and syncs the content, without replacing anything yet.
+void FillTemporary(const fs::path& path, const std::function<void(std::ostream&)>& write,
+                   TemporaryFile* temporary) {
+  FileWriter writer(temporary->path(), path);
+  std::ostream stream(&writer);
+  // Lets the writer's exceptions through.
+  stream.exceptions(std::ios::badbit);
+  write(stream);
+  if (!stream) throw UserError(path, "cannot be written completely", "Please report this");
+  writer.Finish();
+}
+
 }  // namespace
 
 std::ifstream OpenForReading(const fs::path& path, const std::string& remedy) {
@@ -221,13 +234,7 @@ std::ifstream OpenForReading(const fs::path& path, const std::string& remedy) {
 
 void WriteFileAtomically(const fs::path& path, const std::function<void(std::ostream&)>& write) {
   TemporaryFile temporary(path);
-  FileWriter writer(temporary.path(), path);
-  std::ostream stream(&writer);
-  // Lets the writer's exceptions through.
-  stream.exceptions(std::ios::badbit);
-  write(stream);
-  if (!stream) throw UserError(path, "cannot be written completely", "Please report this");
-  writer.Finish();
+  FillTemporary(path, write, &temporary);
   temporary.Commit();
 }
 
@@ -236,6 +243,18 @@ void WriteFileAtomicallyByPath(const fs::path& path, const std::function<void(co
   write(temporary.path());
   SyncFile(temporary.path(), path);
   temporary.Commit();
+}
+
+void WriteFilesTogether(const std::vector<FileToWrite>& files, const std::vector<fs::path>& obsolete) {
+  std::vector<std::unique_ptr<TemporaryFile>> temporaries;
+  for (const FileToWrite& file : files) {
+    temporaries.push_back(std::make_unique<TemporaryFile>(file.path));
+    FillTemporary(file.path, file.write, temporaries.back().get());
+  }
+  for (const fs::path& path : obsolete) {
+    if (::unlink(path.c_str()) != 0 && errno != ENOENT) ThrowSystemError(path, "cannot be removed", errno);
+  }
+  for (const std::unique_ptr<TemporaryFile>& temporary : temporaries) temporary->Commit();
 }
 
 bool IsTemporaryName(const std::string& name) { return name.rfind(kTemporaryMark, 0) == 0; }
