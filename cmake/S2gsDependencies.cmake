@@ -22,6 +22,7 @@ target_compile_definitions(s2gs_logging INTERFACE SPDLOG_FMT_EXTERNAL)
 
 if(S2GS_SFM)
   find_package(SQLite3 REQUIRED)                        # libsqlite3-dev
+  find_package(Ceres 2.1 REQUIRED)                      # libceres-dev
 endif()
 
 if(S2GS_TESTS)
