@@ -21,6 +21,7 @@ target_link_libraries(s2gs_logging INTERFACE fmt::fmt-header-only Threads::Threa
 target_compile_definitions(s2gs_logging INTERFACE SPDLOG_FMT_EXTERNAL)
 
 if(S2GS_SFM)
+  find_package(Ceres 2.1 REQUIRED)                      # libceres-dev
   find_package(SQLite3 REQUIRED)                        # libsqlite3-dev
   find_package(Ceres 2.1 REQUIRED)                      # libceres-dev
 endif()

@@ -15,6 +15,11 @@ if(S2GS_SANITIZE)
   target_compile_definitions(s2gs_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:_GLIBCXX_ASSERTIONS>)
 endif()
 
+if(S2GS_FUZZ)
+  # Coverage for libFuzzer in every library; the fuzz programs alone link its main.
+  target_compile_options(s2gs_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fsanitize=fuzzer-no-link>)
+endif()
+
 find_program(S2GS_CCACHE ccache)
 if(S2GS_CCACHE)
   set(CMAKE_CXX_COMPILER_LAUNCHER "${S2GS_CCACHE}")

@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <memory>
 #include <system_error>
 
 #include "sfm_split/error.h"
@@ -51,8 +52,24 @@ class TemporaryFile {
 
   const fs::path& path() const { return path_; }
 
-  void Commit() {
-    SyncPath(path_, O_RDONLY);
+  // Lets `write` fill the file. All failures name the final path, which is the one that the user knows.
+  void Fill(const std::function<void(std::ostream&)>& write) {
+    errno = 0;
+    std::ofstream stream(path_, std::ios::binary | std::ios::trunc);
+    if (!stream) ThrowSystemError(final_path_, "cannot be written", errno);
+    errno = 0;  // A stream does not say why it failed; errno of its last system call does.
+    write(stream);
+    stream.flush();
+    if (!stream) ThrowSystemError(final_path_, "cannot be written completely", errno != 0 ? errno : EIO);
+    stream.close();
+    if (!stream) ThrowSystemError(final_path_, "cannot be written completely", errno != 0 ? errno : EIO);
+  }
+
+  void Sync() { SyncPath(path_, O_RDONLY); }
+
+  // Syncs, unless that was done already, and replaces the final file.
+  void Commit(bool is_synced = false) {
+    if (!is_synced) Sync();
     if (::rename(path_.c_str(), final_path_.c_str()) != 0) {
       ThrowSystemError(final_path_, "cannot be replaced", errno);
     }
@@ -80,23 +97,28 @@ std::ifstream OpenForReading(const fs::path& path, const std::string& remedy) {
 }
 
 void WriteFileAtomically(const fs::path& path, const std::function<void(std::ostream&)>& write) {
-  WriteFileAtomicallyByPath(path, [&](const fs::path& temporary) {
-    errno = 0;
-    std::ofstream stream(temporary, std::ios::binary | std::ios::trunc);
-    if (!stream) ThrowSystemError(path, "cannot be written", errno);
-    write(stream);
-    errno = 0;
-    stream.flush();
-    if (!stream) ThrowSystemError(path, "cannot be written completely", errno != 0 ? errno : EIO);
-    stream.close();
-    if (!stream) ThrowSystemError(path, "cannot be written completely", errno != 0 ? errno : EIO);
-  });
+  TemporaryFile temporary(path);
+  temporary.Fill(write);
+  temporary.Commit();
 }
 
 void WriteFileAtomicallyByPath(const fs::path& path, const std::function<void(const fs::path&)>& write) {
   TemporaryFile temporary(path);
   write(temporary.path());
   temporary.Commit();
+}
+
+void WriteFilesTogether(const std::vector<FileToWrite>& files, const std::vector<fs::path>& obsolete) {
+  std::vector<std::unique_ptr<TemporaryFile>> temporaries;
+  for (const FileToWrite& file : files) {
+    temporaries.push_back(std::make_unique<TemporaryFile>(file.path));
+    temporaries.back()->Fill(file.write);
+    temporaries.back()->Sync();
+  }
+  for (const fs::path& path : obsolete) {
+    if (::unlink(path.c_str()) != 0 && errno != ENOENT) ThrowSystemError(path, "cannot be removed", errno);
+  }
+  for (const std::unique_ptr<TemporaryFile>& temporary : temporaries) temporary->Commit(/*is_synced=*/true);
 }
 
 void RemoveStaleTemporaries(const fs::path& folder) {

@@ -5,6 +5,7 @@
 #include <functional>
 #include <ostream>
 #include <string>
+#include <vector>
 
 namespace s2gs {
 
@@ -23,6 +24,19 @@ void WriteFileAtomically(const std::filesystem::path& path, const std::function<
 /// same folder and with the same extension, and must have closed it when it returns.
 void WriteFileAtomicallyByPath(const std::filesystem::path& path,
                                const std::function<void(const std::filesystem::path&)>& write);
+
+/// A file of a set that belongs together.
+struct FileToWrite {
+  std::filesystem::path path;
+  std::function<void(std::ostream&)> write;  ///< writes the content; may throw, then nothing is replaced.
+};
+
+/// Writes several files that only make sense together. All are complete on disk before the first one is
+/// replaced, so a full disk or a writer that throws changes nothing; what remains is the moment between the
+/// renames. `obsolete` files (that may not exist) are removed just before the first rename.
+/// Throws like WriteFileAtomically.
+void WriteFilesTogether(const std::vector<FileToWrite>& files,
+                        const std::vector<std::filesystem::path>& obsolete = {});
 
 /// Removes the temporary files that runs which were killed left in `folder` (not below it).
 /// Temporary files of processes that still run are left alone.

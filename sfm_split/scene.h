@@ -10,16 +10,6 @@
 
 namespace s2gs {
 
-/// Intrinsics of one camera, with COLMAP's models, parameter order and pixel convention: the centre of the
-/// top-left pixel is (0.5, 0.5).
-struct Camera {
-  uint32_t camera_id = 0;
-  CameraModelId model = CameraModelId::kPinhole;
-  uint64_t width = 0;          ///< [px]
-  uint64_t height = 0;         ///< [px]
-  std::vector<double> params;  ///< as many as the model has, lengths in pixels.
-};
-
 /// One photo of an aligned turntable scene. cam_from_object() == cam_from_world * world_from_object.
 struct View {
   std::string name;  ///< path of the photo relative to the image folder.
