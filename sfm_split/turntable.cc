@@ -39,19 +39,25 @@ double TukeyWeight(double ratio) {
 }
 
 // Tukey's weights for residual lengths, cut at twice the inlier bound of the current spread. The spread is
-// the median of those within the bound of the last one.
+// the median of those within the bound of the last one, enlarged for few residuals (a fit goes through some
+// of them) as Rousseeuw does.
 struct Reweighting {
   double sigma;
   double median_of_unit;
   double inlier_sigmas;
   double floor;
+  int coordinates;  // of one residual
+  int parameters;   // of the fit
 
   std::vector<double> operator()(const std::vector<double>& residuals) {
     std::vector<double> within;
     for (const double r : residuals) {
       if (r <= inlier_sigmas * sigma) within.push_back(r);
     }
-    if (!within.empty()) sigma = std::max(Median(within) / median_of_unit, floor);
+    if (!within.empty()) {
+      const int redundancy = std::max(1, coordinates * static_cast<int>(within.size()) - parameters);
+      sigma = std::max((1 + 5.0 / redundancy) * Median(within) / median_of_unit, floor);
+    }
     std::vector<double> weights;
     weights.reserve(residuals.size());
     for (const double r : residuals) weights.push_back(TukeyWeight(r / (2 * inlier_sigmas * sigma)));
@@ -136,7 +142,8 @@ AxisFit FitAxis(const std::vector<Measurement>& all, const std::vector<int>& use
     for (size_t k = 0; k < use.size(); ++k) residuals[k] = AxisResidual(all[use[k]], fit.n, fit.m);
   };
   measure();
-  Reweighting reweight{cap / options.inlier_sigmas, kRayleighMedian, options.inlier_sigmas, kRoundingFloor};
+  Reweighting reweight{
+      cap / options.inlier_sigmas, kRayleighMedian, options.inlier_sigmas, kRoundingFloor, 2, 4};
   std::vector<double> weights;
   for (int iteration = 0; iteration < kReweightings; ++iteration) {
     weights = reweight(residuals);
@@ -233,7 +240,11 @@ class OffsetSolver {
     std::vector<double> residuals = Residuals(fit);
     Reweighting reweight{
         seeded ? options_.max_seed_error_rel * fit.length / options_.inlier_sigmas : kInfinity,
-        kMaxwellMedian, options_.inlier_sigmas, kRoundingFloor * fit.length};
+        kMaxwellMedian,
+        options_.inlier_sigmas,
+        kRoundingFloor * fit.length,
+        3,
+        NumColumns()};
     std::vector<double> weights;
     for (int iteration = 0; iteration < kReweightings; ++iteration) {
       weights = reweight(residuals);
@@ -571,7 +582,7 @@ TurntableSolution SolveTurntable(const std::vector<TurntablePose>& poses, const 
       solution.angle_spread_deg = q > 0 ? std::sqrt(-2 * std::log(q)) / kDegree : kInfinity;
       // Of noise alone the fit takes the direction with the largest spread for the axis: the fewer the
       // images, the larger that looks.
-      const double least = (2 + 6 / std::sqrt(static_cast<double>(rest.size()))) * group.axis.sigma;
+      const double least = (2 + 8 / std::sqrt(static_cast<double>(rest.size()))) * group.axis.sigma;
       if (group.axis.spread < 1e-7 || (group.axis.num_inliers > 2 && group.axis.spread < least)) {
         solution.motion = TurntableMotion::kNothingRotates;
         return solution;

@@ -388,7 +388,7 @@ TEST(Turntable, StepsTooSmallAreNamed) {
   Rig rig;
   rig.stations = 1;
   rig.steps = 12;
-  rig.step_deg = 0.12;
+  rig.step_deg = 0.13;
   rig.rotation_noise_deg = 0.1;
   rig.Build(14);
   const TurntableSolution solution = SolveTurntable(rig.poses);
