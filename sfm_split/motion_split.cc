@@ -10,17 +10,9 @@
 namespace s2gs {
 namespace {
 
-using ImagePair = std::pair<int, int>;
+using IndexPair = std::pair<int, int>;
 
-ImagePair Ordered(int a, int b) { return a < b ? ImagePair(a, b) : ImagePair(b, a); }
-
-template <typename T>
-T MedianOf(std::vector<T> values) {
-  S2GS_INVARIANT(!values.empty());
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
+IndexPair Ordered(int a, int b) { return a < b ? IndexPair(a, b) : IndexPair(b, a); }
 
 class Splitter {
  public:
@@ -50,7 +42,7 @@ class Splitter {
 
  private:
   // Matches all `pairs` of `packed` images, in blocks so that progress shows and a stop is heard.
-  std::vector<ImagePairMatches> MatchPairs(const std::vector<ImagePair>& pairs,
+  std::vector<ImagePairMatches> MatchPairs(const std::vector<IndexPair>& pairs,
                                            const std::vector<PackedDescriptors>& packed, const char* task) {
     constexpr size_t kBlock = 32;
     std::vector<ImagePairMatches> result;
@@ -62,18 +54,16 @@ class Splitter {
       reporter_.Progress(task, static_cast<int64_t>(begin), static_cast<int64_t>(pairs.size()));
       const size_t end = std::min(begin + kBlock, pairs.size());
       jobs.clear();
-      for (size_t p = begin; p < end; ++p) jobs.push_back({&packed[pairs[p].first], &packed[pairs[p].second]});
+      for (size_t p = begin; p < end; ++p)
+        jobs.push_back({&packed[pairs[p].first], &packed[pairs[p].second]});
       matcher_.MatchAll(jobs, &matches);
       for (size_t p = begin; p < end; ++p) {
         result.push_back({pairs[p].first, pairs[p].second, std::move(matches[p - begin])});
       }
     }
     reporter_.Progress(task, static_cast<int64_t>(pairs.size()), static_cast<int64_t>(pairs.size()));
+    split_.num_pairs_matched += static_cast<int64_t>(pairs.size());
     return result;
-  }
-
-  void Keep(const std::vector<ImagePairMatches>& matched) {
-    split_.raw_matches.insert(split_.raw_matches.end(), matched.begin(), matched.end());
   }
 
   void FindStationsFromNeighbours() {
@@ -81,37 +71,36 @@ class Splitter {
     for (const SplitImage& image : images_) {
       packed_.emplace_back(image.descriptors.data(), image.keypoints.size());
     }
-    std::vector<ImagePair> pairs;
+    std::vector<IndexPair> pairs;
     for (int i = 0; i + 1 < NumImages(); ++i) pairs.emplace_back(i, i + 1);
     const auto matched = MatchPairs(pairs, packed_, "match neighbours");
-    Keep(matched);
     split_.stations = FindStations(keypoints_, sizes_, matched, station_options_);
     reporter_.Info(std::to_string(split_.stations.images.size()) + " stations");
   }
 
   // Partners spread evenly over the station: neighbours would call the points near the axis unmoved.
   void LabelStaticKeypoints() {
-    std::set<ImagePair> pairs;
+    std::set<IndexPair> pairs;
     for (const std::vector<int>& station : split_.stations.images) {
       const int n = static_cast<int>(station.size());
       for (int k = 1; k <= 4; ++k) {
         const int offset = (k * n + 4) / 8;
         if (offset == 0) continue;
         for (int i = 0; i < n; ++i) {
-          if (station[i] != station[(i + offset) % n]) pairs.insert(Ordered(station[i], station[(i + offset) % n]));
+          if (station[i] != station[(i + offset) % n])
+            pairs.insert(Ordered(station[i], station[(i + offset) % n]));
         }
       }
     }
     const auto matched = MatchPairs({pairs.begin(), pairs.end()}, packed_, "match stations");
-    Keep(matched);
     packed_.clear();
 
     support_.resize(images_.size());
     num_partners_.assign(images_.size(), 0);
     for (size_t i = 0; i < images_.size(); ++i) support_[i].assign(images_[i].keypoints.size(), 0);
     for (const ImagePairMatches& pair : matched) {
-      const UnmovedMatches unmoved = FindUnmovedMatches(keypoints_[pair.image1], keypoints_[pair.image2], pair,
-                                                        sizes_[pair.image1], station_options_);
+      const UnmovedMatches unmoved = FindUnmovedMatches(keypoints_[pair.image1], keypoints_[pair.image2],
+                                                        pair, sizes_[pair.image1], station_options_);
       if (!unmoved.same_station) continue;
       ++num_partners_[pair.image1];
       ++num_partners_[pair.image2];
@@ -145,14 +134,13 @@ class Splitter {
         return packed_static_[a].size() < packed_static_[b].size();
       }));
     }
-    std::vector<ImagePair> pairs;
+    std::vector<IndexPair> pairs;
     for (size_t a = 0; a < split_.representative.size(); ++a) {
       for (size_t b = a + 1; b < split_.representative.size(); ++b) {
         pairs.push_back(Ordered(split_.representative[a], split_.representative[b]));
       }
     }
     const auto matched = MatchPairs(pairs, packed_static_, "match background");
-    Keep(matched);
     for (const ImagePairMatches& pair : matched) {
       std::vector<int> all(pair.matches.size());
       std::iota(all.begin(), all.end(), 0);
@@ -168,7 +156,7 @@ class Splitter {
 
   void MatchObjectInsideStations() {
     for (int step = 1; step <= options_.max_object_steps; ++step) {
-      std::set<ImagePair> pairs;
+      std::set<IndexPair> pairs;
       for (const std::vector<int>& station : split_.stations.images) {
         const int n = static_cast<int>(station.size());
         if (2 * step > n) continue;
@@ -184,7 +172,7 @@ class Splitter {
 
   void MatchObjectAcrossStations() {
     const auto& stations = split_.stations.images;
-    std::set<ImagePair> probes;
+    std::set<IndexPair> probes;
     for (size_t a = 0; a < stations.size(); ++a) {
       for (size_t b = a + 1; b < stations.size(); ++b) {
         for (const int image : Probes(stations[a])) {
@@ -193,12 +181,12 @@ class Splitter {
       }
     }
     if (probes.empty()) return;
-    std::map<ImagePair, int> strength;
+    std::map<IndexPair, int> strength;
     const std::vector<int> inliers = AddObjectPairs({probes.begin(), probes.end()}, "find sides");
     size_t p = 0;
-    for (const ImagePair& probe : probes) strength[probe] = inliers[p++];
+    for (const IndexPair& probe : probes) strength[probe] = inliers[p++];
 
-    std::set<ImagePair> pairs;
+    std::set<IndexPair> pairs;
     for (size_t a = 0; a < stations.size(); ++a) {
       for (size_t b = a + 1; b < stations.size(); ++b) {
         AddPairsAlongProbes(stations[a], stations[b], strength, &pairs);
@@ -215,10 +203,10 @@ class Splitter {
     return probes;
   }
 
-  // Each image of station A is matched with a window around where the nearest probe's best partner, moved on by
-  // as much of a turn, is in station B. Stations may differ in their number of steps.
+  // Each image of station A is matched with a window around where the nearest probe's best partner, moved on
+  // by as much of a turn, is in station B. Stations may differ in their number of steps.
   void AddPairsAlongProbes(const std::vector<int>& station_a, const std::vector<int>& station_b,
-                           const std::map<ImagePair, int>& strength, std::set<ImagePair>* pairs) const {
+                           const std::map<IndexPair, int>& strength, std::set<IndexPair>* pairs) const {
     struct Found {
       int position_a, position_b;
     };
@@ -228,7 +216,8 @@ class Splitter {
     for (const int probe : Probes(station_a)) {
       int best = 0;
       for (int k = 0; k < nb; ++k) {
-        if (strength.at(Ordered(probe, station_b[k])) > strength.at(Ordered(probe, station_b[best]))) best = k;
+        if (strength.at(Ordered(probe, station_b[k])) > strength.at(Ordered(probe, station_b[best])))
+          best = k;
       }
       if (strength.at(Ordered(probe, station_b[best])) == 0) continue;
       const auto position = std::find(station_a.begin(), station_a.end(), probe) - station_a.begin();
@@ -236,23 +225,23 @@ class Splitter {
     }
     if (found.empty()) return;
     for (int i = 0; i < na; ++i) {
-      const Found& nearest = *std::min_element(found.begin(), found.end(), [&](const Found& x, const Found& y) {
-        return std::abs(x.position_a - i) < std::abs(y.position_a - i);
-      });
+      const Found& nearest =
+          *std::min_element(found.begin(), found.end(), [&](const Found& x, const Found& y) {
+            return std::abs(x.position_a - i) < std::abs(y.position_a - i);
+          });
       const double turned = static_cast<double>(i - nearest.position_a) / na;
       const int centre = nearest.position_b + static_cast<int>(std::lround(turned * nb));
       for (int w = -options_.station_window; w <= options_.station_window; ++w) {
         const int k = ((centre + w) % nb + nb) % nb;
-        const ImagePair pair = Ordered(station_a[i], station_b[k]);
+        const IndexPair pair = Ordered(station_a[i], station_b[k]);
         if (strength.count(pair) == 0) pairs->insert(pair);
       }
     }
   }
 
   // Matches, leaves out what follows the background, fits one motion. Returns each pair's number of inliers.
-  std::vector<int> AddObjectPairs(const std::vector<ImagePair>& pairs, const char* task) {
+  std::vector<int> AddObjectPairs(const std::vector<IndexPair>& pairs, const char* task) {
     const auto matched = MatchPairs(pairs, packed_, task);
-    Keep(matched);
     std::vector<VerifiedPair> verified(matched.size());
     std::vector<int> num_inliers(matched.size(), 0);
 #pragma omp parallel for schedule(dynamic)
@@ -288,8 +277,8 @@ class Splitter {
 
   void AddIfMotion(const ImagePairMatches& pair, const std::vector<int>& subset,
                    std::vector<VerifiedPair>* verified) const {
-    const TwoViewMotion motion = FitMotion(keypoints_[pair.image1], keypoints_[pair.image2], pair.matches, subset,
-                                           motion_options_);
+    const TwoViewMotion motion =
+        FitMotion(keypoints_[pair.image1], keypoints_[pair.image2], pair.matches, subset, motion_options_);
     if (motion.inliers.empty()) return;
     VerifiedPair result{pair.image1, pair.image2, {}, motion.F, motion.H, motion.is_planar};
     for (const int m : motion.inliers) result.matches.push_back(pair.matches[m]);

@@ -1,10 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <string>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include "sfm_split/descriptor_match.h"
 #include "sfm_split/error.h"
@@ -57,16 +56,16 @@ struct MotionSplit {
   std::vector<std::vector<KeypointLabel>> labels;  ///< per image, per keypoint.
   std::vector<VerifiedPair> object_pairs;
   std::vector<VerifiedPair> static_pairs;  ///< between representatives of different stations.
-  std::vector<ImagePairMatches> raw_matches;  ///< everything that was matched, before any geometry.
+  int64_t num_pairs_matched = 0;
 };
 
 /// Splits photos taken from one or more stations at which a table turned in front of a fixed background.
 ///
 /// Inside a station a keypoint of the background stays at its pixel while the table turns, so background
 /// keypoints name themselves; the others are matched among each other as if the background had been masked,
-/// and what follows one epipolar geometry is the rotating part. Across stations each label is matched with its
-/// own kind. No pair is matched that these rounds do not ask for: their number grows linearly with the images.
-/// Throws Interrupted when the reporter asks to stop.
+/// and what follows one epipolar geometry is the rotating part. Across stations each label is matched with
+/// its own kind. No pair is matched that these rounds do not ask for: their number grows linearly with the
+/// images. Throws Interrupted when the reporter asks to stop.
 MotionSplit SplitMotion(const std::vector<SplitImage>& images, const StationOptions& station_options,
                         const DescriptorMatchOptions& match_options,
                         const TwoViewMotionOptions& motion_options, const MotionSplitOptions& options,

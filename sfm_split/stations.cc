@@ -1,12 +1,11 @@
 #include "sfm_split/stations.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bitset>
 #include <cmath>
 #include <numeric>
 #include <string>
-
-#include <Eigen/Geometry>
 
 namespace s2gs {
 namespace {
@@ -48,12 +47,11 @@ Eigen::Vector2f CommonShift(const std::vector<Eigen::Vector2f>& displacements, d
   return best;
 }
 
-// Union-find that carries each image's shift relative to its group's root, so that a join which would spread a
-// group's shifts beyond what shake explains can be refused.
+// Union-find that carries each image's shift relative to its group's root, so that a join which would spread
+// a group's shifts beyond what shake explains can be refused.
 class ShiftedGroups {
  public:
-  explicit ShiftedGroups(size_t count)
-      : parent_(count), shift_(count, Eigen::Vector2f::Zero()), box_(count) {
+  explicit ShiftedGroups(size_t count) : parent_(count), shift_(count, Eigen::Vector2f::Zero()), box_(count) {
     std::iota(parent_.begin(), parent_.end(), 0);
     for (auto& box : box_) box = Box2f(Eigen::Vector2f(Eigen::Vector2f::Zero()));
   }
@@ -84,8 +82,8 @@ class ShiftedGroups {
 
  private:
   std::vector<int> parent_;
-  std::vector<Eigen::Vector2f> shift_;    // relative to the parent
-  std::vector<Box2f> box_;  // of the group's shifts, valid at roots
+  std::vector<Eigen::Vector2f> shift_;  // relative to the parent
+  std::vector<Box2f> box_;              // of the group's shifts, valid at roots
 };
 
 }  // namespace
@@ -144,13 +142,15 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
     cells.set(static_cast<size_t>(cy) * kGridSize + cx);
   }
   result.num_cells = static_cast<int>(cells.count());
-  result.same_station = result.num_unmoved >= options.min_unmoved_matches &&
-                        result.num_unmoved >= options.min_unmoved_share * static_cast<double>(pair.matches.size()) &&
-                        result.num_cells >= options.min_cells;
+  result.same_station =
+      result.num_unmoved >= options.min_unmoved_matches &&
+      result.num_unmoved >= options.min_unmoved_share * static_cast<double>(pair.matches.size()) &&
+      result.num_cells >= options.min_cells;
   return result;
 }
 
-Stations FindStations(const std::vector<Keypoints>& keypoints, const std::vector<Eigen::Vector2i>& image_sizes,
+Stations FindStations(const std::vector<Keypoints>& keypoints,
+                      const std::vector<Eigen::Vector2i>& image_sizes,
                       const std::vector<ImagePairMatches>& pairs, const StationOptions& options) {
   struct Join {
     int image1, image2, num_unmoved;

@@ -1,9 +1,8 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <vector>
-
-#include <Eigen/Core>
 
 #include "sfm_split/descriptor_match.h"
 #include "sfm_split/error.h"
@@ -30,8 +29,8 @@ struct StationOptions {
   int min_unmoved_matches = 30;
   /// Smallest share of a pair's matches that are unmoved.
   double min_unmoved_share = 0.1;
-  /// Unmoved matches must lie in at least this many cells of a grid of 8 x 8 over the image. Dust and a watermark
-  /// fill few.
+  /// Unmoved matches must lie in at least this many cells of a grid of 8 x 8 over the image. Dust and a
+  /// watermark fill few.
   int min_cells = 6;
 
   OptionCheck Check() const;
@@ -54,15 +53,16 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
 
 /// Images grouped by camera position.
 struct Stations {
-  std::vector<int> station_of_image;         ///< per image, numbered in the order of first images.
-  std::vector<std::vector<int>> images;      ///< per station, ascending.
-  std::vector<Eigen::Vector2f> shift;        ///< per image: shake relative to the station's first image [px].
+  std::vector<int> station_of_image;     ///< per image, numbered in the order of first images.
+  std::vector<std::vector<int>> images;  ///< per station, ascending.
+  std::vector<Eigen::Vector2f> shift;    ///< per image: shake relative to the station's first image [px].
 };
 
 /// Joins images that see the same unmoved background, strongest pairs first.
-/// Every pair in `pairs` is judged; pairs that were not matched say nothing. A chain of small steps that adds up
-/// to more than max_shake_px is a moving camera, not a station: the weakest joins are then left out.
-Stations FindStations(const std::vector<Keypoints>& keypoints, const std::vector<Eigen::Vector2i>& image_sizes,
+/// Every pair in `pairs` is judged; pairs that were not matched say nothing. A chain of small steps that adds
+/// up to more than max_shake_px is a moving camera, not a station: the weakest joins are then left out.
+Stations FindStations(const std::vector<Keypoints>& keypoints,
+                      const std::vector<Eigen::Vector2i>& image_sizes,
                       const std::vector<ImagePairMatches>& pairs, const StationOptions& options);
 
 }  // namespace s2gs

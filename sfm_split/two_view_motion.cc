@@ -2,15 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
-
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core.hpp>
+#include <string>
 
 namespace s2gs {
 namespace {
 
-// A homography that explains this share of the epipolar inliers explains them better: the points are coplanar.
+// A homography that explains this share of the epipolar inliers explains them better: the points are
+// coplanar.
 constexpr double kPlanarShare = 0.9;
 
 Eigen::Matrix3d ToEigen(const cv::Mat& matrix) {

@@ -1,8 +1,7 @@
 #pragma once
 
-#include <vector>
-
 #include <Eigen/Core>
+#include <vector>
 
 #include "sfm_split/error.h"
 #include "sfm_split/stations.h"
@@ -19,8 +18,8 @@ struct TwoViewMotionOptions {
   OptionCheck Check() const;
 };
 
-/// One rigid motion between two images: x2ᵀ F x1 = 0 for pixel positions, and a homography when all its points
-/// lie on one plane (or the camera only turned).
+/// One rigid motion between two images: x2ᵀ F x1 = 0 for pixel positions, and a homography when all its
+/// points lie on one plane (or the camera only turned).
 struct TwoViewMotion {
   Eigen::Matrix3d F = Eigen::Matrix3d::Zero();
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();  ///< zero unless is_planar.
