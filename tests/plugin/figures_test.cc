@@ -25,7 +25,7 @@ TEST(Figures, Table) {
   std::ostringstream out;
   PrintFigures(Example(), out);
   EXPECT_EQ(out.str(),
-            "angle_deg   median 0.33333        max 2         degrees\n"
+            "angle_deg   median 0.33333       max 2         degrees\n"
             "psnr_db       mean inf       dB\n"
             "faces      missing: no \"mesh\", sorry\n");
 }
