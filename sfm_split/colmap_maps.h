@@ -11,6 +11,10 @@ namespace s2gs {
 /// A map of floats as COLMAP keeps them in stereo/depth_maps and stereo/normal_maps: one depth per pixel
 /// (0 where unknown, in the scene's unit, along the camera's z axis), or one unit normal per pixel in the
 /// camera's frame (three channels).
+///
+/// COLMAP's dense programs take the column and row of a value as its image position, without the half pixel
+/// to the pixel's centre: the value at (x, y) belongs to the ray through image position (x, y), where the
+/// centre of the top-left pixel is (0.5, 0.5). Maps for stereo_fusion are rendered on those rays.
 struct ColmapMap {
   int width = 0;              ///< [px]
   int height = 0;             ///< [px]

@@ -12,6 +12,18 @@
 
 namespace s2gs {
 
+/// Test-side reading and writing, independent of the project's own.
+inline std::string ReadAll(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+inline void WriteAll(const std::filesystem::path& path, std::string_view content) {
+  std::filesystem::create_directories(path.parent_path());
+  std::ofstream stream(path, std::ios::binary);
+  stream << content;
+  ASSERT_TRUE(stream.flush().good()) << path;
+}
+
 /// An empty folder of its own for a test, removed at its end.
 class TemporaryFolder {
  public:
@@ -29,21 +41,11 @@ class TemporaryFolder {
 
   const std::filesystem::path& path() const { return path_; }
   std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
+  std::string Read(const std::string& name) const { return ReadAll(path_ / name); }
+  void Write(const std::string& name, std::string_view content) const { WriteAll(path_ / name, content); }
 
  private:
   std::filesystem::path path_;
 };
-
-/// Test-side reading and writing, independent of the project's own.
-inline std::string ReadAll(const std::filesystem::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
-}
-inline void WriteAll(const std::filesystem::path& path, std::string_view content) {
-  std::filesystem::create_directories(path.parent_path());
-  std::ofstream stream(path, std::ios::binary);
-  stream << content;
-  ASSERT_TRUE(stream.flush().good()) << path;
-}
 
 }  // namespace s2gs
