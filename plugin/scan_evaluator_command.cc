@@ -40,17 +40,17 @@ void AddOptions(Options& options, Paths* paths, MeshEvaluationOptions* mesh) {
   group.Add("num_truth_samples", &MeshEvaluationOptions::num_truth_samples,
             "points sampled on the true surface");
   group.Add("thresholds_pct", &MeshEvaluationOptions::thresholds_pct, "distances of the F-scores")
-      .Unit("% of the object's diameter");
+      .Unit("% of diameter");
   group.Add("crop_to_disc", &MeshEvaluationOptions::crop_to_disc,
             "count only what lies above the disc's top, by 1 % of the diameter or more");
   group.Add("only_seen", &MeshEvaluationOptions::only_seen,
             "ask completeness only of the true surface that two train views or more see");
   group
       .Add("crop_min", &MeshEvaluationOptions::crop_min,
-           "lower corner x,y,z of a box outside which nothing counts")
-      .Unit("the ground truth's unit and object frame");
+           "lower corner x,y,z of a box in the true object frame outside which nothing counts")
+      .Unit("as the ground truth");
   group.Add("crop_max", &MeshEvaluationOptions::crop_max, "upper corner of that box")
-      .Unit("the ground truth's unit and object frame");
+      .Unit("as the ground truth");
 }
 
 void CheckCombination(const Paths& paths) {
