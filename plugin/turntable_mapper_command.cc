@@ -30,7 +30,8 @@ std::map<std::string, int> ReadStations(const fs::path& path) {
   const std::string text = ReadWholeFile(path, kMaxLabelsBytes, remedy);
   std::map<std::string, int> stations;
   try {
-    for (const nlohmann::json& image : nlohmann::json::parse(text).at("images")) {
+    const nlohmann::json file = nlohmann::json::parse(text);
+    for (const nlohmann::json& image : file.at("images")) {
       stations[image.at("name").get<std::string>()] = image.at("station").get<int>();
     }
   } catch (const nlohmann::json::exception& error) {
@@ -97,10 +98,13 @@ TurntableFile ToTurntableFile(const TurntableScene& scene) {
 
 void CheckAligned(const AlignedScene& aligned, const fs::path& database) {
   if (!aligned.scene.views.empty()) return;
-  throw UserError(
-      database,
-      std::string("the two models do not make a turntable: ") + TurntableMotionName(aligned.solution.motion),
-      "Look at the models in split/ with `colmap gui` or `colmap model_analyzer`");
+  throw UserError(database,
+                  std::string("the two models do not make a turntable: ") +
+                      TurntableMotionName(aligned.solution.motion) + " (" +
+                      std::to_string(aligned.poses.size()) + " images in both, table angles spread by " +
+                      std::to_string(aligned.solution.angle_spread_deg) + " degrees, relative rotations +- " +
+                      std::to_string(aligned.solution.rotation_sigma_deg) + " degrees)",
+                  "Look at the models in split/ with `colmap gui` or `colmap model_analyzer`");
 }
 
 void PrintSummary(const AlignedScene& aligned, size_t num_images, std::ostream& out) {
