@@ -192,9 +192,10 @@ class TextRows {
   TextRows(PlySource& source, PlyElement& element) : source_(source), element_(element) {}
 
   void Read() {
+    if (element_.num_rows == 0) return;
     // A value takes a character and a separator, but for the file's last one.
     const uint64_t values_left = (source_.remaining() + 1) / 2;
-    if (element_.num_rows > 0 && element_.num_rows > values_left / element_.properties.size()) {
+    if (element_.num_rows > values_left / element_.properties.size()) {
       source_.FailAtLine("element '" + element_.name + "' has " + std::to_string(element_.num_rows) +
                          " rows by the header, more than the rest of the file can hold");
     }
@@ -310,13 +311,15 @@ class BinaryRows {
   BinaryRows(PlySource& source, PlyElement& element) : source_(source), element_(element) {}
 
   void Read() {
+    if (element_.num_rows == 0) return;
     uint64_t min_row_bytes = 0;
     bool has_list = false;
     for (const PlyProperty& property : element_.properties) {
       has_list |= property.is_list();
       min_row_bytes += PlyTypeSize(property.list_size_type.value_or(property.type()));
     }
-    if (element_.num_rows > 0 && element_.num_rows > source_.remaining() / min_row_bytes) {
+    S2GS_INVARIANT(min_row_bytes > 0);  // the header's check
+    if (element_.num_rows > source_.remaining() / min_row_bytes) {
       source_.FailAtByte("element '" + element_.name + "' has " + std::to_string(element_.num_rows) +
                          " rows by the header, but the " + std::to_string(source_.remaining()) +
                          " bytes left can hold no more than " +
@@ -339,7 +342,7 @@ class BinaryRows {
  private:
   void ReadFixedRows(uint64_t row_bytes) {
     constexpr uint64_t kBlockBytes = uint64_t{1} << 17;
-    const uint64_t rows_per_block = std::max<uint64_t>(1, kBlockBytes / std::max<uint64_t>(1, row_bytes));
+    const uint64_t rows_per_block = std::max<uint64_t>(1, kBlockBytes / row_bytes);
     for (uint64_t row = 0; row < element_.num_rows; row += rows_per_block) {
       const uint64_t count = std::min(rows_per_block, element_.num_rows - row);
       const char* bytes = source_.Take(count * row_bytes, element_.name);
