@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <poll.h>
-#include <signal.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -10,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <csignal>
 #include <cstring>
 #include <utility>
 
@@ -155,7 +155,8 @@ std::vector<std::string> Environment(const std::vector<std::pair<std::string, st
     };
     if (std::none_of(changes.begin(), changes.end(), is_changed)) environment.emplace_back(text);
   }
-  for (const auto& [name, value] : changes) environment.push_back(name + "=" + value);
+  for (const auto& [name, value] : changes)
+    environment.push_back(std::string(name).append("=").append(value));
   return environment;
 }
 
