@@ -137,9 +137,7 @@ std::vector<TwoViewGeometryOfPair> ToGeometries(const std::vector<VerifiedPair>&
     result.geometry.config = TwoViewConfig::kUncalibrated;
     result.geometry.F = pair.F;
     if (pair.is_planar) result.geometry.H = pair.H;
-    for (const DescriptorMatch& match : pair.matches) {
-      result.geometry.inlier_matches.push_back({match.index1, match.index2});
-    }
+    result.geometry.inlier_matches = pair.matches;
     geometries.push_back(std::move(result));
   }
   return geometries;

@@ -48,7 +48,7 @@ class Splitter {
     std::vector<ImagePairMatches> result;
     result.reserve(pairs.size());
     std::vector<DescriptorMatcher::Job> jobs;
-    std::vector<std::vector<DescriptorMatch>> matches;
+    std::vector<FeatureMatches> matches;
     for (size_t begin = 0; begin < pairs.size(); begin += kBlock) {
       if (reporter_.StopRequested()) throw Interrupted();
       reporter_.Progress(task, static_cast<int64_t>(begin), static_cast<int64_t>(pairs.size()));
@@ -106,8 +106,8 @@ class Splitter {
       ++num_partners_[pair.image2];
       for (size_t m = 0; m < pair.matches.size(); ++m) {
         if (!unmoved.is_unmoved[m]) continue;
-        ++support_[pair.image1][pair.matches[m].index1];
-        ++support_[pair.image2][pair.matches[m].index2];
+        ++support_[pair.image1][pair.matches[m].point2D_idx1];
+        ++support_[pair.image2][pair.matches[m].point2D_idx2];
       }
     }
 
@@ -265,8 +265,8 @@ class Splitter {
     const Eigen::Vector2f shift = split_.stations.shift[pair.image2] - split_.stations.shift[pair.image1];
     const auto F = static_F_.find({a, b});
     for (size_t m = 0; m < pair.matches.size(); ++m) {
-      const Eigen::Vector2f& xy1 = keypoints_[pair.image1][pair.matches[m].index1];
-      const Eigen::Vector2f& xy2 = keypoints_[pair.image2][pair.matches[m].index2];
+      const Eigen::Vector2f& xy1 = keypoints_[pair.image1][pair.matches[m].point2D_idx1];
+      const Eigen::Vector2f& xy2 = keypoints_[pair.image2][pair.matches[m].point2D_idx2];
       const bool follows_background =
           a == b ? (xy2 - xy1 - shift).norm() <= options_.min_moved_px
                  : F != static_F_.end() && SampsonError(F->second, xy1, xy2) <= motion_options_.max_error_px;
@@ -287,9 +287,9 @@ class Splitter {
 
   void LabelRotatingKeypoints() {
     for (const VerifiedPair& pair : split_.object_pairs) {
-      for (const DescriptorMatch& match : pair.matches) {
-        split_.labels[pair.image1][match.index1] = KeypointLabel::kRotating;
-        split_.labels[pair.image2][match.index2] = KeypointLabel::kRotating;
+      for (const FeatureMatch& match : pair.matches) {
+        split_.labels[pair.image1][match.point2D_idx1] = KeypointLabel::kRotating;
+        split_.labels[pair.image2][match.point2D_idx2] = KeypointLabel::kRotating;
       }
     }
   }

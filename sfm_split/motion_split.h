@@ -43,7 +43,7 @@ struct SplitImage {
 struct VerifiedPair {
   int image1 = 0;
   int image2 = 0;
-  std::vector<DescriptorMatch> matches;
+  FeatureMatches matches;
   Eigen::Matrix3d F = Eigen::Matrix3d::Zero();  ///< x2ᵀ F x1 = 0 in pixels.
   Eigen::Matrix3d H = Eigen::Matrix3d::Zero();  ///< zero unless is_planar.
   bool is_planar = false;

@@ -114,8 +114,8 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
 
   std::vector<Eigen::Vector2f> displacements;
   displacements.reserve(pair.matches.size());
-  for (const DescriptorMatch& match : pair.matches) {
-    displacements.emplace_back(keypoints2[match.index2] - keypoints1[match.index1]);
+  for (const FeatureMatch& match : pair.matches) {
+    displacements.emplace_back(keypoints2[match.point2D_idx2] - keypoints1[match.point2D_idx1]);
   }
 
   result.shift = CommonShift(displacements, options.max_shake_px);
@@ -136,7 +136,7 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
     if ((displacements[m] - result.shift).norm() > max_unmoved) continue;
     result.is_unmoved[m] = true;
     ++result.num_unmoved;
-    const Eigen::Vector2f& xy = keypoints1[pair.matches[m].index1];
+    const Eigen::Vector2f& xy = keypoints1[pair.matches[m].point2D_idx1];
     const int cx = std::clamp(static_cast<int>(xy.x() * kGridSize / image_size.x()), 0, kGridSize - 1);
     const int cy = std::clamp(static_cast<int>(xy.y() * kGridSize / image_size.y()), 0, kGridSize - 1);
     cells.set(static_cast<size_t>(cy) * kGridSize + cx);

@@ -14,7 +14,7 @@ namespace s2gs {
 struct ImagePairMatches {
   int image1 = 0;
   int image2 = 0;
-  std::vector<DescriptorMatch> matches;
+  FeatureMatches matches;
 };
 
 /// Keypoint positions of one image [px].

@@ -49,7 +49,7 @@ double SampsonError(const Eigen::Matrix3d& F, const Eigen::Vector2f& xy1, const 
 }
 
 TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2,
-                        const std::vector<DescriptorMatch>& matches, const std::vector<int>& subset,
+                        const FeatureMatches& matches, const std::vector<int>& subset,
                         const TwoViewMotionOptions& options) {
   TwoViewMotion motion;
   if (static_cast<int>(subset.size()) < options.min_inliers) return motion;
@@ -58,8 +58,8 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
   points1.reserve(subset.size());
   points2.reserve(subset.size());
   for (const int m : subset) {
-    const Eigen::Vector2f& xy1 = keypoints1[matches[m].index1];
-    const Eigen::Vector2f& xy2 = keypoints2[matches[m].index2];
+    const Eigen::Vector2f& xy1 = keypoints1[matches[m].point2D_idx1];
+    const Eigen::Vector2f& xy2 = keypoints2[matches[m].point2D_idx2];
     points1.emplace_back(xy1.x(), xy1.y());
     points2.emplace_back(xy2.x(), xy2.y());
   }
@@ -70,7 +70,7 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
   if (F.rows != 3 || F.cols != 3) return motion;
   motion.F = ToEigen(F);
   for (const int m : subset) {
-    if (SampsonError(motion.F, keypoints1[matches[m].index1], keypoints2[matches[m].index2]) <=
+    if (SampsonError(motion.F, keypoints1[matches[m].point2D_idx1], keypoints2[matches[m].point2D_idx2]) <=
         options.max_error_px) {
       motion.inliers.push_back(m);
     }
@@ -83,16 +83,16 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
   std::vector<cv::Point2f> inliers1;
   std::vector<cv::Point2f> inliers2;
   for (const int m : motion.inliers) {
-    inliers1.emplace_back(keypoints1[matches[m].index1].x(), keypoints1[matches[m].index1].y());
-    inliers2.emplace_back(keypoints2[matches[m].index2].x(), keypoints2[matches[m].index2].y());
+    inliers1.emplace_back(keypoints1[matches[m].point2D_idx1].x(), keypoints1[matches[m].point2D_idx1].y());
+    inliers2.emplace_back(keypoints2[matches[m].point2D_idx2].x(), keypoints2[matches[m].point2D_idx2].y());
   }
   const cv::Mat H = cv::findHomography(inliers1, inliers2, cv::USAC_MAGSAC, options.max_error_px, mask,
                                        options.max_iterations, options.confidence);
   if (H.rows == 3 && H.cols == 3) {
     const Eigen::Matrix3d homography = ToEigen(H);
     const auto num_planar = std::count_if(motion.inliers.begin(), motion.inliers.end(), [&](int m) {
-      return TransferError(homography, keypoints1[matches[m].index1], keypoints2[matches[m].index2]) <=
-             2 * options.max_error_px;
+      return TransferError(homography, keypoints1[matches[m].point2D_idx1],
+                           keypoints2[matches[m].point2D_idx2]) <= 2 * options.max_error_px;
     });
     if (static_cast<double>(num_planar) >= kPlanarShare * static_cast<double>(motion.inliers.size())) {
       motion.is_planar = true;
@@ -103,8 +103,8 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
 }
 
 std::vector<TwoViewMotion> FitMotions(const Keypoints& keypoints1, const Keypoints& keypoints2,
-                                      const std::vector<DescriptorMatch>& matches,
-                                      const std::vector<int>& subset, const TwoViewMotionOptions& options) {
+                                      const FeatureMatches& matches, const std::vector<int>& subset,
+                                      const TwoViewMotionOptions& options) {
   std::vector<TwoViewMotion> motions;
   std::vector<int> left = subset;
   while (static_cast<int>(motions.size()) < options.max_motions) {

@@ -33,12 +33,12 @@ double SampsonError(const Eigen::Matrix3d& F, const Eigen::Vector2f& xy1, const 
 /// The motion that most of `subset` (positions in `matches`) follows; no inliers when there is none with at
 /// least min_inliers. Deterministic.
 TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2,
-                        const std::vector<DescriptorMatch>& matches, const std::vector<int>& subset,
+                        const FeatureMatches& matches, const std::vector<int>& subset,
                         const TwoViewMotionOptions& options);
 
 /// Several motions, the strongest first, each fitted to what the ones before left over.
 std::vector<TwoViewMotion> FitMotions(const Keypoints& keypoints1, const Keypoints& keypoints2,
-                                      const std::vector<DescriptorMatch>& matches,
-                                      const std::vector<int>& subset, const TwoViewMotionOptions& options);
+                                      const FeatureMatches& matches, const std::vector<int>& subset,
+                                      const TwoViewMotionOptions& options);
 
 }  // namespace s2gs

@@ -102,9 +102,9 @@ TEST_P(MotionSplitSeeds, PairsFollowTheirBody) {
     int64_t good = 0;
     int64_t all = 0;
     for (const VerifiedPair& pair : pairs) {
-      for (const DescriptorMatch& match : pair.matches) {
-        const SyntheticKeypoint& keypoint1 = turntable.images[pair.image1].keypoints[match.index1];
-        const SyntheticKeypoint& keypoint2 = turntable.images[pair.image2].keypoints[match.index2];
+      for (const FeatureMatch& match : pair.matches) {
+        const SyntheticKeypoint& keypoint1 = turntable.images[pair.image1].keypoints[match.point2D_idx1];
+        const SyntheticKeypoint& keypoint2 = turntable.images[pair.image2].keypoints[match.point2D_idx2];
         const bool same = keypoint1.point >= 0 && keypoint1.point == keypoint2.point;
         good += same && IsRotating(keypoint1.body) == rotating ? 1 : 0;
         ++all;
