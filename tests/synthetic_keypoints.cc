@@ -45,7 +45,7 @@ bool IsVisible(const SyntheticTurntable& turntable, int image, const std::vector
 
 /// Where a camera sees a point, if that is inside the image.
 std::optional<Eigen::Vector2d> ProjectInside(const Camera& camera, const Eigen::Vector3d& x_in_cam) {
-  const std::optional<Eigen::Vector2d> xy = ProjectToImage(camera, x_in_cam);
+  std::optional<Eigen::Vector2d> xy = ProjectToImage(camera, x_in_cam);
   const Eigen::Vector2d size(static_cast<double>(camera.width), static_cast<double>(camera.height));
   if (!xy || (xy->array() < 0).any() || (xy->array() > size.array()).any()) return std::nullopt;
   return xy;

@@ -23,7 +23,7 @@ SyntheticTexture MakeTexture(uint64_t seed, uint64_t stream, double finest_wavel
     wave.frequency = 2 * kPi / wavelength * random.Direction();
     wave.phase = random.Uniform(0, 2 * kPi);
     for (int channel = 0; channel < 3; ++channel) {
-      wave.amplitude[channel] = random.Uniform(0.5, 1) * std::sqrt(2.0 / kNumWaves);
+      wave.amplitude[channel] = random.Uniform(0.3, 0.6) * std::sqrt(2.0 / kNumWaves);
     }
     texture.waves.push_back(wave);
   }
