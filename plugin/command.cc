@@ -63,7 +63,7 @@ void Dispatch(const std::vector<Command>& commands, const std::vector<std::strin
     return;
   }
   if (arguments[0] == "--version" || arguments[0] == "-v" || arguments[0] == "version") {
-    std::cout << VersionText() << "\n";
+    std::cout << VersionText() << "\n" << GpuText();
     return;
   }
   const bool asks_help = is_help(arguments[0]);

@@ -513,6 +513,8 @@ uint32_t ColmapDatabase::WriteImage(const DatabaseImage& image) {
     frame.BindInteger(0, image.camera_id);
     frame.BindInteger(1, kCameraSensorType);
     frame.Run();
+    // A camera from before the migration has no rig yet; COLMAP then makes rig and frame by itself.
+    if (sqlite3_changes(connection_->handle()) == 0) return static_cast<uint32_t>(image_id);
     SqliteStatement data(*connection_,
                          "INSERT INTO frame_data(frame_id, data_id, sensor_id, sensor_type) "
                          "VALUES(last_insert_rowid(), ?, ?, ?)",

@@ -267,7 +267,7 @@ void DescriptorMatcher::MatchRows(const PackedDescriptors& image1, const PackedD
 
 void DescriptorMatcher::Select(const PackedDescriptors& image1, const PackedDescriptors& image2,
                                const Workspace& rows, const Workspace& columns,
-                               std::vector<DescriptorMatch>* matches) const {
+                               FeatureMatches* matches) const {
   const auto passes = [&](const TopTwo& top) {
     if (top.best == 0) return false;
     const float best = Distance(top.best);
@@ -285,11 +285,11 @@ void DescriptorMatcher::Select(const PackedDescriptors& image1, const PackedDesc
     matches->push_back({index1, image2.slot_index()[top.slot]});
   }
   std::sort(matches->begin(), matches->end(),
-            [](const DescriptorMatch& a, const DescriptorMatch& b) { return a.index1 < b.index1; });
+            [](const FeatureMatch& a, const FeatureMatch& b) { return a.point2D_idx1 < b.point2D_idx1; });
 }
 
 void DescriptorMatcher::Match(const PackedDescriptors& image1, const PackedDescriptors& image2,
-                              std::vector<DescriptorMatch>* matches) {
+                              FeatureMatches* matches) {
   const int num_chunks = NumChunks(image1);
   const int num_used = std::max(1, std::min(num_threads_, num_chunks));
   for (int i = 0; i < num_used; ++i) workspaces_[i]->Reset(image1, image2);
@@ -306,8 +306,7 @@ void DescriptorMatcher::Match(const PackedDescriptors& image1, const PackedDescr
   Select(image1, image2, *first, *first, matches);
 }
 
-void DescriptorMatcher::MatchAll(const std::vector<Job>& jobs,
-                                 std::vector<std::vector<DescriptorMatch>>* matches) {
+void DescriptorMatcher::MatchAll(const std::vector<Job>& jobs, std::vector<FeatureMatches>* matches) {
   matches->resize(jobs.size());
   const int num_jobs = static_cast<int>(jobs.size());
   if (num_jobs < 2 * num_threads_) {

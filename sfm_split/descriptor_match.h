@@ -6,6 +6,7 @@
 #include <memory>
 #include <vector>
 
+#include "sfm_split/colmap_database.h"
 #include "sfm_split/error.h"
 
 namespace s2gs {
@@ -21,16 +22,6 @@ struct DescriptorMatchOptions {
   bool cross_check = true;  ///< the best match of the other direction must be the same, and pass both tests.
 
   OptionCheck Check() const;
-};
-
-/// One match: row index1 of the first image's descriptors, row index2 of the second's.
-struct DescriptorMatch {
-  uint32_t index1 = 0;
-  uint32_t index2 = 0;
-
-  friend bool operator==(const DescriptorMatch& a, const DescriptorMatch& b) {
-    return a.index1 == b.index1 && a.index2 == b.index2;
-  }
 };
 
 /// The instructions that compute dot products. Every one gives the same matches, bit for bit.
@@ -107,9 +98,8 @@ class DescriptorMatcher {
   DescriptorMatcher& operator=(const DescriptorMatcher&) = delete;
 
   /// Matches one pair of images with all threads.
-  /// \param matches  replaced by the matches in ascending index1.
-  void Match(const PackedDescriptors& image1, const PackedDescriptors& image2,
-             std::vector<DescriptorMatch>* matches);
+  /// \param matches  replaced by the matches in ascending point2D_idx1.
+  void Match(const PackedDescriptors& image1, const PackedDescriptors& image2, FeatureMatches* matches);
 
   struct Job {
     const PackedDescriptors* image1 = nullptr;
@@ -118,7 +108,7 @@ class DescriptorMatcher {
 
   /// Matches many pairs, one thread a pair (all threads inside each pair when there are few pairs).
   /// \param matches  resized to jobs.size(); element i is what Match() gives for job i.
-  void MatchAll(const std::vector<Job>& jobs, std::vector<std::vector<DescriptorMatch>>* matches);
+  void MatchAll(const std::vector<Job>& jobs, std::vector<FeatureMatches>* matches);
 
   int num_threads() const { return num_threads_; }
 
@@ -127,7 +117,7 @@ class DescriptorMatcher {
   void MatchRows(const PackedDescriptors& image1, const PackedDescriptors& image2, int chunk,
                  Workspace* columns, Workspace* rows) const;
   void Select(const PackedDescriptors& image1, const PackedDescriptors& image2, const Workspace& rows,
-              const Workspace& columns, std::vector<DescriptorMatch>* matches) const;
+              const Workspace& columns, FeatureMatches* matches) const;
 
   float max_ratio_;
   float max_distance_;

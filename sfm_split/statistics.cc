@@ -10,7 +10,7 @@ Summary Summarize(std::vector<double> values) {
   Summary summary;
   summary.count = static_cast<int64_t>(values.size());
   if (values.empty()) {
-    summary.mean = summary.median = summary.max = std::numeric_limits<double>::quiet_NaN();
+    summary.mean = summary.median = summary.min = summary.max = std::numeric_limits<double>::quiet_NaN();
     return summary;
   }
   std::sort(values.begin(), values.end());
@@ -18,6 +18,7 @@ Summary Summarize(std::vector<double> values) {
   // In sorted order: the same sum whatever order the errors came in.
   summary.mean = std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
   summary.median = values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
+  summary.min = values.front();
   summary.max = values.back();
   return summary;
 }

@@ -10,6 +10,7 @@ struct Summary {
   int64_t count = 0;
   double mean = 0;
   double median = 0;  ///< the mean of the two in the middle when the count is even.
+  double min = 0;
   double max = 0;
 };
 

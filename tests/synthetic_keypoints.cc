@@ -57,8 +57,8 @@ void ThinOut(double share, RandomNumbers* random, std::vector<SyntheticKeypoint>
   const double rotating = static_cast<double>(std::count_if(keypoints->begin(), keypoints->end(), rotates));
   const double fixed = static_cast<double>(keypoints->size()) - rotating;
   const bool drop_rotating = share < 1 && rotating > share / (1 - share) * fixed;
-  auto excess =
-      std::lround(drop_rotating ? rotating - share / (1 - share) * fixed : fixed - rotating * (1 - share) / share);
+  auto excess = std::lround(drop_rotating ? rotating - share / (1 - share) * fixed
+                                          : fixed - rotating * (1 - share) / share);
   random->Shuffle(keypoints);
   std::vector<SyntheticKeypoint> kept;
   for (const SyntheticKeypoint& keypoint : *keypoints) {

@@ -22,15 +22,16 @@ std::vector<int> KeypointOfPoint(const SyntheticTurntable& turntable, const Synt
 /// The matches of one pair while they are made.
 class PairMatcher {
  public:
-  PairMatcher(const SyntheticTurntable& turntable, const std::vector<std::vector<int>>& keypoint_of, int image1,
-              int image2)
+  PairMatcher(const SyntheticTurntable& turntable, const std::vector<std::vector<int>>& keypoint_of,
+              int image1, int image2)
       : turntable_(turntable),
         keypoint_of1_(keypoint_of[static_cast<size_t>(image1)]),
         keypoint_of2_(keypoint_of[static_cast<size_t>(image2)]),
         keypoints1_(turntable.images[static_cast<size_t>(image1)].keypoints),
         keypoints2_(turntable.images[static_cast<size_t>(image2)].keypoints),
-        random_(RandomFor(turntable.options.seed, kMatches,
-                          static_cast<uint64_t>(image1) * turntable.images.size() + static_cast<uint64_t>(image2))) {
+        random_(RandomFor(
+            turntable.options.seed, kMatches,
+            static_cast<uint64_t>(image1) * turntable.images.size() + static_cast<uint64_t>(image2))) {
     pair_.image1 = image1;
     pair_.image2 = image2;
   }
@@ -41,7 +42,8 @@ class PairMatcher {
     std::vector<SyntheticMatch>& matches = pair_.matches;
     random_.Shuffle(&matches);
     const size_t total = matches.size();
-    const size_t outliers = static_cast<size_t>(std::lround(options.outlier_share * static_cast<double>(total)));
+    const size_t outliers =
+        static_cast<size_t>(std::lround(options.outlier_share * static_cast<double>(total)));
     std::vector<SyntheticMatch> structured = TakeStructured(
         static_cast<size_t>(std::lround(options.structured_share * static_cast<double>(outliers))), outliers);
     matches.resize(total - outliers);
@@ -74,8 +76,8 @@ class PairMatcher {
     }
   }
 
-  /// Matches points with their twins, and takes the true matches of their keypoints out (from the front of the
-  /// list), of which at most `max_removed` may go.
+  /// Matches points with their twins, and takes the true matches of their keypoints out (from the front of
+  /// the list), of which at most `max_removed` may go.
   std::vector<SyntheticMatch> TakeStructured(size_t wanted, size_t max_removed) {
     std::vector<SyntheticMatch> candidates;
     for (size_t i = 0; i < turntable_.points.size(); ++i) {
@@ -147,8 +149,8 @@ class PairMatcher {
 
   void AddWatermarks() {
     for (size_t i = turntable_.points.size(); i < keypoint_of1_.size(); ++i) {
-      pair_.matches.push_back({static_cast<uint32_t>(keypoint_of1_[i]), static_cast<uint32_t>(keypoint_of2_[i]),
-                               SyntheticBody::kWatermark, false});
+      pair_.matches.push_back({static_cast<uint32_t>(keypoint_of1_[i]),
+                               static_cast<uint32_t>(keypoint_of2_[i]), SyntheticBody::kWatermark, false});
     }
   }
 

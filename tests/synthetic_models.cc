@@ -14,7 +14,8 @@ namespace {
 Rigid3 CamFromModel(const Rigid3& cam_from_body, const Sim3& model_from_body) {
   const Eigen::Quaterniond rotation =
       (cam_from_body.rotation * model_from_body.rotation.conjugate()).normalized();
-  return {rotation, model_from_body.scale * cam_from_body.translation - rotation * model_from_body.translation};
+  return {rotation,
+          model_from_body.scale * cam_from_body.translation - rotation * model_from_body.translation};
 }
 
 ColmapModel MakeModel(const SyntheticTurntable& turntable, bool rotating, const Sim3& model_from_body) {
@@ -35,12 +36,14 @@ ColmapModel MakeModel(const SyntheticTurntable& turntable, bool rotating, const 
     image.image_id = static_cast<uint32_t>(i + 1);
     image.name = view.name;
     image.camera_id = view.camera_id;
-    image.cam_from_world = CamFromModel(rotating ? view.CamFromObject() : view.cam_from_world, model_from_body);
+    image.cam_from_world =
+        CamFromModel(rotating ? view.CamFromObject() : view.cam_from_world, model_from_body);
     for (const SyntheticKeypoint& keypoint : turntable.images[i].keypoints) {
       ColmapPoint2D point2D;
       point2D.xy = keypoint.xy;
       const bool moved = keypoint.body == SyntheticBody::kPlatter && turntable.images[i].flipped;
-      const bool sees = rotating ? IsRotating(keypoint.body) && !moved : keypoint.body == SyntheticBody::kStatic;
+      const bool sees =
+          rotating ? IsRotating(keypoint.body) && !moved : keypoint.body == SyntheticBody::kStatic;
       if (sees) {
         point2D.point3D_id = static_cast<uint64_t>(keypoint.point) + 1;
         model.points3D[point2D.point3D_id].track.push_back(
@@ -144,26 +147,27 @@ nlohmann::json SyntheticSceneJson(const SyntheticTurntable& turntable, const std
   const TurntableAxis& axis = turntable.scene.axis;
   const Shape& platter = turntable.platter;
   const double platter_z = platter.frame_from_shape.translation.z();
-  nlohmann::json json = {
-      {"scene", "synthetic"},
-      {"width", camera.width},
-      {"height", camera.height},
-      {"camera_model", InfoOf(camera.model).name},
-      {"fx", focal.x()},
-      {"fy", focal.y()},
-      {"cx", principal_point.x()},
-      {"cy", principal_point.y()},
-      {"pixel_convention", "COLMAP: the centre of the first pixel is (0.5, 0.5)"},
-      {"units", "metres"},
-      {"axis_point", {axis.point.x(), axis.point.y(), axis.point.z()}},
-      {"axis_direction", {axis.direction.x(), axis.direction.y(), axis.direction.z()}},
-      {"step_degrees", options.step_deg},
-      {"rotation_sense", "positive angle = right-handed about axis_direction"},
-      {"mask_values", {{"object", 255}, {"disc", 128}, {"static", 0}}},
-      {"disc",
-       {{"radius", platter.size.x()}, {"z_bottom", platter_z - platter.size.z()}, {"z_top", platter_z + platter.size.z()}}},
-      {"stations", nlohmann::json::array()},
-      {"images", nlohmann::json::array()}};
+  nlohmann::json json = {{"scene", "synthetic"},
+                         {"width", camera.width},
+                         {"height", camera.height},
+                         {"camera_model", InfoOf(camera.model).name},
+                         {"fx", focal.x()},
+                         {"fy", focal.y()},
+                         {"cx", principal_point.x()},
+                         {"cy", principal_point.y()},
+                         {"pixel_convention", "COLMAP: the centre of the first pixel is (0.5, 0.5)"},
+                         {"units", "metres"},
+                         {"axis_point", {axis.point.x(), axis.point.y(), axis.point.z()}},
+                         {"axis_direction", {axis.direction.x(), axis.direction.y(), axis.direction.z()}},
+                         {"step_degrees", options.step_deg},
+                         {"rotation_sense", "positive angle = right-handed about axis_direction"},
+                         {"mask_values", {{"object", 255}, {"disc", 128}, {"static", 0}}},
+                         {"disc",
+                          {{"radius", platter.size.x()},
+                           {"z_bottom", platter_z - platter.size.z()},
+                           {"z_top", platter_z + platter.size.z()}}},
+                         {"stations", nlohmann::json::array()},
+                         {"images", nlohmann::json::array()}};
   if (!IsDistortionFree(camera)) json["camera_params"] = camera.params;
   int last_station = -1;
   for (const View& view : turntable.scene.views) {

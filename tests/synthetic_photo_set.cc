@@ -52,13 +52,14 @@ void WriteSyntheticPhotoSet(const std::filesystem::path& folder, SyntheticTurnta
   for (size_t i = 0; i < turntable.scene.views.size(); ++i) {
     View& view = turntable.scene.views[i];
     view.name = WithExtension(view.name, options.extension);
-    WritePhotoAndMask(folder / "images" / view.name, masks, RenderImage(scene, turntable, static_cast<int>(i)));
+    WritePhotoAndMask(folder / "images" / view.name, masks,
+                      RenderImage(scene, turntable, static_cast<int>(i)));
   }
   const std::vector<View> test_views = SyntheticTestViews(turntable, options);
   for (const View& view : test_views) {
     const Rigid3 world_from_platter{
-        Eigen::Quaterniond(Eigen::AngleAxisd(view.angle_deg * 3.14159265358979323846 / 180,
-                                             turntable.scene.axis.direction)),
+        Eigen::Quaterniond(
+            Eigen::AngleAxisd(view.angle_deg * 3.14159265358979323846 / 180, turntable.scene.axis.direction)),
         Eigen::Vector3d::Zero()};
     WritePhotoAndMask(folder / "images_test" / view.name, masks,
                       Render(scene, turntable.scene.cameras[view.camera_id - 1], view.cam_from_world,

@@ -11,13 +11,14 @@
 namespace s2gs {
 
 struct SyntheticPhotoSetOptions {
-  std::string extension = ".png";  ///< of the photos: .png or .jpg.
-  int test_images_per_station = 1; ///< held out, half a step after a training image.
-  int mesh_segments = 96;          ///< around the round parts of the true meshes.
+  std::string extension = ".png";   ///< of the photos: .png or .jpg.
+  int test_images_per_station = 1;  ///< held out, half a step after a training image.
+  int mesh_segments = 96;           ///< around the round parts of the true meshes.
 };
 
 /// The held-out views that WriteSyntheticPhotoSet renders.
-std::vector<View> SyntheticTestViews(const SyntheticTurntable& turntable, const SyntheticPhotoSetOptions& options);
+std::vector<View> SyntheticTestViews(const SyntheticTurntable& turntable,
+                                     const SyntheticPhotoSetOptions& options);
 
 /// Renders a whole small data set into `folder`, in the layout of the rendered data sets: images/,
 /// images_test/, gt/scene.json, gt/object.ply, gt/disc.ply, gt/masks/. The photos take the place of the

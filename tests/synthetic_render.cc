@@ -81,7 +81,8 @@ void AddRings(const Eigen::Vector3d& top, const Eigen::Vector3d& bottom, int rin
 void AddBox(const Shape& box, TriangleMesh* mesh) {
   const auto base = static_cast<uint32_t>(mesh->vertices.size());
   for (int corner = 0; corner < 8; ++corner) {
-    const Eigen::Vector3d sign((corner & 1) != 0 ? 1 : -1, (corner & 2) != 0 ? 1 : -1, (corner & 4) != 0 ? 1 : -1);
+    const Eigen::Vector3d sign((corner & 1) != 0 ? 1 : -1, (corner & 2) != 0 ? 1 : -1,
+                               (corner & 4) != 0 ? 1 : -1);
     const Eigen::Vector3d x = box.frame_from_shape * Eigen::Vector3d(box.size.cwiseProduct(sign));
     mesh->vertices.emplace_back(x.cast<float>());
   }
@@ -98,7 +99,8 @@ void AddBox(const Shape& box, TriangleMesh* mesh) {
 OptionCheck SyntheticRenderOptions::Check() const {
   const auto outside = [](double contrast) { return !(contrast >= 0 && contrast <= 1); };
   if (!(finest_wavelength_px > 0)) {
-    return OptionFault{"finest_wavelength_px", std::to_string(finest_wavelength_px), "finest_wavelength_px > 0"};
+    return OptionFault{"finest_wavelength_px", std::to_string(finest_wavelength_px),
+                       "finest_wavelength_px > 0"};
   }
   if (outside(object_contrast)) {
     return OptionFault{"object_contrast", std::to_string(object_contrast), "0 <= object_contrast <= 1"};
@@ -141,7 +143,8 @@ SyntheticRenderScene MakeSyntheticRenderScene(const SyntheticTurntable& turntabl
     Shape box;
     box.size = radius * Eigen::Vector3d(0.35, 0.25, 0.5);
     box.frame_from_shape.rotation = Eigen::AngleAxisd(0.35, Eigen::Vector3d::UnitZ());
-    box.frame_from_shape.translation = {middle.x() + 0.6 * radius, middle.y() + 0.1 * radius, foot + 0.5 * radius};
+    box.frame_from_shape.translation = {middle.x() + 0.6 * radius, middle.y() + 0.1 * radius,
+                                        foot + 0.5 * radius};
     scene.object = {sphere, box};
   }
   const SyntheticTurntableOptions& table = turntable.options;
@@ -174,8 +177,9 @@ std::optional<SyntheticSurfacePoint> Trace(const SyntheticRenderScene& scene, co
   return point;
 }
 
-SyntheticRendering Render(const SyntheticRenderScene& scene, const Camera& camera, const Rigid3& cam_from_world,
-                          const Rigid3& world_from_object, const Rigid3& world_from_platter) {
+SyntheticRendering Render(const SyntheticRenderScene& scene, const Camera& camera,
+                          const Rigid3& cam_from_world, const Rigid3& world_from_object,
+                          const Rigid3& world_from_platter) {
   const int width = static_cast<int>(camera.width);
   const int height = static_cast<int>(camera.height);
   const size_t num_pixels = camera.width * camera.height;
@@ -222,7 +226,8 @@ SyntheticRendering Render(const SyntheticRenderScene& scene, const Camera& camer
   return rendering;
 }
 
-SyntheticRendering RenderImage(const SyntheticRenderScene& scene, const SyntheticTurntable& turntable, int image) {
+SyntheticRendering RenderImage(const SyntheticRenderScene& scene, const SyntheticTurntable& turntable,
+                               int image) {
   const View& view = turntable.scene.views[static_cast<size_t>(image)];
   return Render(scene, turntable.CameraOf(image), view.cam_from_world, view.world_from_object,
                 turntable.images[static_cast<size_t>(image)].world_from_platter);
@@ -247,10 +252,12 @@ TriangleMesh Tessellate(const std::vector<Shape>& shapes, int segments) {
       if (!cylinder) return surface(OnUnitSphere(i, rings, k, segments));
       const Eigen::Vector3d around = OnUnitSphere(1, 2, k, segments);
       const double z = i == 1 ? shape.size.z() : -shape.size.z();
-      return shape.frame_from_shape * Eigen::Vector3d(shape.size.x() * around.x(), shape.size.x() * around.y(), z);
+      return shape.frame_from_shape *
+             Eigen::Vector3d(shape.size.x() * around.x(), shape.size.x() * around.y(), z);
     };
     const Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-    const Eigen::Vector3d top = cylinder ? shape.frame_from_shape * Eigen::Vector3d(0, 0, shape.size.z()) : surface(up);
+    const Eigen::Vector3d top =
+        cylinder ? shape.frame_from_shape * Eigen::Vector3d(0, 0, shape.size.z()) : surface(up);
     const Eigen::Vector3d bottom =
         cylinder ? shape.frame_from_shape * Eigen::Vector3d(0, 0, -shape.size.z()) : surface(-up);
     AddRings(top, bottom, rings, segments, ring, &mesh);

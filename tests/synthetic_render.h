@@ -25,7 +25,8 @@ struct SyntheticRenderOptions {
   double object_contrast = 1;  ///< 0 (even grey) to 1.
   double platter_contrast = 1;
   double static_contrast = 1;
-  /// Lit by one distant light that stands still in the world, without shadows; otherwise the texture's colour.
+  /// Lit by one distant light that stands still in the world, without shadows; otherwise the texture's
+  /// colour.
   bool lambert = false;
   int supersampling = 1;  ///< rays per pixel and axis, from 1 to 16.
 
@@ -63,10 +64,10 @@ SyntheticRenderScene MakeSyntheticRenderScene(const SyntheticTurntable& turntabl
 
 /// What a ray meets first.
 struct SyntheticSurfacePoint {
-  double t = 0;                 ///< of the ray.
+  double t = 0;  ///< of the ray.
   uint8_t label = kStaticLabel;
-  Eigen::Vector3d normal;       ///< in the world, of unit length, towards the ray's origin.
-  Eigen::Array3d color;         ///< RGB from 0 to 1.
+  Eigen::Vector3d normal;  ///< in the world, of unit length, towards the ray's origin.
+  Eigen::Array3d color;    ///< RGB from 0 to 1.
 };
 std::optional<SyntheticSurfacePoint> Trace(const SyntheticRenderScene& scene, const Ray& ray_in_world,
                                            const Rigid3& world_from_object, const Rigid3& world_from_platter);
@@ -81,8 +82,9 @@ struct SyntheticRendering {
 };
 
 /// Through any camera that can be unprojected. The result does not depend on the number of threads.
-SyntheticRendering Render(const SyntheticRenderScene& scene, const Camera& camera, const Rigid3& cam_from_world,
-                          const Rigid3& world_from_object, const Rigid3& world_from_platter);
+SyntheticRendering Render(const SyntheticRenderScene& scene, const Camera& camera,
+                          const Rigid3& cam_from_world, const Rigid3& world_from_object,
+                          const Rigid3& world_from_platter);
 
 /// The turntable's image i.
 SyntheticRendering RenderImage(const SyntheticRenderScene& scene, const SyntheticTurntable& turntable,

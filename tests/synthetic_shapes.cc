@@ -88,32 +88,45 @@ std::optional<RayHit> IntersectCylinder(double radius, double half_height, const
   return nearest;
 }
 
+/// Sphere tracing: f(x) = |x| - r(x / |x|) changes by at most `slope` per unit of length wherever the surface
+/// can be, so no step of |f| / slope passes it.
 std::optional<RayHit> IntersectBumpy(const Shape& shape, const Ray& ray, double t_min) {
-  double bound = 1;
-  for (const SurfaceWave& wave : shape.waves) bound += std::abs(wave.amplitude);
-  const double radius = shape.size.x() * bound;
-  const auto roots = Roots(ray.direction.squaredNorm(), ray.direction.dot(ray.origin),
-                           ray.origin.squaredNorm() - radius * radius);
+  double amplitudes = 0;
+  double slopes = 0;
+  for (const SurfaceWave& wave : shape.waves) {
+    amplitudes += std::abs(wave.amplitude);
+    slopes += std::abs(wave.amplitude) * wave.frequency.norm();
+  }
+  S2GS_INVARIANT(amplitudes < 1);
+  const double inner_radius = shape.size.x() * (1 - amplitudes);
+  const double outer_radius = shape.size.x() * (1 + amplitudes);
+  const double slope = std::hypot(1, slopes / (1 - amplitudes));
+  const double speed = ray.direction.norm();
+  const auto roots = Roots(speed * speed, ray.direction.dot(ray.origin),
+                           ray.origin.squaredNorm() - outer_radius * outer_radius);
   if (!roots || roots->second <= t_min) return std::nullopt;
-  const auto outside = [&](double t) {
+  const auto height = [&](double t) {
     const Eigen::Vector3d x = ray.origin + t * ray.direction;
     const double length = x.norm();
-    return length > 0 && length > BumpyRadius(shape, x / length);
+    if (length < inner_radius) return length - inner_radius;
+    return length - BumpyRadius(shape, x / length);
   };
   double t0 = std::max(roots->first, t_min);
-  const bool start_outside = outside(t0);
-  constexpr int kSteps = 48;
-  const double step = (roots->second - t0) / kSteps;
-  for (int i = 1; i <= kSteps; ++i) {
-    double t1 = t0 + step;
-    if (outside(t1) == start_outside) {
+  double height0 = height(t0);
+  const bool start_outside = height0 > 0;
+  // Grazing rays are given up to what this resolves.
+  const double least_step = 1e-4 * shape.size.x() / speed;
+  while (t0 < roots->second) {
+    double t1 = t0 + std::max(std::abs(height0) / (slope * speed), least_step);
+    height0 = height(t1);
+    if ((height0 > 0) == start_outside) {
       t0 = t1;
       continue;
     }
-    for (int k = 0; k < 60 && t1 > t0; ++k) {
+    while (true) {
       const double middle = 0.5 * (t0 + t1);
-      if (middle == t0 || middle == t1) break;
-      (outside(middle) == start_outside ? t0 : t1) = middle;
+      if (middle <= t0 || middle >= t1) break;
+      ((height(middle) > 0) == start_outside ? t0 : t1) = middle;
     }
     return RayHit{t1, BumpyNormal(shape, (ray.origin + t1 * ray.direction).normalized())};
   }
@@ -128,10 +141,18 @@ std::optional<RayHit> Intersect(const Shape& shape, const Ray& ray_in_frame, dou
                 shape_from_frame * ray_in_frame.direction};
   std::optional<RayHit> hit;
   switch (shape.kind) {
-    case ShapeKind::kBox: hit = IntersectBox(shape.size, ray, t_min); break;
-    case ShapeKind::kSphere: hit = IntersectSphere(shape.size.x(), ray, t_min); break;
-    case ShapeKind::kCylinder: hit = IntersectCylinder(shape.size.x(), shape.size.z(), ray, t_min); break;
-    case ShapeKind::kBumpy: hit = IntersectBumpy(shape, ray, t_min); break;
+    case ShapeKind::kBox:
+      hit = IntersectBox(shape.size, ray, t_min);
+      break;
+    case ShapeKind::kSphere:
+      hit = IntersectSphere(shape.size.x(), ray, t_min);
+      break;
+    case ShapeKind::kCylinder:
+      hit = IntersectCylinder(shape.size.x(), shape.size.z(), ray, t_min);
+      break;
+    case ShapeKind::kBumpy:
+      hit = IntersectBumpy(shape, ray, t_min);
+      break;
   }
   if (hit) hit->normal = shape.frame_from_shape.rotation * hit->normal;
   return hit;
@@ -146,12 +167,11 @@ double BumpyRadius(const Shape& shape, const Eigen::Vector3d& direction) {
 }
 
 Eigen::Vector3d BumpyNormal(const Shape& shape, const Eigen::Vector3d& direction) {
-  // The gradient of |x| - r(x / |x|), where r's own gradient g enters through the tangent plane of d = x / |x|:
-  // d - (g - d (d . g)) / |x|.
+  // The gradient of |x| - r(x / |x|), where r's own gradient g enters through the tangent plane of d = x /
+  // |x|: d - (g - d (d . g)) / |x|.
   Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
   for (const SurfaceWave& wave : shape.waves) {
-    gradient +=
-        wave.amplitude * std::cos(wave.frequency.dot(direction) + wave.phase) * wave.frequency;
+    gradient += wave.amplitude * std::cos(wave.frequency.dot(direction) + wave.phase) * wave.frequency;
   }
   gradient *= shape.size.x();
   const Eigen::Vector3d tangential = gradient - direction * direction.dot(gradient);

@@ -20,10 +20,10 @@ struct RayHit {
 };
 
 enum class ShapeKind {
-  kBox,      ///< size: half the edges; an edge may be 0 (a plate).
-  kSphere,   ///< size.x(): radius.
-  kCylinder, ///< axis z; size.x(): radius, size.z(): half the height.
-  kBumpy,    ///< size.x(): mean radius; surface |x| = size.x() * (1 + sum of waves at x / |x|).
+  kBox,       ///< size: half the edges; an edge may be 0 (a plate).
+  kSphere,    ///< size.x(): radius.
+  kCylinder,  ///< axis z; size.x(): radius, size.z(): half the height.
+  kBumpy,     ///< size.x(): mean radius; surface |x| = size.x() * (1 + sum of waves at x / |x|).
 };
 
 /// amplitude * sin(frequency . direction + phase)
@@ -42,8 +42,7 @@ struct Shape {
 };
 
 /// The first point with t > t_min where the ray crosses the surface, from outside or inside.
-/// Exact to rounding but for kBumpy, which is marched in steps of 1/48 of its chord and then bisected, so
-/// that a bump thinner than such a step may be missed.
+/// Exact to rounding; of a kBumpy shape, a chord shorter than 1e-4 of its radius may be missed.
 std::optional<RayHit> Intersect(const Shape& shape, const Ray& ray_in_frame, double t_min = 0);
 
 /// Radius of a kBumpy shape in a direction (of unit length, in the shape's frame).

@@ -87,7 +87,8 @@ OptionCheck SyntheticTurntableOptions::Check() const {
   if (!(min_elevation_deg >= 0 && min_elevation_deg <= max_elevation_deg)) {
     return fault("min_elevation_deg", min_elevation_deg, "0 <= min_elevation_deg <= max_elevation_deg");
   }
-  if (!(max_elevation_deg <= 89)) return fault("max_elevation_deg", max_elevation_deg, "max_elevation_deg <= 89");
+  if (!(max_elevation_deg <= 89))
+    return fault("max_elevation_deg", max_elevation_deg, "max_elevation_deg <= 89");
   if (!(azimuth_spread_deg >= 0 && azimuth_spread_deg <= 360)) {
     return fault("azimuth_spread_deg", azimuth_spread_deg, "0 <= azimuth_spread_deg <= 360");
   }
@@ -102,7 +103,8 @@ OptionCheck SyntheticTurntableOptions::Check() const {
   if (!(shake_distance >= 0)) return fault("shake_distance", shake_distance, "shake_distance >= 0");
   if (steps < 1 || steps > 999) return fault("steps", steps, "1 <= steps <= 999");
   if (!(step_deg >= 0.01 && step_deg <= 120)) return fault("step_deg", step_deg, "0.01 <= step_deg <= 120");
-  if (!(step_jitter >= 0 && step_jitter <= 1)) return fault("step_jitter", step_jitter, "0 <= step_jitter <= 1");
+  if (!(step_jitter >= 0 && step_jitter <= 1))
+    return fault("step_jitter", step_jitter, "0 <= step_jitter <= 1");
   if (!(table_tilt_deg >= 0 && table_tilt_deg <= 45)) {
     return fault("table_tilt_deg", table_tilt_deg, "0 <= table_tilt_deg <= 45");
   }
@@ -112,7 +114,8 @@ OptionCheck SyntheticTurntableOptions::Check() const {
     return fault("object_patch_deg", object_patch_deg, "5 <= object_patch_deg <= 180");
   }
   if (num_object_points < 0) return fault("num_object_points", num_object_points, "num_object_points >= 0");
-  if (num_platter_points < 0) return fault("num_platter_points", num_platter_points, "num_platter_points >= 0");
+  if (num_platter_points < 0)
+    return fault("num_platter_points", num_platter_points, "num_platter_points >= 0");
   if (!(platter_radius > 0 && platter_radius <= 0.4 * distance)) {
     return fault("platter_radius", platter_radius, "0 < platter_radius <= 0.4 * distance");
   }
@@ -128,7 +131,8 @@ OptionCheck SyntheticTurntableOptions::Check() const {
   if (!(repeated_share >= 0 && repeated_share <= 1)) {
     return fault("repeated_share", repeated_share, "0 <= repeated_share <= 1");
   }
-  if (symmetry_fold < 1 || symmetry_fold > 12) return fault("symmetry_fold", symmetry_fold, "1 <= symmetry_fold <= 12");
+  if (symmetry_fold < 1 || symmetry_fold > 12)
+    return fault("symmetry_fold", symmetry_fold, "1 <= symmetry_fold <= 12");
   if (object == SyntheticObject::kPlate && symmetry_fold > 2) {
     return fault("symmetry_fold", symmetry_fold, "symmetry_fold <= 2 for a plate");
   }
@@ -136,13 +140,16 @@ OptionCheck SyntheticTurntableOptions::Check() const {
   if (height < 16) return fault("height", height, "height >= 16");
   if (!(focal_widths > 0)) return fault("focal_widths", focal_widths, "focal_widths > 0");
   const CameraModelInfo& info = InfoOf(camera_model);
-  if (!info.has_projection) return fault("camera_model", static_cast<int>(camera_model), "a model that can be projected");
+  if (!info.has_projection)
+    return fault("camera_model", static_cast<int>(camera_model), "a model that can be projected");
   if (!distortion.empty() && distortion.size() != info.num_extra_params) {
-    return fault("distortion", static_cast<double>(distortion.size()), "as many as the camera model has, or none");
+    return fault("distortion", static_cast<double>(distortion.size()),
+                 "as many as the camera model has, or none");
   }
   if (!(pixel_noise >= 0)) return fault("pixel_noise", pixel_noise, "pixel_noise >= 0");
   if (!(dropout >= 0 && dropout < 1)) return fault("dropout", dropout, "0 <= dropout < 1");
-  if (num_extra_keypoints < 0) return fault("num_extra_keypoints", num_extra_keypoints, "num_extra_keypoints >= 0");
+  if (num_extra_keypoints < 0)
+    return fault("num_extra_keypoints", num_extra_keypoints, "num_extra_keypoints >= 0");
   if (num_watermarks < 0) return fault("num_watermarks", num_watermarks, "num_watermarks >= 0");
   const int num_images = hand_held ? steps : stations * steps;
   for (const auto& [image1, image2] : pairs) {
@@ -150,9 +157,12 @@ OptionCheck SyntheticTurntableOptions::Check() const {
       return fault("pairs", image1, "two different images");
     }
   }
-  if (!(max_view_change_deg >= 0)) return fault("max_view_change_deg", max_view_change_deg, "max_view_change_deg >= 0");
-  if (!(match_recall > 0 && match_recall <= 1)) return fault("match_recall", match_recall, "0 < match_recall <= 1");
-  if (!(outlier_share >= 0 && outlier_share <= 1)) return fault("outlier_share", outlier_share, "0 <= outlier_share <= 1");
+  if (!(max_view_change_deg >= 0))
+    return fault("max_view_change_deg", max_view_change_deg, "max_view_change_deg >= 0");
+  if (!(match_recall > 0 && match_recall <= 1))
+    return fault("match_recall", match_recall, "0 < match_recall <= 1");
+  if (!(outlier_share >= 0 && outlier_share <= 1))
+    return fault("outlier_share", outlier_share, "0 <= outlier_share <= 1");
   if (!(structured_share >= 0 && structured_share <= 1)) {
     return fault("structured_share", structured_share, "0 <= structured_share <= 1");
   }
@@ -191,9 +201,9 @@ void synthetic::AddViews(SyntheticTurntable* turntable) {
   const double lowest = options.min_elevation_deg;
   const double range = options.max_elevation_deg - lowest;
   for (int station = 0; station < stations; ++station) {
-    const double elevation = options.hand_held   ? lowest + range * poses.Uniform()
-                             : stations == 1 ? lowest + range / 2
-                                             : lowest + range * station / (stations - 1);
+    const double elevation = options.hand_held ? lowest + range * poses.Uniform()
+                             : stations == 1   ? lowest + range / 2
+                                               : lowest + range * station / (stations - 1);
     const Rigid3 station_pose = RandomPose(*turntable, elevation, &poses);
     for (int step = 0; step < steps; ++step) {
       const int turn_index = options.hand_held ? station : step;

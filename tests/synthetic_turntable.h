@@ -18,14 +18,14 @@ enum class SyntheticObject {
   kPlate,  ///< upright two-sided plate of no thickness: all object points in one plane.
 };
 
-/// A turntable capture made of points: an object and a platter that turn, in a room that does not. Lengths are
-/// in metres; the room is a box around the cameras, with boxes as clutter behind and beside the table.
+/// A turntable capture made of points: an object and a platter that turn, in a room that does not. Lengths
+/// are in metres; the room is a box around the cameras, with boxes as clutter behind and beside the table.
 struct SyntheticTurntableOptions {
   uint64_t seed = 1;
 
   // Cameras. Station s stands at an elevation spread evenly from min to max, all on one side of the table.
-  int stations = 3;                ///< at least 1.
-  double min_elevation_deg = 10;   ///< above the room's horizon, in [0, 89].
+  int stations = 3;               ///< at least 1.
+  double min_elevation_deg = 10;  ///< above the room's horizon, in [0, 89].
   double max_elevation_deg = 50;
   double azimuth_spread_deg = 10;  ///< stations' azimuths are uniform over +- half of this.
   double distance = 0.7;           ///< mean distance from the point looked at.
@@ -39,12 +39,12 @@ struct SyntheticTurntableOptions {
   bool hand_held = false;
 
   // The table.
-  int steps = 24;                   ///< images of one station.
-  double step_deg = 15;             ///< in [0.01, 120].
-  double step_jitter = 0;           ///< steps are irregular by +- half of this share, in [0, 1].
-  double station_start_deg = 0;     ///< each station starts this far on from where the one before started.
-  bool turning = true;              ///< false: the table stands still, nothing rotates.
-  double table_tilt_deg = 0;        ///< between the axis and the room's vertical.
+  int steps = 24;                ///< images of one station.
+  double step_deg = 15;          ///< in [0.01, 120].
+  double step_jitter = 0;        ///< steps are irregular by +- half of this share, in [0, 1].
+  double station_start_deg = 0;  ///< each station starts this far on from where the one before started.
+  bool turning = true;           ///< false: the table stands still, nothing rotates.
+  double table_tilt_deg = 0;     ///< between the axis and the room's vertical.
   Eigen::Vector2d object_offset = {0.02, -0.01};  ///< of the object's middle from the axis.
   /// From this station on the object lies upside down: turned by 180 degrees about a horizontal line through
   /// its middle and moved by `flip_offset` along the platter. The platter stays as it was. 0: never.
@@ -53,10 +53,10 @@ struct SyntheticTurntableOptions {
 
   // Points.
   SyntheticObject object = SyntheticObject::kBumpy;
-  double object_radius = 0.08;        ///< the bumpy object's mean radius, half the plate's edge.
-  double object_patch_deg = 180;      ///< texture only within this angle of the object's -y, in [5, 180].
-  int num_object_points = 600;        ///< uniform over the surface.
-  int num_platter_points = 150;       ///< uniform over the disc.
+  double object_radius = 0.08;    ///< the bumpy object's mean radius, half the plate's edge.
+  double object_patch_deg = 180;  ///< texture only within this angle of the object's -y, in [5, 180].
+  int num_object_points = 600;    ///< uniform over the surface.
+  int num_platter_points = 150;   ///< uniform over the disc.
   double platter_radius = 0.14;
   int num_background_points = 1500;   ///< uniform over the images.
   double background_image_share = 1;  ///< background points lie in this left share of the images, in (0, 1].
@@ -74,17 +74,18 @@ struct SyntheticTurntableOptions {
   CameraModelId camera_model = CameraModelId::kSimplePinhole;
   int width = 640;
   int height = 480;
-  double focal_widths = 1.2;  ///< focal length in image widths.
+  double focal_widths = 1.2;                        ///< focal length in image widths.
   Eigen::Vector2d principal_point_offset = {0, 0};  ///< from the image's middle, in image widths.
   std::vector<double> distortion;  ///< the model's parameters after the principal point; empty: zeros.
   bool has_prior_focal = true;     ///< what the database says of the focal length.
-  bool camera_per_station = false; ///< station s has its own camera, its focal length 1 + s percent of the first.
+  bool camera_per_station =
+      false;  ///< station s has its own camera, its focal length 1 + s percent of the first.
 
   // Observations.
-  double pixel_noise = 0;         ///< standard deviation in x and in y [px].
-  double dropout = 0;             ///< share of the visible points that are not found, in [0, 1).
-  int num_extra_keypoints = 0;    ///< of each image, that see no point.
-  int num_watermarks = 0;         ///< keypoints at the same pixels of every image, matched in every pair.
+  double pixel_noise = 0;       ///< standard deviation in x and in y [px].
+  double dropout = 0;           ///< share of the visible points that are not found, in [0, 1).
+  int num_extra_keypoints = 0;  ///< of each image, that see no point.
+  int num_watermarks = 0;       ///< keypoints at the same pixels of every image, matched in every pair.
 
   // Matches.
   std::vector<std::pair<int, int>> pairs;  ///< image indices; empty: all pairs.
@@ -93,7 +94,7 @@ struct SyntheticTurntableOptions {
   double outlier_share = 0;          ///< of each pair's matches (watermarks apart), in [0, 1].
   double structured_share = 0;       ///< of the outliers: a point with its twin, as far as there are any.
   bool descriptors = false;
-  double descriptor_noise = 6;       ///< standard deviation of each of the 128 entries of norm 512.
+  double descriptor_noise = 6;  ///< standard deviation of each of the 128 entries of norm 512.
 
   OptionCheck Check() const;
 };
@@ -106,7 +107,7 @@ inline bool IsRotating(SyntheticBody body) {
 
 struct SyntheticPoint {
   SyntheticBody body = SyntheticBody::kStatic;
-  Eigen::Vector3d x = Eigen::Vector3d::Zero();  ///< in the world, the object's or the platter's frame.
+  Eigen::Vector3d x = Eigen::Vector3d::Zero();        ///< in the world, the object's or the platter's frame.
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();  ///< in the same frame.
   bool two_sided = false;                             ///< a point of a plate, seen from both sides.
   Eigen::Matrix<uint8_t, 3, 1> color = Eigen::Matrix<uint8_t, 3, 1>::Zero();
@@ -124,9 +125,9 @@ using SiftDescriptor = std::array<uint8_t, 128>;
 
 /// What image i, whose pose is scene.views[i], shows.
 struct SyntheticImage {
-  int step = 0;              ///< within its station.
-  bool flipped = false;      ///< the object lies upside down.
-  Rigid3 world_from_platter; ///< differs from the view's world_from_object once the object was flipped.
+  int step = 0;               ///< within its station.
+  bool flipped = false;       ///< the object lies upside down.
+  Rigid3 world_from_platter;  ///< differs from the view's world_from_object once the object was flipped.
   std::vector<SyntheticKeypoint> keypoints;  ///< in random order.
   std::vector<SiftDescriptor> descriptors;   ///< one per keypoint, or none.
 };
@@ -152,9 +153,9 @@ struct SyntheticTurntable {
   std::vector<SyntheticImage> images;  ///< as scene.views.
   std::vector<SyntheticPoint> points;
   std::vector<SyntheticPair> pairs;
-  Shape object;              ///< in the object's frame.
-  Shape platter;             ///< in the platter's frame, which is the object's until the flip.
-  std::vector<Shape> room;   ///< in the world: the room's walls (seen from inside), then the clutter.
+  Shape object;             ///< in the object's frame.
+  Shape platter;            ///< in the platter's frame, which is the object's until the flip.
+  std::vector<Shape> room;  ///< in the world: the room's walls (seen from inside), then the clutter.
 
   const Camera& CameraOf(int image) const;
   /// Camera from the frame that a body's points are given in.

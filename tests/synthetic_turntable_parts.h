@@ -9,7 +9,17 @@
 /// before, with random numbers of its own stream.
 namespace s2gs::synthetic {
 
-enum Stream : uint64_t { kShapes = 1, kObjectPoints, kPoses, kTable, kPlatterPoints, kBackground, kKeypoints, kDescriptors, kMatches };
+enum Stream : uint64_t {
+  kShapes = 1,
+  kObjectPoints,
+  kPoses,
+  kTable,
+  kPlatterPoints,
+  kBackground,
+  kKeypoints,
+  kDescriptors,
+  kMatches
+};
 
 /// A generator for one stream and one of its items, e.g. an image.
 inline RandomNumbers RandomFor(uint64_t seed, Stream stream, uint64_t item = 0) {

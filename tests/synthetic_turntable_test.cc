@@ -26,7 +26,8 @@ SyntheticTurntableOptions SmallOptions() {
 }
 
 Eigen::Vector3d InCamera(const SyntheticTurntable& turntable, int image, const SyntheticKeypoint& keypoint) {
-  return turntable.CamFromBody(image, keypoint.body) * turntable.points[static_cast<size_t>(keypoint.point)].x;
+  return turntable.CamFromBody(image, keypoint.body) *
+         turntable.points[static_cast<size_t>(keypoint.point)].x;
 }
 
 Eigen::Matrix3d Skew(const Eigen::Vector3d& t) {
@@ -98,7 +99,8 @@ TEST(SyntheticTurntable, EveryProjectableCameraModelSeesTheScene) {
     options.distortion.assign(info->num_extra_params, 0.002);
     ASSERT_FALSE(options.Check()) << info->name;
     const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-    for (const SyntheticImage& image : turntable.images) EXPECT_GT(image.keypoints.size(), 150U) << info->name;
+    for (const SyntheticImage& image : turntable.images)
+      EXPECT_GT(image.keypoints.size(), 150U) << info->name;
   }
 }
 
@@ -121,8 +123,8 @@ TEST(SyntheticTurntable, PosesComposeAndTurnAboutTheAxis) {
     const Eigen::Vector3d turned = view.world_from_object.rotation * Eigen::Vector3d::UnitX();
     EXPECT_NEAR(turned.x(), std::cos(view.angle_deg * kDegree), 1e-14);
     EXPECT_NEAR(turned.y(), std::sin(view.angle_deg * kDegree), 1e-14);
-    const double regular = 20.0 * turntable.images[static_cast<size_t>(&view - scene.views.data())].step +
-                           7.0 * view.station;
+    const double regular =
+        20.0 * turntable.images[static_cast<size_t>(&view - scene.views.data())].step + 7.0 * view.station;
     EXPECT_LE(std::abs(view.angle_deg - regular), 5.0);
   }
   EXPECT_TRUE(std::is_sorted(scene.views.begin(), scene.views.end(),
@@ -157,13 +159,13 @@ TEST(SyntheticTurntable, StationsStandStillUpToShake) {
   for (int i = 0; i < 100; ++i) {
     translations.col(i) = turntable.scene.views[static_cast<size_t>(i)].cam_from_world.translation;
   }
-  const double rotation_deg =
-      turntable.scene.views[0].cam_from_world.rotation.angularDistance(turntable.scene.views[1].cam_from_world.rotation) /
-      kDegree;
+  const double rotation_deg = turntable.scene.views[0].cam_from_world.rotation.angularDistance(
+                                  turntable.scene.views[1].cam_from_world.rotation) /
+                              kDegree;
   EXPECT_GT(rotation_deg, 0.001);
   EXPECT_LT(rotation_deg, 1);
-  // 200 degrees of freedom: the standard deviation is known to 5 %, four times that is allowed. z is left out:
-  // of a camera 0.7 in front of its target the rotation moves x and y, by 0.7 * 0.1 degrees.
+  // 200 degrees of freedom: the standard deviation is known to 5 %, four times that is allowed. z is left
+  // out: of a camera 0.7 in front of its target the rotation moves x and y, by 0.7 * 0.1 degrees.
   const Eigen::Vector3d mean = translations.rowwise().mean();
   const double z_deviation = std::sqrt((translations.row(2).array() - mean.z()).square().mean());
   EXPECT_NEAR(z_deviation, 0.002, 0.3 * 0.002);
@@ -180,8 +182,9 @@ TEST(SyntheticTurntable, HandHeldImagesHavePosesOfTheirOwn) {
     const View& view = turntable.scene.views[i];
     EXPECT_EQ(view.station, static_cast<int>(i));
     EXPECT_NEAR(view.angle_deg, 20.0 * static_cast<double>(i), 1e-12);
-    EXPECT_GT((CameraCentre(view.cam_from_world) -
-               CameraCentre(turntable.scene.views[i - 1].cam_from_world)).norm(), 0.005);
+    EXPECT_GT((CameraCentre(view.cam_from_world) - CameraCentre(turntable.scene.views[i - 1].cam_from_world))
+                  .norm(),
+              0.005);
   }
 }
 
@@ -256,10 +259,14 @@ TEST(SyntheticTurntable, NoBackgroundLeavesOnlyRotatingKeypoints) {
 bool IsInside(const Shape& shape, const Eigen::Vector3d& x_in_frame) {
   const Eigen::Vector3d x = shape.frame_from_shape.Inverse() * x_in_frame;
   switch (shape.kind) {
-    case ShapeKind::kBox: return (x.cwiseAbs().array() < shape.size.array()).all();
-    case ShapeKind::kSphere: return x.norm() < shape.size.x();
-    case ShapeKind::kCylinder: return x.head<2>().norm() < shape.size.x() && std::abs(x.z()) < shape.size.z();
-    case ShapeKind::kBumpy: return x.norm() < BumpyRadius(shape, x.normalized());
+    case ShapeKind::kBox:
+      return (x.cwiseAbs().array() < shape.size.array()).all();
+    case ShapeKind::kSphere:
+      return x.norm() < shape.size.x();
+    case ShapeKind::kCylinder:
+      return x.head<2>().norm() < shape.size.x() && std::abs(x.z()) < shape.size.z();
+    case ShapeKind::kBumpy:
+      return x.norm() < BumpyRadius(shape, x.normalized());
   }
   return false;
 }
@@ -271,7 +278,8 @@ TEST(SyntheticTurntable, VisibilityIsThatOfTheSolids) {
   for (const int image : {0, 4, 9}) {
     const View& view = turntable.scene.views[static_cast<size_t>(image)];
     std::set<int> seen;
-    for (const auto& keypoint : turntable.images[static_cast<size_t>(image)].keypoints) seen.insert(keypoint.point);
+    for (const auto& keypoint : turntable.images[static_cast<size_t>(image)].keypoints)
+      seen.insert(keypoint.point);
     const Eigen::Vector3d centre = CameraCentre(view.cam_from_world);
     for (size_t i = 0; i < turntable.points.size(); ++i) {
       const SyntheticPoint& point = turntable.points[i];
@@ -287,7 +295,8 @@ TEST(SyntheticTurntable, VisibilityIsThatOfTheSolids) {
         const Eigen::Vector3d sample = centre + (x - centre) * (k + 0.5) / kSamples;
         const Eigen::Vector3d in_object = view.world_from_object.Inverse() * sample;
         bool inside = IsInside(turntable.object, in_object) || IsInside(turntable.platter, in_object);
-        for (size_t s = 1; s < turntable.room.size(); ++s) inside = inside || IsInside(turntable.room[s], sample);
+        for (size_t s = 1; s < turntable.room.size(); ++s)
+          inside = inside || IsInside(turntable.room[s], sample);
         inside_something += inside ? 1 : 0;
       }
       if (seen.count(static_cast<int>(i)) != 0) {
@@ -301,8 +310,8 @@ TEST(SyntheticTurntable, VisibilityIsThatOfTheSolids) {
       }
     }
   }
-  EXPECT_GT(hidden_static, 20);    // the object and the platter hide background
-  EXPECT_GT(hidden_rotating, 5);   // the object hides the platter, clutter hides both
+  EXPECT_GT(hidden_static, 20);   // the object and the platter hide background
+  EXPECT_GT(hidden_rotating, 5);  // the object hides the platter, clutter hides both
 }
 
 TEST(SyntheticTurntable, MatchesFollowTheirBodysEpipolarGeometry) {
@@ -328,8 +337,8 @@ TEST(SyntheticTurntable, MatchesFollowTheirBodysEpipolarGeometry) {
     }
   }
   EXPECT_LT(worst, 1e-8);  // measured: 1e-10
-  // Points of the wrong body are off by many pixels, but for those that happen to lie on the line, and for the
-  // pairs of equal table angles, where the two motions agree.
+  // Points of the wrong body are off by many pixels, but for those that happen to lie on the line, and for
+  // the pairs of equal table angles, where the two motions agree.
   std::sort(wrong_body.begin(), wrong_body.end());
   ASSERT_GT(wrong_body.size(), 1000U);
   EXPECT_GT(wrong_body[wrong_body.size() / 2], 5);
@@ -454,7 +463,8 @@ TEST(SyntheticTurntable, NothingTurnsWhenTheTableStandsStill) {
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   for (const View& view : turntable.scene.views) EXPECT_TRUE(view.world_from_object.Matrix().isIdentity(0));
   for (const SyntheticMatch& match : turntable.pairs[0].matches) {
-    EXPECT_EQ(turntable.images[0].keypoints[match.keypoint1].xy, turntable.images[1].keypoints[match.keypoint2].xy);
+    EXPECT_EQ(turntable.images[0].keypoints[match.keypoint1].xy,
+              turntable.images[1].keypoints[match.keypoint2].xy);
   }
 }
 
@@ -475,8 +485,10 @@ TEST(SyntheticTurntable, FlippedObjectHasAnAxisOfItsOwn) {
   const Eigen::Vector3d after = Eigen::AngleAxisd(motion_after.rotation).axis();
   EXPECT_TRUE(before.isApprox(Eigen::Vector3d::UnitZ(), 1e-12));
   EXPECT_TRUE(after.isApprox(-Eigen::Vector3d::UnitZ(), 1e-12));
-  // World axis point (0, 0, z) in the flipped object's frame: middle + Rx(180) * ((0, 0, z) - middle - offset).
-  const Eigen::Vector3d on_axis(middle.x() + (0 - middle.x() + 0.03), middle.y() - (0 - middle.y() - 0.02), 0.4);
+  // World axis point (0, 0, z) in the flipped object's frame: middle + Rx(180) * ((0, 0, z) - middle -
+  // offset).
+  const Eigen::Vector3d on_axis(middle.x() + (0 - middle.x() + 0.03), middle.y() - (0 - middle.y() - 0.02),
+                                0.4);
   EXPECT_LT((motion_after * on_axis - on_axis).norm(), 1e-14);
   // Some points are seen from the bottom only now, and object matches across the flip fit the object's motion
   // while platter matches do not.
@@ -486,10 +498,12 @@ TEST(SyntheticTurntable, FlippedObjectHasAnAxisOfItsOwn) {
     if (pair.image1 >= 12 || pair.image2 < 12) continue;
     for (const SyntheticMatch& match : pair.matches) {
       if (match.body == SyntheticBody::kObject) {
-        worst_object = std::max(worst_object, EpipolarDistance(turntable, pair, match, SyntheticBody::kObject));
+        worst_object =
+            std::max(worst_object, EpipolarDistance(turntable, pair, match, SyntheticBody::kObject));
       } else if (match.body == SyntheticBody::kPlatter) {
         EXPECT_LT(EpipolarDistance(turntable, pair, match, SyntheticBody::kPlatter), 1e-8);
-        best_platter = std::max(best_platter, EpipolarDistance(turntable, pair, match, SyntheticBody::kObject));
+        best_platter =
+            std::max(best_platter, EpipolarDistance(turntable, pair, match, SyntheticBody::kObject));
       }
     }
   }

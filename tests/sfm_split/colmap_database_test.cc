@@ -296,6 +296,13 @@ TEST(ColmapDatabase, CreateWritesTheSchemaOf38) {
   }
 }
 
+TEST(ColmapDatabase, CamerasWithoutARigGetImagesWithoutAFrame) {
+  TemporaryFolder folder;
+  const fs::path path = MakeDatabase(folder / "d.db", kColmapSchema42);
+  EXPECT_EQ(ColmapDatabase::Open(path, Access::kReadWrite).WriteImage({0, "new.jpg", 7, {}, {}}), 6u);
+  EXPECT_EQ(RawDatabase(path).Query("SELECT count(*) FROM frame_data"), "0");
+}
+
 TEST(ColmapDatabase, DuplicatesAreRefused) {
   TemporaryFolder folder;
   ColmapDatabase database = ColmapDatabase::Open(MakeDatabase(folder / "d.db"), Access::kReadWrite);

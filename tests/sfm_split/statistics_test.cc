@@ -12,6 +12,7 @@ TEST(Summarize, OddAndEvenCounts) {
   EXPECT_EQ(odd.count, 3);
   EXPECT_DOUBLE_EQ(odd.mean, 3);
   EXPECT_DOUBLE_EQ(odd.median, 3);
+  EXPECT_DOUBLE_EQ(odd.min, 1);
   EXPECT_DOUBLE_EQ(odd.max, 5);
   const Summary even = Summarize({8, 1, 2, 4});
   EXPECT_DOUBLE_EQ(even.mean, 3.75);
@@ -24,6 +25,7 @@ TEST(Summarize, NothingIsNotZero) {
   EXPECT_EQ(summary.count, 0);
   EXPECT_TRUE(std::isnan(summary.mean));
   EXPECT_TRUE(std::isnan(summary.median));
+  EXPECT_TRUE(std::isnan(summary.min));
   EXPECT_TRUE(std::isnan(summary.max));
 }
 

@@ -1,0 +1,281 @@
+#include "sfm_split/align_scene.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+
+#include "sfm_split/rotation.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kPi = 3.14159265358979323846;
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// The pose that a station's images share: median rotation, median of each coordinate of the centre.
+Rigid3 MedianPose(const std::vector<Rigid3>& poses) {
+  std::vector<Eigen::Quaterniond> rotations;
+  std::vector<double> coordinates[3];
+  for (const Rigid3& pose : poses) {
+    rotations.push_back(pose.rotation);
+    const Vector3d centre = CameraCentre(pose);
+    for (int k = 0; k < 3; ++k) coordinates[k].push_back(centre(k));
+  }
+  Rigid3 median;
+  median.rotation = MedianRotation(rotations);
+  const Vector3d centre(Median(coordinates[0]), Median(coordinates[1]), Median(coordinates[2]));
+  median.translation = -(median.rotation * centre);
+  return median;
+}
+
+// c_from_a = c_from_b * b_from_a for similarities.
+Sim3 Compose(const Sim3& c_from_b, const Sim3& b_from_a) {
+  return {c_from_b.scale * b_from_a.scale, (c_from_b.rotation * b_from_a.rotation).normalized(),
+          c_from_b * b_from_a.translation};
+}
+
+// cam_from_new for a camera given by cam_from_old; the camera's frame takes the new unit of length.
+Rigid3 TransformPose(const Sim3& new_from_old, const Rigid3& cam_from_old) {
+  const Eigen::Quaterniond rotation =
+      (cam_from_old.rotation * new_from_old.rotation.conjugate()).normalized();
+  return {rotation, -(rotation * (new_from_old * CameraCentre(cam_from_old)))};
+}
+
+struct Stations {
+  std::map<std::string, int> of_image;
+  int count = 0;
+
+  // Images without a station get one of their own; numbers are made dense in order of first names.
+  Stations(const ColmapModel& object, const std::map<std::string, int>& given) {
+    std::map<std::string, const ColmapImage*> by_name;
+    for (const auto& [id, image] : object.images) by_name[image.name] = &image;
+    std::map<int, int> dense;
+    for (const auto& [name, image] : by_name) {
+      const auto found = given.find(name);
+      if (found == given.end()) {
+        of_image[name] = count++;
+      } else {
+        const auto [entry, is_new] = dense.try_emplace(found->second, count);
+        if (is_new) ++count;
+        of_image[name] = entry->second;
+      }
+    }
+  }
+};
+
+// Pairs the poses of both models by name; an image that the background lacks takes its station's pose.
+std::vector<TurntablePose> PairPoses(const ColmapModel& object, const ColmapModel* background,
+                                     const Stations& stations) {
+  std::map<std::string, Rigid3> in_object;
+  for (const auto& [id, image] : object.images) in_object[image.name] = image.cam_from_world;
+  std::map<std::string, Rigid3> in_world;
+  std::map<int, std::vector<Rigid3>> of_station;
+  const bool has_background = background != nullptr && !background->images.empty();
+  if (has_background) {
+    for (const auto& [id, image] : background->images) {
+      in_world[image.name] = image.cam_from_world;
+      const auto station = stations.of_image.find(image.name);
+      if (station != stations.of_image.end()) of_station[station->second].push_back(image.cam_from_world);
+    }
+  }
+  std::map<int, Rigid3> station_pose;
+  for (const auto& [station, poses] : of_station) station_pose[station] = MedianPose(poses);
+
+  std::vector<TurntablePose> pairs;
+  for (const auto& [name, cam_from_object] : in_object) {
+    TurntablePose pair;
+    pair.name = name;
+    pair.station = stations.of_image.at(name);
+    pair.cam_from_object = cam_from_object;
+    if (!has_background) {
+      // The world is where the object lies at the station's first image.
+      pair.cam_from_world = station_pose.try_emplace(pair.station, cam_from_object).first->second;
+    } else if (const auto own = in_world.find(name); own != in_world.end()) {
+      pair.cam_from_world = own->second;
+    } else if (const auto shared = station_pose.find(pair.station); shared != station_pose.end()) {
+      pair.cam_from_world = shared->second;
+    } else {
+      continue;
+    }
+    pairs.push_back(pair);
+  }
+  return pairs;
+}
+
+// Where along the axis [from `origin`] the object's points lie in the mean, 5 % trimmed at both ends.
+double MeanHeight(const ColmapModel& object, const Vector3d& origin, const Vector3d& axis) {
+  std::vector<double> heights;
+  for (const auto& [id, point] : object.points3D) {
+    const double height = axis.dot(point.xyz - origin);
+    if (std::isfinite(height)) heights.push_back(height);
+  }
+  if (heights.empty()) return 0;
+  std::sort(heights.begin(), heights.end());
+  const size_t trim = heights.size() / 20;
+  double sum = 0;
+  for (size_t i = trim; i < heights.size() - trim; ++i) sum += heights[i];
+  return sum / static_cast<double>(heights.size() - 2 * trim);
+}
+
+// Rotation that takes the axis to z and the horizontal part of `towards` to x.
+Matrix3d UprightFromWorld(const Vector3d& axis, const Vector3d& towards) {
+  Vector3d x = towards - axis * axis.dot(towards);
+  if (x.norm() <= 1e-6 * towards.norm()) x = axis.unitOrthogonal();
+  x.normalize();
+  Matrix3d rows;
+  rows << x.transpose(), axis.cross(x).transpose(), axis.transpose();
+  return rows;
+}
+
+}  // namespace
+
+void TransformModel(const Sim3& new_from_old, ColmapModel* model) {
+  for (auto& [id, image] : model->images) {
+    image.cam_from_world = TransformPose(new_from_old, image.cam_from_world);
+  }
+  for (auto& [id, point] : model->points3D) point.xyz = new_from_old * point.xyz;
+}
+
+void RemoveImages(const std::vector<std::string>& names, ColmapModel* model) {
+  const std::set<std::string> gone_names(names.begin(), names.end());
+  std::set<uint32_t> gone;
+  for (auto image = model->images.begin(); image != model->images.end();) {
+    if (gone_names.count(image->second.name) > 0) {
+      gone.insert(image->first);
+      image = model->images.erase(image);
+    } else {
+      ++image;
+    }
+  }
+  if (gone.empty()) return;
+  for (auto point = model->points3D.begin(); point != model->points3D.end();) {
+    std::vector<ColmapTrackElement>& track = point->second.track;
+    track.erase(std::remove_if(track.begin(), track.end(),
+                               [&](const ColmapTrackElement& e) { return gone.count(e.image_id) > 0; }),
+                track.end());
+    if (track.size() >= 2) {
+      ++point;
+      continue;
+    }
+    for (const ColmapTrackElement& element : track) {
+      const auto image = model->images.find(element.image_id);
+      if (image != model->images.end() && element.point2D_idx < image->second.points2D.size()) {
+        image->second.points2D[element.point2D_idx].point3D_id = kInvalidPoint3DId;
+      }
+    }
+    point = model->points3D.erase(point);
+  }
+}
+
+AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background,
+                        const std::map<std::string, int>& station_of_image, const AlignOptions& options) {
+  AlignedScene aligned;
+  const bool has_background = background != nullptr && !background->images.empty();
+  const Stations stations(object, station_of_image);
+  aligned.poses = PairPoses(object, background, stations);
+  TurntableOptions solver = options.turntable;
+  if (!has_background) solver.known_scale = 1;
+  aligned.solution = SolveTurntable(aligned.poses, solver);
+  TurntableSolution& solution = aligned.solution;
+  if (!has_background) {
+    solution.scale_observable = false;
+    solution.scale_sigma_rel = std::numeric_limits<double>::infinity();
+  }
+  if (solution.motion != TurntableMotion::kRotates) return aligned;
+
+  const TurntableGroup& group = solution.groups[0];
+  const Vector3d& n = group.axis_in_world;
+  const double scale = solution.scale;
+  // p and a lie on the axis at the same height: an axial step in the object is one in the world.
+  const double height = MeanHeight(object, group.point_in_object, group.axis_in_object);
+  const Vector3d origin = group.point_in_world + scale * height * n;
+  const Vector3d reference_camera = CameraCentre(aligned.poses[solution.reference].cam_from_world);
+  Sim3& aligned_from_background = aligned.aligned_from_background;
+  aligned_from_background.scale = 1 / scale;
+  aligned_from_background.rotation =
+      Eigen::Quaterniond(UprightFromWorld(n, reference_camera - origin)).normalized();
+  aligned_from_background.translation = -(aligned_from_background.rotation * origin) / scale;
+  aligned.aligned_from_object = Compose(aligned_from_background, WorldFromObjectAtAngle(solution, 0, 0));
+
+  aligned.object = object;
+  TransformModel(aligned.aligned_from_object, &aligned.object);
+  if (has_background) {
+    aligned.background = *background;
+    TransformModel(aligned_from_background, &aligned.background);
+  }
+
+  // The views.
+  std::map<std::string, uint32_t> camera_of_image;
+  for (const auto& [id, image] : object.images) camera_of_image[image.name] = image.camera_id;
+  std::map<int, std::vector<Rigid3>> poses_of_station;
+  for (size_t t = 0; t < aligned.poses.size(); ++t) {
+    if (!solution.images[t].inlier) continue;
+    const TurntablePose& pose = aligned.poses[t];
+    poses_of_station[pose.station].push_back(TransformPose(aligned_from_background, pose.cam_from_world));
+  }
+  std::map<int, Rigid3> station_pose;
+  std::map<int, int> station_number;
+  for (const auto& [station, poses] : poses_of_station) {
+    station_pose[station] = MedianPose(poses);
+    station_number.emplace(station, static_cast<int>(station_number.size()));
+  }
+  const Sim3 object_from_aligned = aligned.aligned_from_object.Inverse();
+  std::map<std::string, const View*> view_of_image;
+  for (size_t t = 0; t < aligned.poses.size(); ++t) {
+    const TurntablePose& pose = aligned.poses[t];
+    const TurntableImageFit& fit = solution.images[t];
+    if (!fit.inlier) continue;
+    View view;
+    view.name = pose.name;
+    view.camera_id = camera_of_image.at(pose.name);
+    view.station = station_number.at(pose.station);
+    view.angle_deg = fit.angle_rad * 180 / kPi;
+    view.cam_from_world = options.pose_source == CameraPoseSource::kSharedStations
+                              ? station_pose.at(pose.station)
+                              : TransformPose(aligned_from_background, pose.cam_from_world);
+    if (fit.group == 0) {
+      view.world_from_object.rotation =
+          Eigen::Quaterniond(Eigen::AngleAxisd(fit.angle_rad, Vector3d::UnitZ()));
+    } else {
+      const Sim3 moved = Compose(
+          Compose(aligned_from_background, WorldFromObjectAtAngle(solution, fit.group, fit.angle_rad)),
+          object_from_aligned);
+      view.world_from_object = {moved.rotation, moved.translation};
+    }
+    aligned.scene.views.push_back(view);
+  }
+  std::sort(aligned.scene.views.begin(), aligned.scene.views.end(),
+            [](const View& a, const View& b) { return a.name < b.name; });
+  for (const View& view : aligned.scene.views) view_of_image[view.name] = &view;
+  for (const auto& [id, camera] : object.cameras) aligned.scene.cameras.push_back(camera);
+  aligned.scene.num_stations = static_cast<int>(station_number.size());
+  aligned.scene.scale_observable = solution.scale_observable;
+
+  std::set<std::string> left_out;
+  for (const ColmapModel* model : {&aligned.object, &aligned.background}) {
+    for (const auto& [id, image] : model->images) {
+      if (view_of_image.count(image.name) == 0) left_out.insert(image.name);
+    }
+  }
+  aligned.left_out.assign(left_out.begin(), left_out.end());
+  RemoveImages(aligned.left_out, &aligned.object);
+  RemoveImages(aligned.left_out, &aligned.background);
+  for (auto& [id, image] : aligned.object.images)
+    image.cam_from_world = view_of_image.at(image.name)->CamFromObject();
+  for (auto& [id, image] : aligned.background.images) {
+    image.cam_from_world = view_of_image.at(image.name)->cam_from_world;
+  }
+  return aligned;
+}
+
+}  // namespace s2gs
