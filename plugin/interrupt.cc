@@ -1,10 +1,10 @@
 #include "plugin/interrupt.h"
 
-#include <signal.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <cerrno>
+#include <csignal>
 #include <initializer_list>
 
 namespace s2gs {

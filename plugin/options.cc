@@ -28,7 +28,11 @@ std::string FieldOf(const std::string& name) {
 std::string Join(const std::vector<std::string>& words, const std::string& between,
                  const std::string& before) {
   std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : between) + before + word;
+  for (const std::string& word : words) {
+    if (!text.empty()) text += between;
+    text += before;
+    text += word;
+  }
   return text;
 }
 
@@ -100,39 +104,7 @@ void Options::Parse(const std::vector<std::string>& arguments) {
   for (const std::string& argument : arguments) {
     if (argument == "-h" || argument == "--help") throw HelpRequested(Help());
   }
-  std::vector<std::pair<Option*, std::string>> given;
-  for (size_t i = 0; i < arguments.size(); ++i) {
-    const std::string& argument = arguments[i];
-    if (argument.compare(0, 2, "--") != 0 || argument.size() == 2) {
-      const size_t dashes = std::min(WithPlainDashes(argument).find_first_not_of('-'), argument.size());
-      const std::string name = WithPlainDashes(argument).substr(dashes);
-      if (dashes > 0 && Find(name) != nullptr) {
-        throw CommandLineError("options begin with two plain dashes: --" + name + ", not " + argument);
-      }
-      if (dashes > 0) FailUnknown(name, argument, "");
-      const std::string after =
-          given.empty() ? "" : " after --" + given.back().first->name_ + " " + given.back().second;
-      throw CommandLineError("\"" + argument + "\"" + after +
-                             " belongs to no option. Values with spaces need quotes");
-    }
-    const size_t equals = argument.find('=');
-    const std::string name = argument.substr(2, equals == std::string::npos ? equals : equals - 2);
-    Option* option = Find(name);
-    if (option == nullptr) FailUnknown(name, "--" + name, "");
-    for (const auto& earlier : given) {
-      if (earlier.first == option) throw CommandLineError("--" + name + " is given twice");
-    }
-    if (equals != std::string::npos) {
-      given.emplace_back(option, argument.substr(equals + 1));
-      continue;
-    }
-    const bool has_value = i + 1 < arguments.size() && arguments[i + 1].compare(0, 2, "--") != 0;
-    if (!has_value) {
-      const std::string kind = option->kind_ == "0|1" ? "0 or 1" : option->kind_;
-      throw CommandLineError("--" + name + " needs a value: --" + name + " " + kind);
-    }
-    given.emplace_back(option, arguments[++i]);
-  }
+  const std::vector<Given> given = ReadArguments(arguments);
   for (const auto& [option, value] : given) {
     if (option->name_ == kProjectPath) Set(*option, value, "");
   }
@@ -140,6 +112,48 @@ void Options::Parse(const std::vector<std::string>& arguments) {
   for (const auto& [option, value] : given) Set(*option, value, "");
   CheckRequired();
   CheckBounds();
+}
+
+std::vector<Options::Given> Options::ReadArguments(const std::vector<std::string>& arguments) const {
+  std::vector<Given> given;
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    const std::string& argument = arguments[i];
+    if (argument.compare(0, 2, "--") != 0 || argument.size() == 2) FailNoOption(argument, given);
+    const size_t equals = argument.find('=');
+    const std::string shown = argument.substr(0, equals);
+    Option* option = Find(shown.substr(2));
+    if (option == nullptr) FailUnknown(shown.substr(2), shown, "");
+    const bool is_given = std::any_of(given.begin(), given.end(),
+                                      [&](const Given& earlier) { return earlier.first == option; });
+    if (is_given) throw CommandLineError(shown + " is given twice");
+    if (equals != std::string::npos) {
+      given.emplace_back(option, argument.substr(equals + 1));
+    } else if (i + 1 < arguments.size() && arguments[i + 1].compare(0, 2, "--") != 0) {
+      given.emplace_back(option, arguments[++i]);
+    } else {
+      FailNoValue(*option);
+    }
+  }
+  return given;
+}
+
+void Options::FailNoOption(const std::string& argument, const std::vector<Given>& given) const {
+  const std::string plain = WithPlainDashes(argument);
+  const size_t dashes = std::min(plain.find_first_not_of('-'), plain.size());
+  const std::string name = plain.substr(dashes);
+  if (dashes > 0 && Find(name) != nullptr) {
+    throw CommandLineError("options begin with two plain dashes: --" + name + ", not " + argument);
+  }
+  if (dashes > 0) FailUnknown(name, argument, "");
+  const std::string after =
+      given.empty() ? "" : " after --" + given.back().first->name_ + " " + given.back().second;
+  throw CommandLineError("\"" + argument + "\"" + after +
+                         " belongs to no option. Values with spaces need quotes");
+}
+
+void Options::FailNoValue(const Option& option) {
+  const std::string kind = option.kind_ == "0|1" ? "0 or 1" : option.kind_;
+  throw CommandLineError("--" + option.name_ + " needs a value: --" + option.name_ + " " + kind);
 }
 
 void Options::Set(Option& option, const std::string& value, const std::string& given_by) {

@@ -165,12 +165,17 @@ class Options {
   Option* Find(const std::string& name) const;
   /// `given_by` says in messages where the value stands: "" for the command line, else "FILE, line N".
   void Set(Option& option, const std::string& value, const std::string& given_by);
+  using Given = std::pair<Option*, std::string>;  // an option of the command line and its value
+  std::vector<Given> ReadArguments(const std::vector<std::string>& arguments) const;
   void ApplyProjectFile();
   void CheckRequired() const;
   void CheckBounds() const;
   /// `shown` is the option as the user wrote it.
   [[noreturn]] void FailUnknown(const std::string& name, const std::string& shown,
                                 const std::string& given_by) const;
+  /// `argument` stands where an option should.
+  [[noreturn]] void FailNoOption(const std::string& argument, const std::vector<Given>& given) const;
+  [[noreturn]] static void FailNoValue(const Option& option);
   std::string Usage() const;
   std::string Example() const;
 

@@ -29,8 +29,11 @@ bool IsName(std::string_view text) {
 }  // namespace
 
 std::vector<ProjectFileEntry> ReadProjectFile(const std::filesystem::path& path) {
-  const std::string content = ReadWholeFile(path, kMaxProjectFileBytes, "Check --project_path");
-  std::string_view rest = content;
+  return ParseProjectFile(ReadWholeFile(path, kMaxProjectFileBytes, "Check --project_path"), path);
+}
+
+std::vector<ProjectFileEntry> ParseProjectFile(std::string_view text, const std::filesystem::path& path) {
+  std::string_view rest = text;
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   if (rest.substr(0, kByteOrderMark.size()) == kByteOrderMark) rest.remove_prefix(kByteOrderMark.size());
 
@@ -38,23 +41,24 @@ std::vector<ProjectFileEntry> ReadProjectFile(const std::filesystem::path& path)
   std::string group;
   for (int line = 1; !rest.empty(); ++line) {
     const size_t end = rest.find('\n');
-    const std::string_view text = Trimmed(rest.substr(0, end));
+    const std::string_view content = Trimmed(rest.substr(0, end));
     rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
     const auto fail = [&](const std::string& problem) {
       throw UserError(path, "line " + std::to_string(line) + " " + problem,
                       "Lines are `key = value`, `[Group]`, or comments that begin with #");
     };
-    if (text.empty() || text[0] == '#' || text[0] == ';') continue;
-    if (text[0] == '[') {
-      const std::string_view name = text.back() == ']' ? Trimmed(text.substr(1, text.size() - 2)) : "";
+    if (content.empty() || content[0] == '#' || content[0] == ';') continue;
+    if (content[0] == '[') {
+      const std::string_view name =
+          content.back() == ']' ? Trimmed(content.substr(1, content.size() - 2)) : "";
       if (!IsName(name)) fail("is no [Group]");
       group = std::string(name) + ".";
       continue;
     }
-    const size_t equals = text.find('=');
+    const size_t equals = content.find('=');
     if (equals == std::string_view::npos) fail("has no =");
-    const std::string_view key = Trimmed(text.substr(0, equals));
-    std::string_view value = Trimmed(text.substr(equals + 1));
+    const std::string_view key = Trimmed(content.substr(0, equals));
+    std::string_view value = Trimmed(content.substr(equals + 1));
     if (!IsName(key)) fail("has no option's name before the =");
     if (value.size() >= 2 && value.front() == '"' && value.back() == '"') {
       value = value.substr(1, value.size() - 2);

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace s2gs {
@@ -16,5 +17,8 @@ struct ProjectFileEntry {
 /// Reads a project file: `key = value` lines, first those without a group, then those below `[Group]` lines.
 /// Lines that begin with # or ; are comments. Throws UserError with path and line for anything else.
 std::vector<ProjectFileEntry> ReadProjectFile(const std::filesystem::path& path);
+
+/// The same from a text; `path` is for messages.
+std::vector<ProjectFileEntry> ParseProjectFile(std::string_view text, const std::filesystem::path& path);
 
 }  // namespace s2gs

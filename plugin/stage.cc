@@ -91,6 +91,7 @@ std::string OutputsReason(const Workspace& workspace, const std::vector<StampedP
 
 std::vector<std::string> StampPaths(const Workspace& workspace, const std::vector<fs::path>& paths) {
   std::vector<std::string> result;
+  result.reserve(paths.size());
   for (const fs::path& path : paths) result.push_back(StampPath(workspace, path));
   return result;
 }

@@ -1,13 +1,13 @@
 #include "sfm_split/file_io.h"
 
 #include <fcntl.h>
-#include <signal.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <atomic>
 #include <cerrno>
 #include <charconv>
+#include <csignal>
 #include <cstring>
 #include <memory>
 #include <streambuf>
@@ -123,7 +123,10 @@ class TemporaryFile {
 class FileWriter : public std::streambuf {
  public:
   FileWriter(const fs::path& path, fs::path shown_path) : shown_path_(std::move(shown_path)) {
-    fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    // What a killed run of an equal process id left under this name goes; a link planted there is not
+    // followed.
+    ::unlink(path.c_str());
+    fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (fd_ < 0) ThrowSystemError(shown_path_, "cannot be written", errno);
     buffer_.resize(kBufferBytes);
     setp(buffer_.data(), buffer_.data() + buffer_.size());

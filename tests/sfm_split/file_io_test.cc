@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sched.h>
-#include <signal.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -11,6 +10,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <csignal>
 #include <functional>
 #include <string>
 #include <thread>
@@ -160,6 +160,25 @@ TEST(WriteFileAtomically, KeepsLinksAndPermissions) {
   EXPECT_EQ(status.st_mode & 07777, 0640U);
 }
 
+TEST(WriteFileAtomically, DoesNotFollowALinkUnderItsTemporaryName) {
+  const TemporaryFolder folder;
+  folder.Write("other", "untouched");
+  fs::path temporary;
+  WriteFileAtomicallyByPath(folder / "a", [&](const fs::path& path) {
+    temporary = path;
+    WriteAll(path, "x");
+  });
+  // The next temporary of this process has the next number.
+  const std::string name = temporary.filename().string();
+  const size_t begin = name.find('-', std::string(".s2gs-tmp-").size()) + 1;
+  const int next = std::stoi(name.substr(begin)) + 1;
+  fs::create_symlink("other", folder / (name.substr(0, begin) + std::to_string(next) + "-a"));
+  WriteText(folder / "a", "new");
+  EXPECT_EQ(folder.Read("a"), "new");
+  EXPECT_EQ(folder.Read("other"), "untouched");
+  EXPECT_FALSE(fs::is_symlink(folder / "a"));
+}
+
 TEST(WriteFileAtomically, TakesTheLongestNames) {
   const TemporaryFolder folder;
   const std::string name = std::string(251, 'n') + ".ply";
@@ -230,6 +249,23 @@ TEST(WriteFileAtomically, FileSizeLimitKeepsTheOldFile) {
   EXPECT_THAT(message, HasSubstr("ulimit -f"));
   EXPECT_EQ(ReadAll(path), "old");
   EXPECT_EQ(NamesIn(folder.path()).size(), 1U);
+}
+
+TEST(WriteFilesTogether, FileSizeLimitKeepsAllOldFiles) {
+  const TemporaryFolder folder;
+  for (const std::string name : {"a", "b", "obsolete"}) folder.Write(name, "old");
+  const std::string message = MessageInChild([&] {
+    ::signal(SIGXFSZ, SIG_IGN);
+    const struct rlimit limit = {1 << 20, 1 << 20};
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    WriteFilesTogether({{folder / "a", [](std::ostream& stream) { stream << "new"; }},
+                        {folder / "b", [](std::ostream& stream) { stream << std::string(2 << 20, 'x'); }}},
+                       {folder / "obsolete"});
+  });
+  EXPECT_THAT(message,
+              HasSubstr((folder / "b").string() + ": cannot be written completely (File too large)"));
+  EXPECT_THAT(NamesIn(folder.path()), ::testing::ElementsAre("a", "b", "obsolete"));
+  for (const std::string name : {"a", "b", "obsolete"}) EXPECT_EQ(folder.Read(name), "old");
 }
 
 TEST(WriteFileAtomicallyByPath, KeepsTheExtensionAndTheFolder) {
