@@ -133,7 +133,8 @@ TEST(SyntheticPhotoSet, HasTheDataSetsLayout) {
   ASSERT_EQ(json["images"].size(), 8U);
   const SceneTruth truth = ReadSceneTruth(folder);
   ASSERT_EQ(truth.images.size(), 8U);
-  EXPECT_TRUE(truth.images[5].CamFromObject().Matrix().isApprox(turntable.scene.views[5].CamFromObject().Matrix(), 1e-12));
+  EXPECT_TRUE(truth.images[5].CamFromObject().Matrix().isApprox(
+      turntable.scene.views[5].CamFromObject().Matrix(), 1e-12));
   int tests = 0;
   for (const auto& image : json["images"]) {
     const fs::path photo = folder / image["file"].get<std::string>();

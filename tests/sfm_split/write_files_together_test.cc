@@ -1,9 +1,8 @@
-#include "sfm_split/file_io.h"
-
 #include <gtest/gtest.h>
 
 #include <stdexcept>
 
+#include "sfm_split/file_io.h"
 #include "tests/bad_input.h"
 #include "tests/temporary_folder.h"
 
