@@ -17,7 +17,11 @@ scene=examples/falcon_desk
 workspace=${1:-examples/work}
 started=$SECONDS
 export QT_QPA_PLATFORM=offscreen
-rm -rf "$workspace"
+[ $# -gt 0 ] || rm -rf examples/work
+if [ -e "$workspace/database.db" ]; then
+  echo "run.sh: $workspace holds a database already: name another folder" >&2
+  exit 1
+fi
 mkdir -p "$workspace"
 
 echo
