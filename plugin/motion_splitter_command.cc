@@ -80,6 +80,7 @@ Features ReadFeatures(const fs::path& path) {
     cameras[camera.camera.camera_id] = camera.camera;
   const std::vector<DatabaseImage> rows = database.ReadImages();
   std::vector<std::string> names;
+  names.reserve(rows.size());
   for (const DatabaseImage& row : rows) names.push_back(row.name);
 
   Features features;

@@ -199,6 +199,7 @@ class Splitter {
     std::vector<int> probes;
     const int n = static_cast<int>(station.size());
     const int count = std::min(options_.station_probes, n);
+    probes.reserve(count);
     for (int k = 0; k < count; ++k) probes.push_back(station[static_cast<size_t>(k) * n / count]);
     return probes;
   }
