@@ -38,7 +38,8 @@ bool TakeTriple(PlyElement& element, const Names& names, std::array<PlyValues, 3
   return true;
 }
 
-std::vector<Eigen::Vector3f> Vectors(std::array<PlyValues, 3> columns, uint64_t count) {
+// Uses the columns up: millions of vertices need not stand in memory twice.
+std::vector<Eigen::Vector3f> Vectors(std::array<PlyValues, 3>& columns, uint64_t count) {
   std::vector<Eigen::Vector3f> vectors(count);
   for (int i = 0; i < 3; ++i) {
     const std::vector<float> values = PlyFloats(std::move(columns[i]));
@@ -94,7 +95,8 @@ std::vector<Triangle> FanTriangles(const std::vector<Index>& indices, const std:
     const uint64_t end = begins[face + 1];
     if (end - begin < 3) FailAtFace(path, face, "has " + std::to_string(end - begin) + " corners");
     for (uint64_t i = begin; i < end; ++i) {
-      const auto index = static_cast<int64_t>(indices[i]);
+      // A negative index of a signed type is damage and must stay negative.
+      const auto index = static_cast<int64_t>(indices[i]);  // NOLINT(bugprone-signed-char-misuse)
       if (index < 0 || static_cast<uint64_t>(index) >= num_vertices) {
         FailAtFace(
             path, face,
@@ -177,13 +179,13 @@ TriangleMesh ReadPlyMesh(std::istream& stream, const std::filesystem::path& path
   TriangleMesh mesh;
   std::array<PlyValues, 3> columns;
   TakeTriple(*vertices, kPosition, columns);
-  mesh.vertices = Vectors(std::move(columns), num_vertices);
+  mesh.vertices = Vectors(columns, num_vertices);
   for (size_t row = 0; row < num_vertices; ++row) {
     if (!mesh.vertices[row].allFinite()) {
       throw UserError(path, "vertex " + std::to_string(row) + " is not finite", kRemedy);
     }
   }
-  if (TakeTriple(*vertices, kNormal, columns)) mesh.normals = Vectors(std::move(columns), num_vertices);
+  if (TakeTriple(*vertices, kNormal, columns)) mesh.normals = Vectors(columns, num_vertices);
   const bool has_colors = std::all_of(kColor.begin(), kColor.end(),
                                       [&](const char* name) { return IsColorType(vertices->Find(name)); });
   if (has_colors && TakeTriple(*vertices, kColor, columns)) mesh.colors = Colors(columns, num_vertices);
