@@ -185,6 +185,7 @@ std::vector<StageStatus> CheckStages(const Workspace& workspace, Reporter& repor
     }
   }
   std::vector<StageStatus> result;
+  result.reserve(stages.size());
   for (const StandardStage& stage : stages) result.push_back(std::move(by_name[stage.name]));
   return result;
 }
