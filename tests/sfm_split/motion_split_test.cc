@@ -87,11 +87,11 @@ TEST_P(MotionSplitSeeds, LabelsAndStationsAreRight) {
     EXPECT_EQ(split.stations.station_of_image[i], turntable.scene.views[i].station) << i;
   }
   const LabelCounts counts = CountLabels(turntable, split);
-  // Measured over seeds 1 to 20: the lowest are in the comments.
+  // Lowest over seeds 1 to 3: 1.0, 0.9993, 0.9406, 0.9984.
   EXPECT_GE(counts.StaticPrecision(), 0.99);
   EXPECT_GE(counts.RotatingPrecision(), 0.98);
-  EXPECT_GE(counts.Recall(0, KeypointLabel::kStatic), 0.9);
-  EXPECT_GE(counts.Recall(1, KeypointLabel::kRotating), 0.8);
+  EXPECT_GE(counts.Recall(0, KeypointLabel::kStatic), 0.92);
+  EXPECT_GE(counts.Recall(1, KeypointLabel::kRotating), 0.98);
   EXPECT_EQ(split.static_pairs.size(), 3U);
 }
 
