@@ -6,8 +6,8 @@
 #include <optional>
 #include <vector>
 
+#include "mesh/pinhole_view.h"
 #include "mesh/triangle_mesh.h"
-#include "sfm_split/rigid3.h"
 
 namespace s2gs {
 
@@ -36,17 +36,6 @@ struct CropRegion {
   bool Contains(const Eigen::Vector3d& x) const {
     return (!box || box->contains(x)) && (!plane || plane->signedDistance(x) > 0);
   }
-};
-
-/// A pinhole camera, COLMAP's pixel convention.
-struct PinholeView {
-  int width = 0;   ///< [px]
-  int height = 0;  ///< [px]
-  double fx = 0;   ///< [px], as the next three.
-  double fy = 0;
-  double cx = 0;
-  double cy = 0;
-  Rigid3 cam_from_object;
 };
 
 /// In how many views each point is seen: in a view, a point is hidden when some other point, of `points` or
