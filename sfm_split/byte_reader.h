@@ -26,10 +26,10 @@ class ByteReader {
   uint64_t remaining() const { return size_ - offset_; }
   const std::filesystem::path& path() const { return path_; }
 
-  /// One value of a trivially copyable type. `what` names it in the message, e.g. "camera id".
+  /// One number. `what` names it in the message, e.g. "camera id".
   template <typename T>
   T Read(const char* what) {
-    static_assert(std::is_arithmetic_v<T>, "structs have padding: read their fields");
+    static_assert(kIsReadable<T>, "structs have padding, and not every byte is a bool: read their bytes");
     T value{};
     ReadBytes(&value, sizeof(T), what);
     return value;
@@ -38,7 +38,7 @@ class ByteReader {
   /// `count` values; the count is checked against the remaining bytes before anything is allocated.
   template <typename T>
   std::vector<T> ReadVector(uint64_t count, const char* what) {
-    static_assert(std::is_arithmetic_v<T>, "structs have padding: read their fields");
+    static_assert(kIsReadable<T>, "structs have padding, and not every byte is a bool: read their bytes");
     CheckCount(count, sizeof(T), what);
     std::vector<T> values(count);
     if (count > 0) ReadBytes(values.data(), count * sizeof(T), what);
@@ -63,6 +63,9 @@ class ByteReader {
   void ExpectEnd() const;
 
  private:
+  template <typename T>
+  static constexpr bool kIsReadable = std::is_arithmetic_v<T> && !std::is_same_v<T, bool>;
+
   std::istream& stream_;
   std::filesystem::path path_;
   uint64_t size_ = 0;

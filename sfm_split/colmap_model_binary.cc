@@ -43,10 +43,11 @@ void PutSensor(std::ostream& stream, const ColmapSensor& sensor) {
   Put(stream, sensor.id);
 }
 
-// Adds a sound item under an id that is not taken yet.
+// Adds a sound item under its id, which must not be taken yet.
 template <typename Id, typename Item>
-void Add(ByteReader& reader, const char* kind, Id id, Item item, std::map<Id, Item>* items) {
+void Add(ByteReader& reader, const char* kind, Id Item::*id_field, Item item, std::map<Id, Item>* items) {
   if (const std::optional<std::string> fault = FindFault(item)) reader.Fail(*fault);
+  const Id id = item.*id_field;
   if (!items->emplace(id, std::move(item)).second) {
     reader.Fail(std::string(kind) + " " + std::to_string(id) + " occurs twice");
   }
@@ -71,7 +72,7 @@ std::map<uint32_t, Camera> ReadCameras(std::istream& stream, const std::filesyst
     camera.width = reader.Read<uint64_t>("image width");
     camera.height = reader.Read<uint64_t>("image height");
     camera.params = reader.ReadVector<double>(info->NumParams(), "camera parameters");
-    Add(reader, "camera", camera.camera_id, std::move(camera), &cameras);
+    Add(reader, "camera", &Camera::camera_id, std::move(camera), &cameras);
   }
   reader.ExpectEnd();
   return cameras;
@@ -107,7 +108,7 @@ std::map<uint32_t, ColmapImage> ReadImages(std::istream& stream, const std::file
       std::memcpy(image.points2D[j].xy.data(), source, 16);
       std::memcpy(&image.points2D[j].point3D_id, source + 16, 8);
     }
-    Add(reader, "image", image.image_id, std::move(image), &images);
+    Add(reader, "image", &ColmapImage::image_id, std::move(image), &images);
   }
   reader.ExpectEnd();
   return images;
@@ -144,7 +145,7 @@ std::map<uint64_t, ColmapPoint3D> ReadPoints3D(std::istream& stream, const std::
     const std::vector<uint32_t> numbers = reader.ReadVector<uint32_t>(2 * length, "track");
     point.track.resize(length);
     for (uint64_t j = 0; j < length; ++j) point.track[j] = {numbers[2 * j], numbers[2 * j + 1]};
-    Add(reader, "point", point.point3D_id, std::move(point), &points3D);
+    Add(reader, "point", &ColmapPoint3D::point3D_id, std::move(point), &points3D);
   }
   reader.ExpectEnd();
   return points3D;
@@ -182,7 +183,7 @@ std::map<uint32_t, ColmapRig> ReadRigs(std::istream& stream, const std::filesyst
       if (has_pose == 1) sensor.sensor_from_rig = ReadPose(reader, "sensor pose");
       rig.sensors.push_back(sensor);
     }
-    Add(reader, "rig", rig.rig_id, std::move(rig), &rigs);
+    Add(reader, "rig", &ColmapRig::rig_id, std::move(rig), &rigs);
   }
   reader.ExpectEnd();
   return rigs;
@@ -217,7 +218,7 @@ std::map<uint32_t, ColmapFrame> ReadFrames(std::istream& stream, const std::file
       const ColmapSensor sensor = ReadSensor(reader);
       frame.data.push_back({sensor, reader.Read<uint64_t>("data id")});
     }
-    Add(reader, "frame", frame.frame_id, std::move(frame), &frames);
+    Add(reader, "frame", &ColmapFrame::frame_id, std::move(frame), &frames);
   }
   reader.ExpectEnd();
   return frames;

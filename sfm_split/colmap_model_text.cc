@@ -31,10 +31,11 @@ ColmapSensor ReadSensor(TextReader& reader) {
   return sensor;
 }
 
-// Adds a sound item under an id that is not taken yet.
+// Adds a sound item under its id, which must not be taken yet.
 template <typename Id, typename Item>
-void Add(TextReader& reader, const char* kind, Id id, Item item, std::map<Id, Item>* items) {
+void Add(TextReader& reader, const char* kind, Id Item::*id_field, Item item, std::map<Id, Item>* items) {
   if (const std::optional<std::string> fault = FindFault(item)) reader.Fail(*fault);
+  const Id id = item.*id_field;
   if (!items->emplace(id, std::move(item)).second) {
     reader.Fail(std::string(kind) + " " + std::to_string(id) + " occurs twice");
   }
@@ -89,7 +90,7 @@ std::map<uint32_t, Camera> ReadCameras(std::istream& stream, const std::filesyst
       camera.params.push_back(reader.Number<double>("camera parameter"));
     }
     reader.ExpectLineEnd();
-    Add(reader, "camera", camera.camera_id, std::move(camera), &cameras);
+    Add(reader, "camera", &Camera::camera_id, std::move(camera), &cameras);
   }
   return cameras;
 }
@@ -130,7 +131,7 @@ std::map<uint32_t, ColmapImage> ReadImages(std::istream& stream, const std::file
       }
       image.points2D.push_back(point);
     }
-    Add(reader, "image", image.image_id, std::move(image), &images);
+    Add(reader, "image", &ColmapImage::image_id, std::move(image), &images);
   }
   return images;
 }
@@ -168,7 +169,7 @@ std::map<uint64_t, ColmapPoint3D> ReadPoints3D(std::istream& stream, const std::
       const auto image_id = reader.Number<uint32_t>("image id of a track");
       point.track.push_back({image_id, reader.Number<uint32_t>("keypoint index of a track")});
     }
-    Add(reader, "point", point.point3D_id, std::move(point), &points3D);
+    Add(reader, "point", &ColmapPoint3D::point3D_id, std::move(point), &points3D);
   }
   return points3D;
 }
@@ -205,7 +206,7 @@ std::map<uint32_t, ColmapRig> ReadRigs(std::istream& stream, const std::filesyst
       rig.sensors.push_back(sensor);
     }
     reader.ExpectLineEnd();
-    Add(reader, "rig", rig.rig_id, std::move(rig), &rigs);
+    Add(reader, "rig", &ColmapRig::rig_id, std::move(rig), &rigs);
   }
   return rigs;
 }
@@ -240,7 +241,7 @@ std::map<uint32_t, ColmapFrame> ReadFrames(std::istream& stream, const std::file
       frame.data.push_back({sensor, reader.Number<uint64_t>("data id")});
     }
     reader.ExpectLineEnd();
-    Add(reader, "frame", frame.frame_id, std::move(frame), &frames);
+    Add(reader, "frame", &ColmapFrame::frame_id, std::move(frame), &frames);
   }
   return frames;
 }

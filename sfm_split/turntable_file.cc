@@ -186,7 +186,8 @@ TurntableFile ReadTurntableFile(const std::filesystem::path& path) {
   return ReadTurntableFile(stream, path);
 }
 
-void WriteTurntableFile(const std::filesystem::path& path, const TurntableFile& turntable) {
+void WriteTurntableFile(std::ostream& stream, const TurntableFile& turntable,
+                        const std::filesystem::path& path) {
   std::string text;
   try {
     text = ToText(turntable);
@@ -194,9 +195,13 @@ void WriteTurntableFile(const std::filesystem::path& path, const TurntableFile& 
     throw UserError(path, "cannot hold the name of an image, because the name is not UTF-8",
                     "Rename the image files");
   }
-  std::istringstream stream(text);
-  ReadTurntableFile(stream, path);
-  WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
+  std::istringstream check(text);
+  ReadTurntableFile(check, path);
+  stream << text;
+}
+
+void WriteTurntableFile(const std::filesystem::path& path, const TurntableFile& turntable) {
+  WriteFileAtomically(path, [&](std::ostream& stream) { WriteTurntableFile(stream, turntable, path); });
 }
 
 }  // namespace s2gs

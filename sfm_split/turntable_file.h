@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <istream>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -37,5 +38,9 @@ TurntableFile ReadTurntableFile(std::istream& stream, const std::filesystem::pat
 /// Writes version 1 atomically, with as many digits as the numbers need to come back unchanged.
 /// Throws UserError when the content is one that ReadTurntableFile refuses, or the file cannot be written.
 void WriteTurntableFile(const std::filesystem::path& path, const TurntableFile& turntable);
+
+/// \param path  for messages only.
+void WriteTurntableFile(std::ostream& stream, const TurntableFile& turntable,
+                        const std::filesystem::path& path);
 
 }  // namespace s2gs

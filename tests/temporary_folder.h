@@ -5,18 +5,32 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
+#include <iterator>
 #include <string>
+#include <string_view>
+#include <system_error>
 
 namespace s2gs {
 
-/// An empty folder of the current test, removed at the end.
+/// Test-side reading and writing, independent of the project's own.
+inline std::string ReadAll(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+inline void WriteAll(const std::filesystem::path& path, std::string_view content) {
+  std::filesystem::create_directories(path.parent_path());
+  std::ofstream stream(path, std::ios::binary);
+  stream << content;
+  ASSERT_TRUE(stream.flush().good()) << path;
+}
+
+/// An empty folder of its own for a test, removed at its end.
 class TemporaryFolder {
  public:
   TemporaryFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "s2gs-test-XXXXXX").string();
-    if (::mkdtemp(pattern.data()) == nullptr) ADD_FAILURE() << "no temporary folder";
-    path_ = pattern;
+    std::string name = (std::filesystem::temp_directory_path() / "s2gs_test_XXXXXX").string();
+    if (::mkdtemp(name.data()) == nullptr) ADD_FAILURE() << "cannot create " << name;
+    path_ = name;
   }
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
@@ -27,21 +41,8 @@ class TemporaryFolder {
 
   const std::filesystem::path& path() const { return path_; }
   std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
-
-  std::string Read(const std::string& name) const {
-    std::ifstream stream(path_ / name, std::ios::binary);
-    EXPECT_TRUE(stream) << name;
-    std::ostringstream content;
-    content << stream.rdbuf();
-    return content.str();
-  }
-  void Write(const std::string& name, const std::string& content) const {
-    std::filesystem::create_directories((path_ / name).parent_path());
-    std::ofstream stream(path_ / name, std::ios::binary);
-    stream << content;
-    stream.close();
-    EXPECT_TRUE(stream) << name;
-  }
+  std::string Read(const std::string& name) const { return ReadAll(path_ / name); }
+  void Write(const std::string& name, std::string_view content) const { WriteAll(path_ / name, content); }
 
  private:
   std::filesystem::path path_;

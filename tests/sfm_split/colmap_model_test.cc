@@ -85,7 +85,8 @@ class ColmapModelFormats : public ::testing::TestWithParam<ColmapFormat> {
   }
 };
 INSTANTIATE_TEST_SUITE_P(Formats, ColmapModelFormats,
-                         ::testing::Values(ColmapFormat::kBinary, ColmapFormat::kText), [](const auto& format) {
+                         ::testing::Values(ColmapFormat::kBinary, ColmapFormat::kText),
+                         [](const auto& format) {
                            return format.param == ColmapFormat::kBinary ? "Binary" : "Text";
                          });
 

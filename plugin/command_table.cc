@@ -1,0 +1,42 @@
+#include "plugin/command.h"
+#include "plugin/scan_evaluator_command.h"
+#include "plugin/workspace_info_command.h"
+
+#if S2GS_WITH_SFM
+#include "plugin/motion_splitter_command.h"
+#include "plugin/turntable_mapper_command.h"
+#endif
+
+namespace s2gs {
+namespace {
+
+void AddSfmCommands([[maybe_unused]] std::vector<Command>* commands) {
+#if S2GS_WITH_SFM
+  commands->push_back({"motion_splitter",
+                       "splits features into static and rotating: two databases for colmap mapper",
+                       RunMotionSplitter});
+  commands->push_back({"turntable_mapper",
+                       "maps both databases with colmap and aligns them: sparse models, turntable.json",
+                       RunTurntableMapper});
+#endif
+}
+
+std::vector<Command> MakeCommands() {
+  std::vector<Command> commands;
+  AddSfmCommands(&commands);
+  commands.push_back(
+      {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
+  commands.push_back({"workspace_info",
+                      "lists the stages of a workspace, which are done and why not, and its files",
+                      RunWorkspaceInfo});
+  return commands;
+}
+
+}  // namespace
+
+const std::vector<Command>& AllCommands() {
+  static const std::vector<Command> commands = MakeCommands();
+  return commands;
+}
+
+}  // namespace s2gs

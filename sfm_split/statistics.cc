@@ -1,0 +1,26 @@
+#include "sfm_split/statistics.h"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+
+namespace s2gs {
+
+Summary Summarize(std::vector<double> values) {
+  Summary summary;
+  summary.count = static_cast<int64_t>(values.size());
+  if (values.empty()) {
+    summary.mean = summary.median = summary.min = summary.max = std::numeric_limits<double>::quiet_NaN();
+    return summary;
+  }
+  std::sort(values.begin(), values.end());
+  const size_t middle = values.size() / 2;
+  // In sorted order: the same sum whatever order the errors came in.
+  summary.mean = std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+  summary.median = values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
+  summary.min = values.front();
+  summary.max = values.back();
+  return summary;
+}
+
+}  // namespace s2gs

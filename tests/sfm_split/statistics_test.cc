@@ -1,0 +1,33 @@
+#include "sfm_split/statistics.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace s2gs {
+namespace {
+
+TEST(Summarize, OddAndEvenCounts) {
+  const Summary odd = Summarize({5, 1, 3});
+  EXPECT_EQ(odd.count, 3);
+  EXPECT_DOUBLE_EQ(odd.mean, 3);
+  EXPECT_DOUBLE_EQ(odd.median, 3);
+  EXPECT_DOUBLE_EQ(odd.min, 1);
+  EXPECT_DOUBLE_EQ(odd.max, 5);
+  const Summary even = Summarize({8, 1, 2, 4});
+  EXPECT_DOUBLE_EQ(even.mean, 3.75);
+  EXPECT_DOUBLE_EQ(even.median, 3);
+  EXPECT_DOUBLE_EQ(even.max, 8);
+}
+
+TEST(Summarize, NothingIsNotZero) {
+  const Summary summary = Summarize({});
+  EXPECT_EQ(summary.count, 0);
+  EXPECT_TRUE(std::isnan(summary.mean));
+  EXPECT_TRUE(std::isnan(summary.median));
+  EXPECT_TRUE(std::isnan(summary.min));
+  EXPECT_TRUE(std::isnan(summary.max));
+}
+
+}  // namespace
+}  // namespace s2gs
