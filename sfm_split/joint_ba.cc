@@ -71,6 +71,7 @@ Solved SolveOnce(const JointOptions& options, double function_tolerance, Reporte
   Solved solved;
   JointSystem system(*problem, options, true);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
+  std::map<double, std::unique_ptr<ceres::LossFunction>> scaled_losses;  // by weight
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -101,10 +102,20 @@ Solved SolveOnce(const JointOptions& options, double function_tolerance, Reporte
       ordering->AddElementToGroup(point, 0);
       ++points;
     }
-    ceres_problem.AddResidualBlock(term.cost.get(), loss.get(), term.values.data(), term.num_blocks + 1);
+    ceres::LossFunction* term_loss = loss.get();
+    if (term.weight != 1) {
+      std::unique_ptr<ceres::LossFunction>& scaled = scaled_losses[term.weight];
+      if (!scaled) {
+        scaled = std::make_unique<ceres::ScaledLoss>(loss.get(), term.weight, ceres::DO_NOT_TAKE_OWNERSHIP);
+      }
+      term_loss = scaled.get();
+    }
+    ceres_problem.AddResidualBlock(term.cost.get(), term_loss, term.values.data(), term.num_blocks + 1);
   }
   solved.parameters = camera_parameters + 3 * points;
-  solved.residuals = 2 * static_cast<int>(system.terms().size());
+  double weights = 0;
+  for (const JointSystem::Term& term : system.terms()) weights += term.weight;
+  solved.residuals = static_cast<int>(std::lround(2 * weights));
   ceres::Solver::Options solver;
   solver.linear_solver_ordering.reset(ordering);
   if (system.terms().empty()) return solved;

@@ -23,6 +23,9 @@ namespace s2gs {
 // freely has a unit of its own (every image can move it along its rays), so one coordinate of the farthest
 // station's centre is constant too, and the scale stays what it was.
 //
+// Observations count by their weights (JointObservation::weight) in the cost, the covariance and the tests'
+// number of residuals.
+//
 // The scale lambda of the object against the background is not a parameter of its own: the object's points
 // are in the world's unit, so it is the distance of the axis from the anchor over the distance of the anchor
 // from the station farthest from it. Its standard deviation is propagated from theirs and depends on no

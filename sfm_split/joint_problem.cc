@@ -154,6 +154,17 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
   }
   problem.object = GatherBody(aligned.object, image_of_name);
   problem.background = GatherBody(aligned.background, image_of_name);
+  // A static keypoint's error comes from what surrounds it, which is the same in all photos of a station.
+  std::map<std::pair<int, int>, std::vector<JointObservation*>> repeated;
+  for (JointObservation& observation : problem.background.observations) {
+    const int station = aligned.scene.views[static_cast<size_t>(observation.image)].station;
+    repeated[{observation.point, station}].push_back(&observation);
+  }
+  for (const auto& [place, observations] : repeated) {
+    for (JointObservation* observation : observations) {
+      observation->weight = 1 / static_cast<double>(observations.size());
+    }
+  }
   return problem;
 }
 

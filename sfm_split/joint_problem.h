@@ -16,6 +16,8 @@ struct JointObservation {
   int image = 0;                                 ///< index into JointProblem::images.
   int point = 0;                                 ///< index into the body's points.
   Eigen::Vector2d xy = Eigen::Vector2d::Zero();  ///< [px], COLMAP's pixel convention.
+  /// How much it counts: keypoints of one background point in the photos of one station are one measurement.
+  double weight = 1;
   bool active = true;        ///< false: taken out as an outlier, or its point is not determined.
   uint32_t point2D_idx = 0;  ///< where it came from in the image.
 };

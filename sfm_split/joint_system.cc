@@ -89,6 +89,7 @@ void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, b
     if (!observation.active) continue;
     const JointImage& image = problem.images[observation.image];
     Term term;
+    term.weight = observation.weight;
     term.image = observation.image;
     term.point = observation.point;
     term.of_object = of_object;

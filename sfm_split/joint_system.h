@@ -27,6 +27,7 @@ class JointSystem {
     std::array<double*, 5> values{};  ///< parameter blocks in the cost's order; the last is the point.
     std::array<int, 4> blocks{};      ///< indices into blocks() of all but the point.
     int num_blocks = 0;               ///< without the point.
+    double weight = 1;
     int image = 0;
     int point = 0;  ///< among the body's.
     bool of_object = false;

@@ -53,19 +53,20 @@ void EliminatePoint(const JointSystem& system, const std::vector<const JointSyst
   for (const JointSystem::Term* term : terms) {
     double residual[2];
     term->cost->Evaluate(term->values.data(), residual, jacobians.data());
+    const double root_weight = std::sqrt(term->weight);
     for (int b = 0; b < term->num_blocks; ++b) {
       const int size = system.blocks()[term->blocks[b]].size;
       for (int k = 0; k < size; ++k) {
         const int column = reduced->column_of[term->blocks[b]][k];
         if (column < 0) continue;
         const auto local = std::lower_bound(touched.begin(), touched.end(), column) - touched.begin();
-        by_cameras(row, local) = storage[b][k];
-        by_cameras(row + 1, local) = storage[b][size + k];
+        by_cameras(row, local) = root_weight * storage[b][k];
+        by_cameras(row + 1, local) = root_weight * storage[b][size + k];
       }
     }
     for (int k = 0; k < 3; ++k) {
-      by_point(row, k) = storage[term->num_blocks][k];
-      by_point(row + 1, k) = storage[term->num_blocks][3 + k];
+      by_point(row, k) = root_weight * storage[term->num_blocks][k];
+      by_point(row + 1, k) = root_weight * storage[term->num_blocks][3 + k];
     }
     row += 2;
   }

@@ -60,8 +60,8 @@ struct Axis {
   Vector3d point;
 };
 
-// Directions across an axis: b1 across the line of sight too, so that with one camera position a move along b1
-// can be seen and one along b2 cannot.
+// Directions across an axis: b1 across the line of sight too, so that with one camera position a move along
+// b1 can be seen and one along b2 cannot.
 struct Frame {
   Vector3d b1;
   Vector3d b2;
@@ -83,8 +83,9 @@ double Median(std::vector<double> values) {
 
 // The epipolar matrix of rays in the cameras' frames, for a turn by `angle` between the images.
 template <typename T>
-Eigen::Matrix<T, 3, 3> Essential(const Camera3& first, const Camera3& second, const Eigen::Matrix<T, 3, 1>& direction,
-                                 const Eigen::Matrix<T, 3, 1>& point, const T& angle) {
+Eigen::Matrix<T, 3, 3> Essential(const Camera3& first, const Camera3& second,
+                                 const Eigen::Matrix<T, 3, 1>& direction, const Eigen::Matrix<T, 3, 1>& point,
+                                 const T& angle) {
   using V = Eigen::Matrix<T, 3, 1>;
   using M = Eigen::Matrix<T, 3, 3>;
   const M turn = RotationAbout<T>(direction, angle);
@@ -102,13 +103,16 @@ T Sampson(const Eigen::Matrix<T, 3, 3>& e, const Match& match) {
   const V in_first = e.transpose() * match.second.in_cam.cast<T>();
   const T squared = in_second(0) * in_second(0) + in_second(1) * in_second(1) + in_first(0) * in_first(0) +
                     in_first(1) * in_first(1);
-  const T error = in_second(0) * match.second.in_cam(0) + in_second(1) * match.second.in_cam(1) + in_second(2);
-  if (!(squared > T(1e-30))) return T(1e6);  // no turn at all between images of one place: nothing to agree with
+  const T error =
+      in_second(0) * match.second.in_cam(0) + in_second(1) * match.second.in_cam(1) + in_second(2);
+  if (!(squared > T(1e-30)))
+    return T(1e6);  // no turn at all between images of one place: nothing to agree with
   return error / sqrt(squared);
 }
 
 // Both depths of the point where the turned first ray passes the second are positive.
-bool InFront(const Camera3& first, const Camera3& second, const Axis& axis, const Matrix3d& turn, const Match& match) {
+bool InFront(const Camera3& first, const Camera3& second, const Axis& axis, const Matrix3d& turn,
+             const Match& match) {
   const Vector3d u = turn * match.first.in_world;
   const Vector3d& v = match.second.in_world;
   const Vector3d gap = (second.centre - axis.point) - turn * (first.centre - axis.point);
@@ -176,11 +180,13 @@ class Solver {
 
 bool Solver::Prepare() {
   for (const SingleAxisImage& image : input_.images) {
-    cameras_.push_back({image.cam_from_world.rotation.toRotationMatrix(), CameraCentre(image.cam_from_world)});
+    cameras_.push_back(
+        {image.cam_from_world.rotation.toRotationMatrix(), CameraCentre(image.cam_from_world)});
   }
   for (size_t p = 0; p < input_.pairs.size(); ++p) {
     const SingleAxisPair& given = input_.pairs[p];
-    if (given.image1 == given.image2 || static_cast<int>(given.matches.size()) < options_.min_matches) continue;
+    if (given.image1 == given.image2 || static_cast<int>(given.matches.size()) < options_.min_matches)
+      continue;
     Pair pair;
     pair.index = static_cast<int>(p);
     pair.image1 = given.image1;
@@ -235,7 +241,8 @@ bool Solver::Prepare() {
   mean_centre /= count;
   const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(Matrix3d(normal / count));
   scale_observable_ = std::sqrt(std::max(0.0, eigen.eigenvalues()(0))) > kLeastParallax;
-  target_ = scale_observable_ ? Vector3d(normal.ldlt().solve(right)) : Vector3d(mean_centre + mean_ray.normalized());
+  target_ = scale_observable_ ? Vector3d(normal.ldlt().solve(right))
+                              : Vector3d(mean_centre + mean_ray.normalized());
   sight_ = target_ - mean_centre;
   const double distance = sight_.norm();
   if (!target_.allFinite() || distance == 0) {
@@ -267,7 +274,8 @@ std::vector<Pair> Solver::SearchPairs() {
   std::vector<Pair> chosen;
   std::vector<char> taken(pairs_.size(), 0);
   std::vector<int> uses(cameras_.size(), 0);
-  for (int limit = 1; limit <= 64 && static_cast<int>(chosen.size()) < options_.max_search_pairs; limit *= 2) {
+  for (int limit = 1; limit <= 64 && static_cast<int>(chosen.size()) < options_.max_search_pairs;
+       limit *= 2) {
     for (const int p : order) {
       if (static_cast<int>(chosen.size()) == options_.max_search_pairs) break;
       if (taken[p] != 0 || uses[pairs_[p].image1] >= limit || uses[pairs_[p].image2] >= limit) continue;
@@ -283,7 +291,8 @@ std::vector<Pair> Solver::SearchPairs() {
   return chosen;
 }
 
-void Solver::AddRoots(const Pair& pair, const Axis& axis, const Match& match, std::vector<double>* angles) const {
+void Solver::AddRoots(const Pair& pair, const Axis& axis, const Match& match,
+                      std::vector<double>* angles) const {
   const Vector3d& n = axis.direction;
   const Vector3d& d1 = match.first.in_world;
   const Vector3d& d2 = match.second.in_world;
@@ -460,8 +469,8 @@ Solver::Candidate Solver::Refine(const std::vector<Pair>& pairs, Candidate candi
   return candidate;
 }
 
-// Angles of images from angles of pairs: a maximum spanning tree by votes, then reweighted least squares on the
-// circle over all pairs.
+// Angles of images from angles of pairs: a maximum spanning tree by votes, then reweighted least squares on
+// the circle over all pairs.
 void Solver::Synchronize(const std::vector<Vote>& votes) {
   const size_t num = cameras_.size();
   std::vector<std::vector<size_t>> edges(num);
@@ -485,7 +494,8 @@ void Solver::Synchronize(const std::vector<Vote>& votes) {
       in_tree[image] = seen[image] = 1;
       ++size;
       for (const size_t p : edges[image]) {
-        const auto other = static_cast<size_t>(pairs_[p].image1) == image ? pairs_[p].image2 : pairs_[p].image1;
+        const auto other =
+            static_cast<size_t>(pairs_[p].image1) == image ? pairs_[p].image2 : pairs_[p].image1;
         if (in_tree[other] == 0) queue.push({votes[p].score, {p, static_cast<size_t>(other)}});
       }
     };
@@ -494,8 +504,9 @@ void Solver::Synchronize(const std::vector<Vote>& votes) {
       const auto [p, image] = queue.top().second;
       queue.pop();
       if (in_tree[image] != 0) continue;
-      angles[image] = static_cast<size_t>(pairs_[p].image2) == image ? angles[pairs_[p].image1] + votes[p].angle
-                                                                     : angles[pairs_[p].image2] - votes[p].angle;
+      angles[image] = static_cast<size_t>(pairs_[p].image2) == image
+                          ? angles[pairs_[p].image1] + votes[p].angle
+                          : angles[pairs_[p].image2] - votes[p].angle;
       enter(image);
     }
     if (size <= largest) continue;
@@ -530,7 +541,8 @@ void Solver::Synchronize(const std::vector<Vote>& votes) {
 // Which matches agree with the axis and the images' angles; the robust standard deviation of their errors.
 double Solver::MarkInliers(const Axis& axis, double bound_px) {
   solution_.inliers.assign(input_.pairs.size(), {});
-  for (size_t p = 0; p < input_.pairs.size(); ++p) solution_.inliers[p].assign(input_.pairs[p].matches.size(), 0);
+  for (size_t p = 0; p < input_.pairs.size(); ++p)
+    solution_.inliers[p].assign(input_.pairs[p].matches.size(), 0);
   for (SingleAxisImageFit& fit : solution_.images) fit.inliers = 0;
   std::vector<double> errors;
   size_t all = 0;
@@ -598,7 +610,8 @@ void Solver::AdjustAll(Axis* axis, double scale_px, int iterations, bool covaria
   int reference = -1;
   for (size_t i = 0; i < cameras_.size(); ++i) {
     if (connected_[i] == 0) continue;
-    if (reference < 0 || input_.images[i].name < input_.images[reference].name) reference = static_cast<int>(i);
+    if (reference < 0 || input_.images[i].name < input_.images[reference].name)
+      reference = static_cast<int>(i);
   }
   if (reference < 0) return;
   for (size_t i = 0; i < cameras_.size(); ++i) {
@@ -654,7 +667,8 @@ void Solver::AdjustAll(Axis* axis, double scale_px, int iterations, bool covaria
   const double variance = solution_.sigma_px * solution_.sigma_px;
   const auto worst = [&](int at, int count, double unit) {
     const MatrixXd block = variance * inverse.block(at, at, count, count);
-    return unit * std::sqrt(std::max(0.0, Eigen::SelfAdjointEigenSolver<MatrixXd>(block).eigenvalues()(count - 1)));
+    return unit *
+           std::sqrt(std::max(0.0, Eigen::SelfAdjointEigenSolver<MatrixXd>(block).eigenvalues()(count - 1)));
   };
   solution_.axis_direction_sigma_deg = worst(0, 2, 1 / kDegree);
   solution_.axis_point_sigma = worst(2, num - 2, radius_);
@@ -734,7 +748,8 @@ void Solver::MeasureSteps() {
 SingleAxisSolution Solver::Solve() {
   solution_.images.resize(input_.images.size());
   solution_.inliers.resize(input_.pairs.size());
-  for (size_t p = 0; p < input_.pairs.size(); ++p) solution_.inliers[p].assign(input_.pairs[p].matches.size(), 0);
+  for (size_t p = 0; p < input_.pairs.size(); ++p)
+    solution_.inliers[p].assign(input_.pairs[p].matches.size(), 0);
   if (!Prepare()) return solution_;
   solution_.scale_observable = scale_observable_;
 
@@ -808,7 +823,8 @@ OptionCheck SingleAxisOptions::Check() const {
   if (!(noise_px > 0)) return fault("noise_px", noise_px, "noise_px > 0");
   if (min_matches < 3) return fault("min_matches", min_matches, "min_matches >= 3");
   if (max_search_pairs < 1) return fault("max_search_pairs", max_search_pairs, "max_search_pairs >= 1");
-  if (max_search_matches < 3) return fault("max_search_matches", max_search_matches, "max_search_matches >= 3");
+  if (max_search_matches < 3)
+    return fault("max_search_matches", max_search_matches, "max_search_matches >= 3");
   if (num_directions < 1) return fault("num_directions", num_directions, "num_directions >= 1");
   if (offsets_per_side < 1) return fault("offsets_per_side", offsets_per_side, "offsets_per_side >= 1");
   if (num_refined < 1) return fault("num_refined", num_refined, "num_refined >= 1");
