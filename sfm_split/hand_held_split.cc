@@ -47,8 +47,15 @@ std::vector<ImagePair> PlanPairs(const SimilarityMatrix& similarity, const Stati
 std::vector<VerifiedPair> FindMotions(const SplitMatching& matching, const ImagePairMatches& pair,
                                       int max_motions) {
   std::vector<VerifiedPair> motions;
-  std::vector<int> left(pair.matches.size());
-  std::iota(left.begin(), left.end(), 0);
+  // Matches that stay at their pixel between photos from different places are dust, a watermark, or what little
+  // stands still where everything else turns; any epipole suits them.
+  std::vector<int> left;
+  left.reserve(pair.matches.size());
+  for (size_t m = 0; m < pair.matches.size(); ++m) {
+    const Eigen::Vector2f moved = matching.keypoints()[pair.image2][pair.matches[m].point2D_idx2] -
+                                  matching.keypoints()[pair.image1][pair.matches[m].point2D_idx1];
+    if (moved.norm() > matching.settings().station.max_unmoved_px) left.push_back(static_cast<int>(m));
+  }
   while (static_cast<int>(motions.size()) < max_motions) {
     VerifiedPair motion = matching.Verify(pair, left);
     if (motion.matches.empty() || (!motions.empty() && motion.log_false_alarms > -2)) break;

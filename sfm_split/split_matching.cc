@@ -6,16 +6,29 @@
 #include "sfm_split/pair_evidence.h"
 
 namespace s2gs {
+namespace {
+
+constexpr double kReferenceSidePx = 1600;  // photos up to this size have the options' bounds
+constexpr double kMaxShakePx = 100;        // StationOptions' own bound
+
+}  // namespace
 
 SplitMatching::SplitMatching(const std::vector<SplitImage>& images, const SplitSettings& settings,
                              Reporter* reporter)
     : images_(images), settings_(settings), reporter_(*reporter), matcher_(settings.match) {
+  int longest_side = 0;
   keypoints_.reserve(images.size());
   sizes_.reserve(images.size());
   for (const SplitImage& image : images) {
     keypoints_.push_back(image.keypoints);
     sizes_.push_back(image.size);
+    longest_side = std::max(longest_side, image.size.maxCoeff());
   }
+  const double scale = std::max(1.0, longest_side / kReferenceSidePx);
+  settings_.station.max_unmoved_px *= scale;
+  settings_.station.max_shake_px = std::min(settings_.station.max_shake_px * scale, kMaxShakePx);
+  settings_.motion.max_error_px *= scale;
+  settings_.split.min_moved_px *= scale;
 }
 
 PackedImages SplitMatching::PackAll() const {

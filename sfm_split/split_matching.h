@@ -40,8 +40,7 @@ class SplitMatching {
   std::vector<ImagePairMatches> Match(const std::vector<ImagePair>& pairs, const PackedImages& packed,
                                       const char* task);
 
-  /// The motion that most of `subset` of the pair's matches follow; no matches when there is none, or when
-  /// chance could explain it and `must_beat_chance`.
+  /// The motion that most of `subset` of the pair's matches follow; no matches when there is none.
   VerifiedPair Verify(const ImagePairMatches& pair, const std::vector<int>& subset) const;
   /// Verify() of all pairs with all threads; a subset per pair, or none for all matches. Pairs without a
   /// motion come back without matches.
@@ -51,6 +50,7 @@ class SplitMatching {
   const std::vector<SplitImage>& images() const { return images_; }
   const std::vector<Keypoints>& keypoints() const { return keypoints_; }
   const std::vector<Eigen::Vector2i>& sizes() const { return sizes_; }
+  /// With bounds in pixels of the photos' size: the options' are for photos of up to 1600 pixels.
   const SplitSettings& settings() const { return settings_; }
   Reporter& reporter() const { return reporter_; }
   DescriptorMatcher* matcher() { return &matcher_; }
@@ -61,7 +61,7 @@ class SplitMatching {
   static void KeepLargest(const SplitImage& image, size_t num, std::vector<uint32_t>* rows);
 
   const std::vector<SplitImage>& images_;
-  const SplitSettings& settings_;
+  SplitSettings settings_;
   Reporter& reporter_;
   DescriptorMatcher matcher_;
   std::vector<Keypoints> keypoints_;

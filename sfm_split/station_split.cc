@@ -9,6 +9,7 @@
 
 #include "sfm_split/image_similarity.h"
 #include "sfm_split/pair_evidence.h"
+#include "sfm_split/station_turn.h"
 #include "sfm_split/still_keypoints.h"
 
 namespace s2gs {
@@ -19,6 +20,8 @@ constexpr double kMinVerifiedShare = 0.2;  // below it, pairs still further apar
 constexpr size_t kCoarseFeatures = 500;    // that images of different stations are compared by
 constexpr uint32_t kMinCoarseMatches = 6;       // of a pair that is worth matching in full
 constexpr int kSimilarInStation = 3;
+constexpr int kCloseSteps = 3;         // between photos that show how the table turns
+constexpr double kMinTurnShare = 0.7;  // of their matches that must follow one turn
 constexpr int kMaxStaticPartners = 10;
 constexpr int kAdoptingStations = 3;  // whose background a photo from a station of its own is compared with
 
@@ -66,7 +69,7 @@ class StationSplitter {
       if (still_.num_partners[i] == 0) continue;
       const int by_share = static_cast<int>(std::ceil(kMinStaticShare * still_.num_partners[i]));
       const int needed =
-          std::max(1, std::min(std::max(options_.min_static_support, by_share), still_.num_partners[i]));
+          std::max(by_share, std::max(1, std::min(options_.min_static_support, still_.num_partners[i] / 2)));
       for (uint32_t k = 0; k < image.keypoints.size(); ++k) {
         if (still_.support[i][k] >= needed) Label(i, k) = KeypointLabel::kStatic;
       }
@@ -139,8 +142,9 @@ class StationSplitter {
       if (pair.matches.empty() || pair.log_false_alarms > -2) continue;
       const int a = StationOf(pair.image1);
       const int b = StationOf(pair.image2);
-      static_F_[{a, b}] = pair.F;
-      static_F_[{b, a}] = pair.F.transpose();
+      background_[{a, b}] = {pair.F, pair.H, pair.is_planar};
+      background_[{b, a}] = {pair.F.transpose(), pair.is_planar ? Eigen::Matrix3d(pair.H.inverse()) : pair.H,
+                             pair.is_planar};
       split_.static_pairs.push_back(std::move(pair));
     }
   }
@@ -166,12 +170,64 @@ class StationSplitter {
     }
     AddSimilarPairs();
     RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
+    RemoveFolded();
     for (const VerifiedPair& pair : split_.object_pairs) {
       for (const FeatureMatch& match : pair.matches) {
         rotating_[pair.image1][match.point2D_idx1] = true;
         rotating_[pair.image2][match.point2D_idx2] = true;
       }
     }
+  }
+
+  // An object that looks the same from several sides matches itself at wrong angles, and consistently so:
+  // third images confirm it. What photos a few steps apart say about the station tells the angles apart.
+  void RemoveFolded() {
+    std::vector<int> place(matching_.images().size());
+    for (const std::vector<int>& station : split_.stations.images) {
+      for (size_t p = 0; p < station.size(); ++p) place[station[p]] = static_cast<int>(p);
+    }
+    std::vector<std::vector<const VerifiedPair*>> pairs_of_station(split_.stations.images.size());
+    for (const VerifiedPair& pair : split_.object_pairs) pairs_of_station[StationOf(pair.image1)].push_back(&pair);
+    const auto to_turn = [&](const VerifiedPair& pair) {
+      TurnMatches matches;
+      matches.steps = place[pair.image2] - place[pair.image1];
+      matches.xy1.reserve(pair.matches.size());
+      matches.xy2.reserve(pair.matches.size());
+      for (const FeatureMatch& match : pair.matches) {
+        matches.xy1.push_back(matching_.keypoints()[pair.image1][match.point2D_idx1] -
+                              split_.stations.shift[pair.image1]);
+        matches.xy2.push_back(matching_.keypoints()[pair.image2][match.point2D_idx2] -
+                              split_.stations.shift[pair.image2]);
+      }
+      return matches;
+    };
+    std::vector<bool> is_folded(split_.object_pairs.size(), false);
+#pragma omp parallel for schedule(dynamic)
+    for (size_t s = 0; s < pairs_of_station.size(); ++s) {
+      std::vector<TurnMatches> close;
+      for (const VerifiedPair* pair : pairs_of_station[s]) {
+        if (std::abs(place[pair->image2] - place[pair->image1]) <= kCloseSteps) close.push_back(to_turn(*pair));
+      }
+      const auto turn = FitStationTurn(close, matching_.sizes()[split_.stations.images[s].front()],
+                                       matching_.settings().motion.max_error_px, kMinTurnShare);
+      if (!turn) continue;
+      for (const VerifiedPair* pair : pairs_of_station[s]) {
+        if (FitsItsAngle(*turn, to_turn(*pair), matching_.settings().motion.max_error_px)) continue;
+        // Elements of vector<bool> share bytes: each station's thread must not write at once.
+#pragma omp critical
+        is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = true;
+      }
+    }
+    std::vector<VerifiedPair> kept;
+    kept.reserve(split_.object_pairs.size());
+    for (size_t p = 0; p < is_folded.size(); ++p) {
+      if (!is_folded[p]) kept.push_back(std::move(split_.object_pairs[p]));
+    }
+    const size_t num_folded = split_.object_pairs.size() - kept.size();
+    if (num_folded > 0) {
+      matching_.reporter().Debug(std::to_string(num_folded) + " pairs show a wrong angle: taken out");
+    }
+    split_.object_pairs = std::move(kept);
   }
 
   // Photos whose names do not tell the order of capture, and tables turned to and fro.
@@ -285,7 +341,7 @@ class StationSplitter {
     const int a = StationOf(pair.image1);
     const int b = StationOf(pair.image2);
     const Eigen::Vector2f shift = split_.stations.shift[pair.image2] - split_.stations.shift[pair.image1];
-    const auto F = static_F_.find({a, b});
+    const auto background = background_.find({a, b});
     for (size_t m = 0; m < pair.matches.size(); ++m) {
       const FeatureMatch& match = pair.matches[m];
       const Eigen::Vector2f& xy1 = matching_.keypoints()[pair.image1][match.point2D_idx1];
@@ -293,15 +349,36 @@ class StationSplitter {
       bool follows_background = false;
       if (a == b) {
         follows_background = (xy2 - xy1 - shift).norm() <= options_.min_moved_px;
-      } else if (F != static_F_.end() && !rotating_[pair.image1][match.point2D_idx1] &&
+      } else if (background != background_.end() && !rotating_[pair.image1][match.point2D_idx1] &&
                  !rotating_[pair.image2][match.point2D_idx2]) {
         // Where the table stands the same in both photos, what turns follows the background's geometry, too.
-        follows_background =
-            SampsonError(F->second, xy1, xy2) <= matching_.settings().motion.max_error_px;
+        follows_background = Follows(background->second, ToRepresentative(pair.image1, xy1),
+                                     ToRepresentative(pair.image2, xy2));
       }
       if (!follows_background) moving.push_back(static_cast<int>(m));
     }
     return moving;
+  }
+
+  // How the background moves from one station to another. Stations that only turned the camera have no
+  // epipolar geometry, only a homography.
+  struct BackgroundMotion {
+    Eigen::Matrix3d F;
+    Eigen::Matrix3d H;
+    bool is_planar;
+  };
+
+  // Where the station's representative, between which backgrounds were matched, would show the same ray.
+  Eigen::Vector2f ToRepresentative(int image, const Eigen::Vector2f& xy) const {
+    return xy - split_.stations.shift[image] +
+           split_.stations.shift[split_.representative[StationOf(image)]];
+  }
+
+  bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1, const Eigen::Vector2f& xy2) const {
+    if (!background.is_planar)
+      return SampsonError(background.F, xy1, xy2) <= matching_.settings().motion.max_error_px;
+    const Eigen::Vector3d mapped = background.H * xy1.cast<double>().homogeneous();
+    return (mapped.hnormalized() - xy2.cast<double>()).norm() <= options_.min_moved_px;
   }
 
   int StationOf(int image) const { return split_.stations.station_of_image[image]; }
@@ -314,7 +391,7 @@ class StationSplitter {
   PackedImages packed_static_;  // what stands still
   std::vector<std::vector<bool>> rotating_;  // with a verified match inside its station
   std::vector<ImagePair> done_;
-  std::map<IndexPair, Eigen::Matrix3d> static_F_;  // between the positions of two stations
+  std::map<IndexPair, BackgroundMotion> background_;  // from one station to another
 };
 
 }  // namespace
