@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "mesh/pinhole_view.h"
+#include "mesh/object_view.h"
 #include "s2gs/image_file.h"
 
 namespace s2gs {
@@ -11,7 +11,7 @@ namespace s2gs {
 /// A depth map with its camera and what else is known of the same view. Colours and mask may be larger or
 /// smaller than the depth map: all show the same part of the image plane.
 struct DepthView {
-  PinholeView camera;  ///< of the depth map's size.
+  ObjectView camera;  ///< of the depth map's size.
   /// Image position of the value in column 0, row 0: its pixel's centre. For the maps in a COLMAP workspace
   /// it is kColmapMapPosition.
   Eigen::Vector2d first_position = {0.5, 0.5};

@@ -6,7 +6,7 @@
 #include <optional>
 #include <vector>
 
-#include "mesh/pinhole_view.h"
+#include "mesh/object_view.h"
 #include "mesh/triangle_mesh.h"
 
 namespace s2gs {
@@ -43,7 +43,7 @@ struct CropRegion {
 /// dense enough to fill the pixels.
 std::vector<int> CountViewsSeen(const std::vector<Eigen::Vector3d>& points,
                                 const std::vector<Eigen::Vector3d>& occluders,
-                                const std::vector<PinholeView>& views, double depth_tolerance);
+                                const std::vector<ObjectView>& views, double depth_tolerance);
 
 /// What an estimated mesh is compared with, in the truth's frame and unit.
 struct TruthSurface {
@@ -64,7 +64,7 @@ struct TruthSurfaceOptions {
 /// \param occluder  another surface that hides the truth in the views, e.g. the table; may be empty.
 /// \param views     of the photos; empty: every point counts as seen.
 TruthSurface MakeTruthSurface(const TriangleMesh& truth, const TriangleMesh& occluder,
-                              const std::vector<PinholeView>& views, const CropRegion& region,
+                              const std::vector<ObjectView>& views, const CropRegion& region,
                               const TruthSurfaceOptions& options);
 
 /// Precision, recall and their harmonic mean at a distance.

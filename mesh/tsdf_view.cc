@@ -23,7 +23,7 @@ void Require(bool condition, const std::string& problem) {
 }
 
 void CheckView(const DepthView& view) {
-  const PinholeView& camera = view.camera;
+  const ObjectView& camera = view.camera;
   Require(camera.width > 0 && camera.height > 0 && camera.width <= kMaxImageSide &&
               camera.height <= kMaxImageSide,
           "its camera has no usable size");

@@ -11,7 +11,7 @@ namespace s2gs {
 
 /// A depth view made ready for fusion: a plane for each pixel of the part of the view that shows the object.
 struct TsdfView {
-  PinholeView camera;
+  ObjectView camera;
   Eigen::Vector2d first_position = Eigen::Vector2d::Zero();
   int map_x = 0;  ///< the map's part of the view [px]
   int map_y = 0;

@@ -26,7 +26,7 @@ bool Exists(const fs::path& path) {
 
 // The files of one view; those that are not there have no path.
 struct ViewFiles {
-  PinholeView camera;  // of the image, not of the maps
+  ObjectView camera;  // of the image, not of the maps
   fs::path depth;
   fs::path normal;
   fs::path image;
@@ -95,7 +95,7 @@ fs::path MaskFolder(const Workspace& workspace, const TsdfMesherOptions& options
   return workspace.Masks();
 }
 
-PinholeView PinholeOf(const Camera& camera, const ColmapImage& image, const fs::path& model) {
+ObjectView PinholeOf(const Camera& camera, const ColmapImage& image, const fs::path& model) {
   if (!IsDistortionFree(camera)) {
     throw UserError(model,
                     fmt::format("camera {} is a {} with distortion, but depth maps need a pinhole",

@@ -5,7 +5,7 @@
 namespace s2gs {
 
 /// A pinhole camera, COLMAP's pixel convention.
-struct PinholeView {
+struct ObjectView {
   int width = 0;   ///< [px]
   int height = 0;  ///< [px]
   double fx = 0;   ///< [px], as the next three.
