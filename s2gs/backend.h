@@ -23,7 +23,8 @@ struct PinholeView {
   int height = 0;                         ///< [px]
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< [px]
   Rigid3 cam_from_world;
-  Rigid3 cam_from_object;  ///< cam_from_world * F_t; equal to cam_from_world in a scene without a table.
+  Rigid3 cam_from_object;    ///< cam_from_world * F_t; equal to cam_from_world in a scene without a table.
+  double near_depth = 0.01;  ///< nothing nearer is drawn [scene units]; the unit of the distortion loss.
 };
 
 /// Which bodies the scene has, and thereby what p may be.
@@ -172,9 +173,13 @@ class Backend {
 
   /// Forward, loss, backward and Adam. May return before the work is done.
   virtual void Step(const TrainStep& step) = 0;
-  /// The loss since the last call. Waits for the steps.
+  /// The loss since the last call. Waits for the steps. A step that the device could not finish for lack of
+  /// buffer space is not counted (see backend_cuda.cu), so `steps` may fall short by a few.
   virtual LossTerms TakeLoss() = 0;
 
+  /// Applies kernel/densify.h's decisions. The survivors keep their order and moments, a split one's place is
+  /// taken by its first child; added Gaussians follow in their parents' order, without moments. The sums for
+  /// the gradient start anew, and neighbours in use are found anew.
   virtual DensifyResult Densify(const DensifyStep& step) = 0;
   /// Clamps opacities to at most `max_opacity` and forgets their moments.
   virtual void ResetOpacity(float max_opacity) = 0;
