@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "s2gs/kernel/foreground.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
 #include "sfm_split/ply_file.h"
@@ -18,10 +19,7 @@ namespace {
 
 constexpr float kFlatLogScale = -16;      // exp(-16): no thickness beside any splat that is seen.
 constexpr float kMinProbability = 1e-6F;  // keeps the logit of a stored 0 or 1 finite.
-constexpr float kTau = 0.8F;                 // (8) of the paper: these and above rotate.
 constexpr std::array<int, kMaxShDegree + 1> kRestOfDegree = {0, 3, 8, 15};
-
-float Probability(float logit) { return 1 / (1 + std::exp(-logit)); }
 
 float Logit(float p) {
   const float inside = std::clamp(p, kMinProbability, 1 - kMinProbability);
@@ -41,7 +39,7 @@ std::vector<uint32_t> Chosen(const Gaussians& gaussians, const GaussianPlyOption
   std::vector<uint32_t> chosen;
   chosen.reserve(gaussians.size());
   for (size_t i = 0; i < gaussians.size(); ++i) {
-    if (options.foreground_only && Probability(gaussians.foreground_logit[i]) < kTau)
+    if (options.foreground_only && !IsForeground(gaussians.foreground_logit[i]))
       continue;
     chosen.push_back(static_cast<uint32_t>(i));
   }
@@ -88,7 +86,7 @@ PlyFile ToPly(const Gaussians& gaussians, const GaussianPlyOptions& options) {
   }
   for (size_t i = 0; i < 4; ++i) vertex.AddColumn("rot_" + std::to_string(i), std::move(rotations[i]));
   std::vector<float> foreground = Column(gaussians.foreground_logit, 1, 0, chosen);
-  for (float& value : foreground) value = Probability(value);
+  for (float& value : foreground) value = Sigmoid(value);
   vertex.AddColumn("foreground", std::move(foreground));
 
   PlyFile file;

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <optional>
 #include <utility>
+#include <vector>
 
+#include "sfm_split/colmap_model.h"
 #include "sfm_split/error.h"
 
 namespace s2gs {
@@ -158,6 +160,38 @@ Image8 UndistortImage(const Undistortion& plan, const Image8& image) {
         const float below = (1 - a) * image.Pixel(x0, y1)[c] + a * image.Pixel(x1, y1)[c];
         result.Pixel(x, y)[c] = Round((1 - b) * above + b * below);
       }
+    }
+  }
+  return result;
+}
+
+std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder) {
+  const ColmapModel model = ReadColmapModel(model_folder);
+  std::map<uint32_t, Undistortion> by_camera;
+  for (const auto& [id, camera] : model.cameras) by_camera.emplace(id, PlanUndistortion(camera, model_folder));
+  std::map<std::string, Undistortion> plans;
+  for (const auto& [id, image] : model.images) plans.emplace(image.name, by_camera.at(image.camera_id));
+  return plans;
+}
+
+Image8 DistortMask(const Undistortion& plan, const Image8& mask) {
+  const int width = static_cast<int>(plan.source.width);
+  const int height = static_cast<int>(plan.source.height);
+  if (IsDistortionFree(plan.source) && mask.width == width && mask.height == height) return mask;
+  const std::vector<double>& p = plan.pinhole.params;
+  const double scale_x = static_cast<double>(mask.width) / static_cast<double>(plan.pinhole.width);
+  const double scale_y = static_cast<double>(mask.height) / static_cast<double>(plan.pinhole.height);
+  Image8 result{width, height, 1, {}};
+  result.pixels.resize(static_cast<size_t>(width) * height);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(plan.source, {x + 0.5, y + 0.5});
+      if (!ray) continue;
+      const double u = (p[0] * ray->x() + p[2]) * scale_x;
+      const double v = (p[1] * ray->y() + p[3]) * scale_y;
+      const int column = static_cast<int>(std::clamp(u, 0.0, mask.width - 1.0));
+      const int row = static_cast<int>(std::clamp(v, 0.0, mask.height - 1.0));
+      *result.Pixel(x, y) = *mask.Pixel(column, row);
     }
   }
   return result;

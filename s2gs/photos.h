@@ -2,7 +2,9 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <vector>
+#include <filesystem>
+#include <map>
+#include <string>
 
 #include "s2gs/backend.h"
 #include "s2gs/image_file.h"
@@ -28,6 +30,13 @@ Undistortion PlanUndistortion(const Camera& camera, const std::filesystem::path&
 
 /// Resamples bilinearly. \param image  of the source camera's size, 1 or 3 channels.
 Image8 UndistortImage(const Undistortion& plan, const Image8& image);
+
+/// The plans of all photos of a model, by name. Throws like PlanUndistortion and ReadColmapModel.
+std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder);
+
+/// The inverse for a mask: of the pinhole's size, or smaller, to the source camera's. Outside of what the pinhole
+/// sees the nearest pixel counts.
+Image8 DistortMask(const Undistortion& plan, const Image8& mask);
 
 /// A view of the pinhole camera's intrinsics, without poses.
 PinholeView ViewOfPinhole(const Camera& pinhole);

@@ -3,12 +3,12 @@
 #include <cmath>
 
 #include "s2gs/gaussians_ply.h"
+#include "s2gs/kernel/foreground.h"
 
 namespace s2gs {
 namespace {
 
 constexpr float kLogitOfNine = 2.1972246F;       // p = .9
-constexpr float kThresholdLogit = 1.3862944F;    // p = tau = .8
 constexpr float kFrozenLogit = 10;               // p within 5e-5 of 0 or 1.
 
 Eigen::Vector3d CentreOf(const Gaussians& gaussians, size_t i) {
@@ -16,7 +16,7 @@ Eigen::Vector3d CentreOf(const Gaussians& gaussians, size_t i) {
 }
 
 bool StraysOutside(const Gaussians& gaussians, size_t i, const RotatingRegion& region, double margin) {
-  return gaussians.foreground_logit[i] >= kThresholdLogit && !region.Contains(CentreOf(gaussians, i), margin);
+  return IsForeground(gaussians.foreground_logit[i]) && !region.Contains(CentreOf(gaussians, i), margin);
 }
 
 }  // namespace
@@ -49,7 +49,7 @@ TrainState SelectState(const TrainState& state, const std::vector<uint32_t>& ind
 
 void FreezeForeground(TrainState* state) {
   for (float& logit : state->gaussians.foreground_logit) {
-    logit = logit >= kThresholdLogit ? kFrozenLogit : -kFrozenLogit;
+    logit = IsForeground(logit) ? kFrozenLogit : -kFrozenLogit;
   }
   for (float& value : state->first_moment.foreground_logit) value = 0;
   for (float& value : state->second_moment.foreground_logit) value = 0;

@@ -355,6 +355,7 @@ void NormaliseScene(TrainingScene* scene) {
   scene->size = size > 0 && std::isfinite(size) ? size : 1;
   for (ScenePhoto& photo : scene->photos) photo.view = NormaliseView(photo.view, scene->origin, scene->size);
   for (ScenePoint& point : scene->points) point.x = (point.x - scene->origin) / scene->size;
+  if (scene->axis) scene->axis->point = (scene->axis->point - scene->origin) / scene->size;
   if (scene->region) {
     scene->region->axis.point = (scene->region->axis.point - scene->origin) / scene->size;
     scene->region->radius /= scene->size;
@@ -396,6 +397,7 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
   std::vector<const Camera*> cameras;
   scene.photos = CollectViews(paths, files, &cameras, reporter);
   scene.points = CollectPoints(files);
+  if (files.turntable) scene.axis = files.turntable->axis;
   scene.region = FindRegion(files);
 
   const std::set<std::string> held_out = HeldOutNames(options, scene.photos);
@@ -431,6 +433,7 @@ TrainingScene ReadScenePoses(const TrainingScenePaths& paths, TrainMode mode, Re
     photo.view = view;
   }
   scene.points = CollectPoints(files);
+  if (files.turntable) scene.axis = files.turntable->axis;
   scene.region = FindRegion(files);
   NormaliseScene(&scene);
   return scene;

@@ -80,6 +80,7 @@ struct TrainingScene {
   double size = 1;                 ///< median distance of the cameras from the thing they look at.
   std::vector<ScenePhoto> photos;  ///< by name.
   std::vector<ScenePoint> points;
+  std::optional<TurntableAxis> axis;     ///< with turntable.json.
   std::optional<RotatingRegion> region;  ///< known when there are points of the rotating part and an axis.
 
   SceneBodies bodies() const;
