@@ -23,7 +23,8 @@ struct PinholeView {
   int height = 0;                         ///< [px]
   double fx = 0, fy = 0, cx = 0, cy = 0;  ///< [px]
   Rigid3 cam_from_world;
-  Rigid3 cam_from_object;  ///< cam_from_world * F_t; equal to cam_from_world in a scene without a table.
+  Rigid3 cam_from_object;    ///< cam_from_world * F_t; equal to cam_from_world in a scene without a table.
+  double near_depth = 0.01;  ///< nothing nearer is drawn [scene units]; the unit of the distortion loss.
 };
 
 /// Which bodies the scene has, and thereby what p may be.
@@ -39,6 +40,7 @@ enum class DrawnBody { kAll, kForeground, kBackground };  ///< foreground: p >= 
 struct RenderRequest {
   PinholeView view;
   SceneBodies bodies = SceneBodies::kBoth;
+  bool freeze_foreground = false;  ///< p is settled, as in TrainStep.
   DrawnBody drawn = DrawnBody::kAll;
   std::array<float, 3> background_color = {0, 0, 0};  ///< [0, 1]
   bool geometry = false;                              ///< depth, normal and distortion maps.
@@ -77,13 +79,14 @@ struct LearningRates {
   float foreground = 0.05F;
 };
 
-/// Weights of one iteration's loss, the paper's (13); a term of weight 0 is not computed.
+/// Weights of one iteration's loss, the paper's (13); a term of weight 0 is not computed. Terms of the image
+/// are means over all pixels (and channels), those of the model over all Gaussians (and neighbours).
 struct LossWeights {
-  float dssim = 0.2F;  ///< share of D-SSIM; the rest is L1.
-  float normal = 0;
-  float distortion = 0;
-  float local_consistency = 0;  ///< (10)
-  float entropy_3d = 0;         ///< (11)
+  float dssim = 0.2F;           ///< share of D-SSIM, 1 - SSIM; the rest is L1.
+  float normal = 0;             ///< alpha - (rendered normal) . (normal of the expected depth's map).
+  float distortion = 0;         ///< the distortion map.
+  float local_consistency = 0;  ///< (10): KL of a Gaussian's p from each neighbour's; not once p is frozen.
+  float entropy_3d = 0;         ///< (11); not once p is frozen.
   float entropy_2d = 0;         ///< (12)
   float mask = 0;  ///< binary cross entropy of the p map against the photo's mask, where there is one.
 };
@@ -119,8 +122,10 @@ struct DensifyStep {
   float max_clone_scale = 0;   ///< Gaussians of larger scale are split, others cloned [scene units].
   float max_scale = 0;         ///< Gaussians of larger scale are removed; 0: none [scene units].
   float min_opacity = 0.05F;   ///< below which Gaussians are removed.
-  int64_t max_count = 0;       ///< no more than these afterwards; 0: no bound. Largest gradients first.
-  bool grow = true;            ///< false: only removes.
+  /// No more than these afterwards; 0: no bound. Room is given to the largest gradients first (of equal ones
+  /// to the first Gaussian); those left over are decided again as if `grow` were false.
+  int64_t max_count = 0;
+  bool grow = true;  ///< false: only removes.
 };
 
 struct DensifyResult {
@@ -172,12 +177,21 @@ class Backend {
 
   /// Forward, loss, backward and Adam. May return before the work is done.
   virtual void Step(const TrainStep& step) = 0;
-  /// The loss since the last call. Waits for the steps.
+  /// The loss since the last call. Waits for the steps. A step that the device could not finish for lack of
+  /// buffer space is not counted (see backend_cuda.cu), so `steps` may fall short by a few.
   virtual LossTerms TakeLoss() = 0;
 
+  /// Applies kernel/densify.h's decisions. The survivors keep their order and moments, a split one's place is
+  /// taken by its first child; added Gaussians follow in their parents' order, without moments. The sums for
+  /// the gradient start anew, and neighbours in use are found anew.
   virtual DensifyResult Densify(const DensifyStep& step) = 0;
   /// Clamps opacities to at most `max_opacity` and forgets their moments.
   virtual void ResetOpacity(float max_opacity) = 0;
+  /// The largest share w = alpha * transmittance that each Gaussian has in any pixel of these views, to find
+  /// those that no photo shows. p counts as settled. Empty: this backend cannot tell.
+  virtual std::vector<float> PeakWeights(const std::vector<PinholeView>& /*views*/, SceneBodies /*bodies*/) {
+    return {};
+  }
   /// Finds the k nearest neighbours of each centre, for (10).
   virtual void RefreshNeighbours(int k) = 0;
 };
