@@ -1,4 +1,6 @@
 #include "plugin/command.h"
+#include "plugin/gaussian_renderer_command.h"
+#include "plugin/gaussian_trainer_command.h"
 #include "plugin/scan_evaluator_command.h"
 #include "plugin/workspace_info_command.h"
 
@@ -24,6 +26,10 @@ void AddSfmCommands([[maybe_unused]] std::vector<Command>* commands) {
 std::vector<Command> MakeCommands() {
   std::vector<Command> commands;
   AddSfmCommands(&commands);
+  commands.push_back({"gaussian_renderer",
+                      "renders a trained model: masks, depth and normal maps, images", RunGaussianRenderer});
+  commands.push_back({"gaussian_trainer",
+                      "trains Gaussians that know whether they belong to the rotating part", RunGaussianTrainer});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
   commands.push_back({"workspace_info",

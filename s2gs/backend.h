@@ -187,6 +187,11 @@ class Backend {
   virtual DensifyResult Densify(const DensifyStep& step) = 0;
   /// Clamps opacities to at most `max_opacity` and forgets their moments.
   virtual void ResetOpacity(float max_opacity) = 0;
+  /// The largest share w = alpha * transmittance that each Gaussian has in any pixel of these views, to find
+  /// those that no photo shows. p counts as settled. Empty: this backend cannot tell.
+  virtual std::vector<float> PeakWeights(const std::vector<PinholeView>& /*views*/, SceneBodies /*bodies*/) {
+    return {};
+  }
   /// Finds the k nearest neighbours of each centre, for (10).
   virtual void RefreshNeighbours(int k) = 0;
 };

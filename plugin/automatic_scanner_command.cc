@@ -1,0 +1,234 @@
+#include "plugin/automatic_scanner_command.h"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cctype>
+#include <chrono>
+#include <filesystem>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "plugin/scan_summary.h"
+#include "plugin/workspace.h"
+#include "sfm_split/error.h"
+#include "sfm_split/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class Quality { kLow, kMedium, kHigh, kExtreme };
+enum class Until { kSplit, kTrain, kMesh };
+
+struct Settings {
+  fs::path workspace_path;
+  fs::path image_path;
+  fs::path mask_path;
+  fs::path colmap_path;
+  Quality quality = Quality::kHigh;
+  Until until = Until::kMesh;
+  std::string use_gpu = "auto";
+  int test_every = 0;
+  bool keep_disc = true;
+};
+
+// What a quality level asks of the stages. Times grow about threefold from level to level.
+struct Preset {
+  int max_num_features;  // per photo
+  int max_image_side;    // of the photos that training sees [px]
+  int num_iterations;
+};
+
+Preset PresetOf(Quality quality) {
+  switch (quality) {
+    case Quality::kLow:
+      return {6000, 200, 2000};
+    case Quality::kMedium:
+      return {8192, 640, 10000};
+    case Quality::kHigh:
+      return {8192, 1600, 30000};
+    case Quality::kExtreme:
+      return {16384, 3200, 60000};
+  }
+  return {};
+}
+
+const char* LogLevelName(LogLevel level) {
+  switch (level) {
+    case LogLevel::kDebug:
+      return "debug";
+    case LogLevel::kInfo:
+      return "info";
+    case LogLevel::kWarning:
+      return "warning";
+    case LogLevel::kError:
+      return "error";
+  }
+  return "";
+}
+
+struct Step {
+  std::string command;
+  std::string title;
+  std::vector<std::string> arguments;
+};
+
+std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
+  const Workspace workspace{settings.workspace_path};
+  const Preset preset = PresetOf(settings.quality);
+  const std::string root = settings.workspace_path.string();
+  const std::string images = settings.image_path.string();
+  std::vector<Step> steps;
+  const auto add = [&](const std::string& command, const std::string& title,
+                       std::vector<std::string> arguments) {
+    const std::vector<std::string> common = {"--random_seed", std::to_string(options.random_seed()),
+                                             "--log_level", LogLevelName(options.log_level())};
+    arguments.insert(arguments.end(), common.begin(), common.end());
+    steps.push_back({command, title, std::move(arguments)});
+  };
+  const auto with = [](std::vector<std::string> arguments, const std::string& name,
+                       const std::string& value) {
+    if (!value.empty()) arguments.insert(arguments.end(), {name, value});
+    return arguments;
+  };
+
+  add("motion_splitter", "What stands still and what turns",
+      with(with({"--database_path", workspace.Database().string(), "--image_path", images,
+                 "--SiftExtraction.max_num_features", std::to_string(preset.max_num_features)},
+                "--mask_path", settings.mask_path.string()),
+           "--colmap_path", settings.colmap_path.string()));
+  add("turntable_mapper", "Cameras, table, and both sparse models",
+      with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
+           settings.colmap_path.string()));
+  if (settings.until == Until::kSplit) return steps;
+
+  add("gaussian_trainer", "The Gaussian model",
+      with({"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--test_every",
+            std::to_string(settings.test_every), "--max_image_side", std::to_string(preset.max_image_side),
+            "--Train.num_iterations", std::to_string(preset.num_iterations)},
+           "--mask_path", settings.mask_path.string()));
+  if (settings.until == Until::kTrain) return steps;
+
+  add("gaussian_renderer", "Masks, depth and normal maps",
+      {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu});
+  add("tsdf_mesher", "The mesh",
+      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Mesh.keep_disc",
+       settings.keep_disc ? "1" : "0"});
+  return steps;
+}
+
+const Command& FindCommand(const std::string& name) {
+  const std::vector<Command>& commands = AllCommands();
+  const auto found = std::find_if(commands.begin(), commands.end(),
+                                  [&](const Command& command) { return command.name == name; });
+  S2GS_INVARIANT(found != commands.end());
+  return *found;
+}
+
+// Quoted for a POSIX shell where it has to be.
+std::string ShellWord(const std::string& word) {
+  const std::string plain = "-_./=:,+@%";
+  const bool is_plain = !word.empty() && std::all_of(word.begin(), word.end(), [&](unsigned char c) {
+    return std::isalnum(c) != 0 || plain.find(static_cast<char>(c)) != std::string::npos;
+  });
+  if (is_plain) return word;
+  std::string quoted = "'";
+  for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return quoted + "'";
+}
+
+std::string ShellLine(const Step& step) {
+  std::string line = "s2gs " + step.command;
+  for (const std::string& argument : step.arguments) line += " " + ShellWord(argument);
+  return line;
+}
+
+double CpuSeconds() {
+  double seconds = 0;
+  for (const int who : {RUSAGE_SELF, RUSAGE_CHILDREN}) {
+    rusage usage = {};
+    ::getrusage(who, &usage);
+    for (const timeval& time : {usage.ru_utime, usage.ru_stime}) {
+      seconds += static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
+    }
+  }
+  return seconds;
+}
+
+ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
+  out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
+  const auto started = std::chrono::steady_clock::now();
+  const double cpu_started = CpuSeconds();
+  CommandContext context(step.command, step.arguments, out);
+  FindCommand(step.command).run(context);
+  ScanSummary::Step result;
+  result.command = step.command;
+  result.title = step.title;
+  result.shell_line = ShellLine(step);
+  result.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  result.cpu_seconds = CpuSeconds() - cpu_started;
+  return result;
+}
+
+}  // namespace
+
+void RunAutomaticScanner(CommandContext& context) {
+  Settings settings;
+  Options& options = context.Declare(
+      "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
+      "model, "
+      "object masks and a mesh. Runs the other commands one after another; what is done is skipped, and a "
+      "run "
+      "that was stopped goes on where it was. Each step's own command line is printed: run it by hand to "
+      "change "
+      "more of it.",
+      "--workspace_path scan --image_path photos --quality medium");
+  options.Add("workspace_path", &settings.workspace_path, "the workspace; created when it does not exist")
+      .Required();
+  options.Add("image_path", &settings.image_path, "the photos; empty: images in the workspace");
+  options.Add("mask_path", &settings.mask_path,
+              "masks of the rotating part, if there are any (COLMAP's: a.jpg.png for a.jpg); empty: none");
+  options.AddEnum("quality", &settings.quality,
+                  {{"low", Quality::kLow},
+                   {"medium", Quality::kMedium},
+                   {"high", Quality::kHigh},
+                   {"extreme", Quality::kExtreme}},
+                  "how much time to spend; low suits two CPU cores, high a GPU");
+  options.AddEnum("until", &settings.until,
+                  {{"split", Until::kSplit}, {"train", Until::kTrain}, {"mesh", Until::kMesh}},
+                  "the last part to run: poses and sparse models, the Gaussian model, or all");
+  options.Add("use_gpu", &settings.use_gpu, "auto, 0 or 1");
+  options.Add("test_every", &settings.test_every,
+              "hold every n-th photo out of training and measure the model on it; 0: none");
+  options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
+  options.Add("colmap_path", &settings.colmap_path,
+              "the colmap executable or its folder; empty: searched for on PATH");
+  Reporter& reporter = context.Parse();
+
+  const Workspace workspace{settings.workspace_path};
+  if (settings.image_path.empty()) settings.image_path = workspace.Images();
+  std::error_code ec;
+  if (!fs::is_directory(settings.image_path, ec)) {
+    throw UserError(
+        settings.image_path, "there is no such folder of photos",
+        "Give the photos' folder as --image_path, or put them into " + workspace.Images().string());
+  }
+  CreateFolder(workspace.root);
+
+  ScanSummary summary;
+  const std::vector<Step> steps = MakeSteps(settings, options);
+  for (size_t i = 0; i < steps.size(); ++i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    summary.steps.push_back(RunStep(steps[i], i + 1, steps.size(), context.out()));
+  }
+  CollectFigures(workspace, &summary);
+  WriteScanSummary(workspace.ReportJson(), summary);
+  PrintScanSummary(summary, context.out());
+}
+
+}  // namespace s2gs

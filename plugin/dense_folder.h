@@ -1,0 +1,21 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "plugin/workspace.h"
+#include "s2gs/backend.h"
+#include "sfm_split/reporter.h"
+
+namespace s2gs {
+
+/// Makes sure that dense/0 is there as colmap image_undistorter leaves it: undistorted photos, their cameras
+/// and poses, stereo/patch-match.cfg and fusion.cfg. An existing one is left as it is.
+/// \return  the intrinsics of every photo of dense/0/sparse, by name, without poses.
+/// Throws UserError when photos are missing or an existing dense/0 has cameras with distortion.
+std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace,
+                                                      const std::filesystem::path& image_path,
+                                                      Reporter& reporter);
+
+}  // namespace s2gs

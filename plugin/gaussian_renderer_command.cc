@@ -1,0 +1,289 @@
+#include "plugin/gaussian_renderer_command.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <set>
+#include <sstream>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "plugin/backend_choice.h"
+#include "plugin/dense_folder.h"
+#include "plugin/workspace.h"
+#include "s2gs/gaussians_ply.h"
+#include "s2gs/held_out.h"
+#include "s2gs/image_file.h"
+#include "s2gs/photos.h"
+#include "s2gs/render_pictures.h"
+#include "s2gs/training_scene.h"
+#include "sfm_split/colmap_maps.h"
+#include "sfm_split/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
+
+enum class DepthKind : uint8_t { kMedian, kExpected };
+const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};
+
+struct Arguments {
+  fs::path workspace_path;
+  fs::path image_path;
+  fs::path model_path;
+  fs::path output_path;
+  fs::path image_list;
+  bool color = false;
+  bool foreground = false;
+  bool masks = true;
+  bool stereo = true;
+  bool pictures = false;
+  bool comparison = false;
+  DepthKind depth = DepthKind::kMedian;
+  int32_t num_frames = 0;
+  int32_t frame_station = 0;
+  BackendChoice backend;
+};
+
+void AddOptions(Options* options, Arguments* a) {
+  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and s2gs/point_cloud.ply").Required();
+  options->Add("image_path", &a->image_path, "the photos; empty: images in the workspace");
+  options->Add("model_path", &a->model_path, "the Gaussians; empty: s2gs/point_cloud.ply in the workspace");
+  options->Add("output_path", &a->output_path,
+               "folder for images that are no part of a workspace; empty: s2gs/renders in the workspace");
+  options->Add("image_list", &a->image_list, "file with the names of the photos to render, one a line; empty: all");
+  options->Add("masks", &a->masks, "masks of the rotating part: masks/NAME.png in the workspace, 255 inside");
+  options->Add("stereo", &a->stereo,
+               "depth and normal maps of the rotating part alone: dense/0/stereo/*/NAME.geometric.bin, for "
+               "tsdf_mesher and colmap stereo_fusion; makes dense/0 when there is none");
+  options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
+  options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
+  options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
+  options->Add("pictures", &a->pictures,
+               "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
+  options->Add("comparison", &a->comparison, "photo, rendering, error and mask side by side: comparison/NAME.png");
+  options->Add("num_frames", &a->num_frames,
+               "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
+  options->Add("frame_station", &a->frame_station, "the station whose first photo lends its camera to the film");
+}
+
+std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene) {
+  std::set<std::string> names;
+  if (path.empty()) {
+    for (const ScenePhoto& photo : scene.photos) names.insert(photo.name);
+    return names;
+  }
+  std::set<std::string> known;
+  for (const ScenePhoto& photo : scene.photos) known.insert(photo.name);
+  std::istringstream lines(ReadWholeFile(path, kMaxListBytes, "Check --image_list"));
+  std::string line;
+  while (std::getline(lines, line)) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty()) continue;
+    if (known.count(line) == 0) {
+      throw UserError(path, "names " + line + ", which is no image of the scene",
+                      "Give names as in sparse/0, one a line");
+    }
+    names.insert(line);
+  }
+  return names;
+}
+
+// Creates the folder of a file that may lie below the image folder's own folders.
+fs::path InFolder(const fs::path& path) {
+  CreateFolder(path.parent_path());
+  return path;
+}
+
+RenderRequest WholeScene(const PinholeView& view) {
+  RenderRequest request;
+  request.view = view;
+  request.foreground = true;
+  request.hard_foreground = true;
+  return request;
+}
+
+RenderRequest ForegroundAlone(const PinholeView& view) {
+  RenderRequest request;
+  request.view = view;
+  request.drawn = DrawnBody::kForeground;
+  request.geometry = true;
+  return request;
+}
+
+class Renderer {
+ public:
+  Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend)
+      : a_(arguments), workspace_(workspace), scene_(std::move(scene)), backend_(backend) {
+    output_ = a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path;
+    images_ = a_.image_path.empty() ? workspace.Images() : a_.image_path;
+  }
+
+  void RenderPhoto(const ScenePhoto& photo, const PinholeView* dense_view) {
+    const std::string file = photo.name + ".png";
+    if (a_.color || a_.masks || a_.foreground || a_.comparison) {
+      const RenderedView view = backend_->Render(WholeScene(photo.view));
+      const Image8 color = ToImage8(view);
+      const Image8 mask = MaskImage(RotatingMask(view));
+      if (a_.masks) WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, mask));
+      if (a_.color) WriteImage(InFolder(output_ / "color" / file), color);
+      if (a_.foreground) WriteImage(InFolder(output_ / "foreground" / file), SoftForeground(photo));
+      if (a_.comparison) {
+        WriteImage(InFolder(output_ / "comparison" / file), ComparisonPicture(Photo(photo), color, mask));
+      }
+    }
+    if (a_.pictures) {
+      const RenderedView view = backend_->Render(ForegroundAlone(photo.view));
+      const std::vector<float>& depth = a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
+      WriteImage(InFolder(output_ / "depth" / file), DepthPicture(depth, view.width, view.height));
+      WriteImage(InFolder(output_ / "normal" / file), NormalPicture(view));
+    }
+    if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
+  }
+
+  // One turn of the table before a camera that stands still.
+  void RenderFrame(int frame, const PinholeView& view, const TurntableAxis& axis) {
+    const double angle = 2 * M_PI * frame / a_.num_frames;
+    Rigid3 turn;
+    turn.rotation = Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis.direction));
+    turn.translation = axis.point - turn.rotation * axis.point;
+    PinholeView turned = view;
+    turned.cam_from_object = view.cam_from_object * turn;
+    const RenderedView rendered = backend_->Render(WholeScene(turned));
+    WriteImage(InFolder(output_ / "frames" / fmt::format("{:04}.png", frame)), ToImage8(rendered));
+  }
+
+  const TrainingScene& scene() const { return scene_; }
+
+ private:
+  Image8 SoftForeground(const ScenePhoto& photo) {
+    RenderRequest request = WholeScene(photo.view);
+    request.hard_foreground = false;
+    const RenderedView view = backend_->Render(request);
+    Image8 image{view.width, view.height, 1, {}};
+    image.pixels.reserve(view.foreground.size());
+    for (const float p : view.foreground) {
+      image.pixels.push_back(static_cast<uint8_t>(std::clamp(p, 0.0F, 1.0F) * 255 + 0.5F));
+    }
+    return image;
+  }
+
+  const Undistortion& PlanOf(const ScenePhoto& photo) {
+    if (plans_.empty()) plans_ = PlanUndistortions(workspace_.ObjectModel());
+    return plans_.at(photo.name);
+  }
+
+  // Masks are those of the photos as they are, with their distortion.
+  Image8 DistortedMask(const ScenePhoto& photo, const Image8& mask) { return DistortMask(PlanOf(photo), mask); }
+
+  Image8 Photo(const ScenePhoto& photo) {
+    return UndistortImage(PlanOf(photo), ReadImage(images_ / photo.name, 3));
+  }
+
+  void WriteStereo(const std::string& name, PinholeView view) {
+    // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
+    view.cx += 0.5;
+    view.cy += 0.5;
+    const RenderedView rendered = backend_->Render(ForegroundAlone(view));
+    const std::vector<float>& depth =
+        a_.depth == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
+    ColmapMap depth_map{rendered.width, rendered.height, 1, {}};
+    ColmapMap normal_map{rendered.width, rendered.height, 3, {}};
+    const size_t count = depth.size();
+    depth_map.values.assign(count, 0);
+    normal_map.values.assign(3 * count, 0);
+    for (size_t i = 0; i < count; ++i) {
+      // Half transparent is outside.
+      if (!(depth[i] > 0) || rendered.alpha[i] < 0.5F) continue;
+      const Eigen::Vector3f normal(rendered.normal[3 * i], rendered.normal[3 * i + 1], rendered.normal[3 * i + 2]);
+      const float length = normal.norm();
+      if (!(length > 0)) continue;
+      depth_map.values[i] = static_cast<float>(depth[i] * scene_.size);
+      for (int c = 0; c < 3; ++c) normal_map.values[c * count + i] = normal[c] / length;
+    }
+    WriteColmapMap(InFolder(workspace_.DepthMap(name)), depth_map);
+    WriteColmapMap(InFolder(workspace_.NormalMap(name)), normal_map);
+  }
+
+  const Arguments& a_;
+  const Workspace& workspace_;
+  TrainingScene scene_;
+  Backend* backend_;
+  fs::path output_;
+  fs::path images_;
+  std::map<std::string, Undistortion> plans_;
+};
+
+}  // namespace
+
+void RunGaussianRenderer(CommandContext& context) {
+  Arguments a;
+  Options& options = context.Declare(
+      "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, and images to "
+      "look at. The maps are what tsdf_mesher and colmap stereo_fusion need.",
+      "--workspace_path scan --comparison 1");
+  AddOptions(&options, &a);
+  AddBackendOptions(&options, &a.backend);
+  Reporter& reporter = context.Parse();
+  if (a.num_frames < 0) throw CommandLineError("--num_frames must not be negative");
+
+  const Workspace workspace{a.workspace_path};
+  const WorkspaceLock lock(workspace, reporter);
+  const fs::path model_path = a.model_path.empty() ? workspace.PointCloud() : a.model_path;
+  TrainingScene scene = ReadScenePoses({workspace.ObjectModel(), workspace.StaticModel(), workspace.Turntable(),
+                                        a.image_path.empty() ? workspace.Images() : a.image_path, {}, {}},
+                                       TrainMode::kAuto, reporter);
+  const std::set<std::string> names = ReadList(a.image_list, scene);
+  TrainState state;
+  state.gaussians = NormaliseGaussians(ReadGaussianPly(model_path), scene.origin, scene.size);
+  const std::unique_ptr<Backend> backend = MakeBackend(a.backend, reporter);
+  backend->SetState(state);
+
+  std::map<std::string, PinholeView> dense_views;
+  if (a.stereo) {
+    dense_views = PrepareDenseFolder(workspace, a.image_path.empty() ? workspace.Images() : a.image_path, reporter);
+  }
+  Renderer renderer(a, workspace, std::move(scene), backend.get());
+  int64_t done = 0;
+  for (const ScenePhoto& photo : renderer.scene().photos) {
+    if (names.count(photo.name) == 0) continue;
+    if (reporter.StopRequested()) throw Interrupted();
+    const auto dense = dense_views.find(photo.name);
+    PinholeView dense_view;
+    if (dense != dense_views.end()) {
+      dense_view = dense->second;
+      dense_view.cam_from_object = photo.view.cam_from_object;
+      dense_view.cam_from_world = photo.view.cam_from_world;
+    }
+    renderer.RenderPhoto(photo, dense != dense_views.end() ? &dense_view : nullptr);
+    reporter.Progress("render", ++done, static_cast<int64_t>(names.size()));
+  }
+  if (a.num_frames > 0) {
+    const auto& photos = renderer.scene().photos;
+    const auto first = std::find_if(photos.begin(), photos.end(),
+                                    [&](const ScenePhoto& photo) { return photo.station == a.frame_station; });
+    if (first == photos.end()) throw CommandLineError("--frame_station: there is no such station");
+    if (!renderer.scene().axis) {
+      throw UserError(workspace.Turntable(), "is missing, so there is no axis for --num_frames to turn about",
+                      "Leave --num_frames out");
+    }
+    for (int frame = 0; frame < a.num_frames; ++frame) {
+      if (reporter.StopRequested()) throw Interrupted();
+      renderer.RenderFrame(frame, first->view, *renderer.scene().axis);
+      reporter.Progress("frames", frame + 1, a.num_frames);
+    }
+  }
+  context.out() << fmt::format("photos rendered  {}\nframes           {}\n", done, a.num_frames);
+}
+
+}  // namespace s2gs

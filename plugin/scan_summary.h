@@ -1,0 +1,37 @@
+#pragma once
+
+#include <filesystem>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "plugin/workspace.h"
+
+namespace s2gs {
+
+/// What a whole scan did and what came out of it.
+struct ScanSummary {
+  struct Step {
+    std::string command;
+    std::string title;
+    std::string shell_line;  ///< runs this step alone.
+    double wall_seconds = 0;
+    double cpu_seconds = 0;  ///< of all threads and of `colmap`.
+  };
+  std::vector<Step> steps;
+  std::vector<std::pair<std::string, std::string>> left_out;         ///< what, and the measured reason.
+  std::vector<std::pair<std::string, std::string>> figures;          ///< name and value with its unit.
+  std::vector<std::pair<std::string, std::filesystem::path>> files;  ///< what, where; those that exist.
+};
+
+/// Fills in what was left out, the figures and the files from what the steps left in the workspace. What
+/// cannot be read is missing from the summary.
+void CollectFigures(const Workspace& workspace, ScanSummary* summary);
+
+/// report.json: {"steps": [...], "left_out": [...], "figures": {...}, "files": {...}}. Throws UserError.
+void WriteScanSummary(const std::filesystem::path& path, const ScanSummary& summary);
+
+void PrintScanSummary(const ScanSummary& summary, std::ostream& out);
+
+}  // namespace s2gs

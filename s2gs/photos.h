@@ -1,0 +1,47 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "s2gs/backend.h"
+#include "s2gs/image_file.h"
+#include "sfm_split/camera_model.h"
+
+namespace s2gs {
+
+/// The image at another size: every pixel is the mean of the source over the area that it covers, which for
+/// enlarging is the nearest pixel with blended borders. Both sides must be at least 1.
+Image8 ResizeByArea(const Image8& image, int width, int height);
+
+/// How a photo of a camera with distortion becomes one of a pinhole.
+struct Undistortion {
+  Camera source;
+  Camera pinhole;  ///< PINHOLE with the source's focal lengths, as large as no pixel stays without light.
+};
+
+/// The pinhole for a camera: the largest upright rectangle of the ideal image that the source sees all of, at
+/// most twice as large as the source. A camera without distortion keeps its size and principal point.
+/// Throws UserError unless the camera can be projected here.
+/// \param path  the file that the camera comes from, for the message.
+Undistortion PlanUndistortion(const Camera& camera, const std::filesystem::path& path);
+
+/// Resamples bilinearly. \param image  of the source camera's size, 1 or 3 channels.
+Image8 UndistortImage(const Undistortion& plan, const Image8& image);
+
+/// The plans of all photos of a model, by name. Throws like PlanUndistortion and ReadColmapModel.
+std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder);
+
+/// The inverse for a mask: of the pinhole's size, or smaller, to the source camera's. Outside of what the pinhole
+/// sees the nearest pixel counts.
+Image8 DistortMask(const Undistortion& plan, const Image8& mask);
+
+/// A view of the pinhole camera's intrinsics, without poses.
+PinholeView ViewOfPinhole(const Camera& pinhole);
+
+/// The view through the same camera at another image size.
+PinholeView ResizeView(const PinholeView& view, int width, int height);
+
+}  // namespace s2gs

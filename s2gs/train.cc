@@ -1,0 +1,483 @@
+#include "s2gs/train.h"
+
+#include <time.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+#include <system_error>
+
+#include "s2gs/checkpoint.h"
+#include "s2gs/core/rng.h"
+#include "s2gs/photos.h"
+#include "s2gs/settle.h"
+#include "s2gs/train_log.h"
+
+namespace s2gs {
+namespace {
+
+// Streams of random numbers.
+enum Stream : uint64_t { kOrderStream = 201, kBackgroundStream = 202 };
+
+constexpr double kFirstMeasurement = 0.01;
+constexpr double kTidyEvery = 0.1;           // of the run: strays are looked for.
+constexpr double kTidyUntil = 0.95;          // what goes later could not be made up for.
+constexpr double kSettleCheckEvery = 0.01;   // of the run.
+constexpr double kMessageEvery = 0.05;       // of the run.
+constexpr double kRegionMargin = 0.01;       // [scene sizes]
+constexpr int kMaxBadReports = 3;            // of losses that are no numbers, in a row.
+
+double WallNow() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+double CpuNow() {
+  timespec now = {};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+// Counts the time of training and leaves out that of measuring.
+class Stopwatch {
+ public:
+  explicit Stopwatch(TrainCursor* cursor) : cursor_(cursor) {}
+
+  // Adds what passed since the last call.
+  void Lap() { Advance(&cursor_->wall_seconds, &cursor_->cpu_seconds); }
+  void LapMeasuring() {
+    double unused = 0;
+    Advance(&cursor_->measuring_seconds, &unused);
+  }
+  double WallSeconds() const { return cursor_->wall_seconds + WallNow() - wall_; }
+
+ private:
+  void Advance(double* wall, double* cpu) {
+    const double wall_now = WallNow();
+    const double cpu_now = CpuNow();
+    *wall += wall_now - wall_;
+    *cpu += cpu_now - cpu_;
+    wall_ = wall_now;
+    cpu_ = cpu_now;
+  }
+
+  TrainCursor* cursor_;
+  double wall_ = WallNow();
+  double cpu_ = CpuNow();
+};
+
+// Which photo an iteration sees: all in a random order, then all in another one.
+class PhotoOrder {
+ public:
+  PhotoOrder(size_t count, uint64_t seed) : order_(count), seed_(seed) {}
+
+  int At(int64_t iteration) {
+    const auto count = static_cast<int64_t>(order_.size());
+    const int64_t epoch = (iteration - 1) / count;
+    if (epoch != epoch_) Shuffle(epoch);
+    return order_[(iteration - 1) % count];
+  }
+
+ private:
+  void Shuffle(int64_t epoch) {
+    std::iota(order_.begin(), order_.end(), 0);
+    for (size_t i = order_.size(); i > 1; --i) {
+      const Random4 bits = RandomBits(seed_, kOrderStream + (static_cast<uint64_t>(epoch) << 16U), i);
+      const auto j = static_cast<size_t>(UnitDouble(bits.words[0]) * static_cast<double>(i));
+      std::swap(order_[i - 1], order_[j]);
+    }
+    epoch_ = epoch;
+  }
+
+  std::vector<int> order_;
+  uint64_t seed_;
+  int64_t epoch_ = -1;
+};
+
+std::string Format(const char* format, double a, double b = 0, double c = 0) {
+  char text[160] = {};
+  std::snprintf(text, sizeof(text), format, a, b, c);
+  return text;
+}
+
+std::string Duration(double seconds) {
+  if (seconds < 100) return Format("%.0f s", seconds);
+  return Format("%.0f min %02.0f s", std::floor(seconds / 60), std::fmod(seconds, 60));
+}
+
+class Trainer {
+ public:
+  Trainer(const TrainingScene& scene, const TrainOptions& options, uint64_t seed, const TrainFiles& files,
+          Backend* backend, Reporter& reporter)
+      : scene_(scene),
+        options_(options),
+        files_(files),
+        backend_(backend),
+        reporter_(reporter),
+        resumed_(Begin(seed)),
+        log_(files.log, resumed_ ? cursor_.iteration : -1),
+        order_(CountTrained(scene), seed),
+        clock_(&cursor_) {
+    for (const ScenePhoto& photo : scene.photos) {
+      has_held_out_ = has_held_out_ || photo.held_out;
+      has_masks_ = has_masks_ || (!photo.held_out && !photo.mask.empty());
+    }
+  }
+
+  TrainResult Run() {
+    double before = cursor_.progress;
+    while (before < 1) {
+      const TrainMoment moment =
+          MomentAt(options_, before, scene_.bodies(), cursor_.foreground_frozen, has_masks_);
+      UseLevel(moment.coarse_level);
+      FindNeighboursIfNeeded(moment, before);
+      StepOnce(moment);
+      const double now = Progress();
+      cursor_.progress = now;
+      Grow(moment, before, now);
+      Settle(before, now);
+      Tidy(before, now);
+      Report(before, now);
+      Measure(before, now);
+      SaveIfDue(before, now);
+      before = now;
+    }
+    return Finish();
+  }
+
+ private:
+  static size_t CountTrained(const TrainingScene& scene) {
+    size_t count = 0;
+    for (const ScenePhoto& photo : scene.photos) count += photo.held_out ? 0 : 1;
+    S2GS_INVARIANT(count > 0);
+    return count;
+  }
+
+  // Loads the checkpoint, or makes the first Gaussians. Returns whether training goes on from before.
+  bool Begin(uint64_t seed) {
+    std::error_code ec;
+    if (files_.resume && !files_.checkpoint.empty() && std::filesystem::exists(files_.checkpoint, ec)) {
+      const Checkpoint checkpoint = ReadCheckpoint(files_.checkpoint);
+      if (checkpoint.cursor.settings == files_.settings && checkpoint.cursor.seed == seed) {
+        cursor_ = checkpoint.cursor;
+        backend_->SetState(checkpoint.state);
+        reporter_.Info("going on after iteration " + std::to_string(cursor_.iteration) + " from " +
+                       files_.checkpoint.string());
+        return true;
+      }
+      reporter_.Warn(files_.checkpoint.string() + " was made with other options or photos: training starts anew");
+    }
+    TrainState state;
+    state.gaussians = InitialiseGaussians(scene_, options_.initial, seed, reporter_);
+    cursor_.seed = seed;
+    cursor_.initial_count = static_cast<int64_t>(state.gaussians.size());
+    cursor_.settings = files_.settings;
+    backend_->SetState(state);
+    return false;
+  }
+
+  double Progress() const {
+    const double by_count =
+        static_cast<double>(cursor_.iteration) / static_cast<double>(options_.num_iterations);
+    if (!(options_.max_seconds > 0)) return by_count;
+    return std::min(1.0, std::max(by_count, clock_.WallSeconds() / options_.max_seconds));
+  }
+
+  // Whether a moment of the schedule lies between two points of the course.
+  static bool Passed(double before, double now, double every) {
+    return TimesBy(now, every) > TimesBy(before, every);
+  }
+
+  void UseLevel(int level) {
+    if (level == level_) return;
+    const std::vector<TrainingPhoto> photos = PhotosAtLevel(scene_, level, options_.min_coarse_size);
+    width_ = photos.front().view.width;
+    height_ = photos.front().view.height;
+    training_views_.clear();
+    training_views_.reserve(photos.size());
+    for (const TrainingPhoto& photo : photos) training_views_.push_back(photo.view);
+    backend_->SetPhotos(photos);
+    level_ = level;
+  }
+
+  void FindNeighboursIfNeeded(const TrainMoment& moment, double before) {
+    if (!(moment.weights.local_consistency > 0)) return;
+    const int64_t turn = TimesBy(before, options_.neighbours_every);
+    if (turn == cursor_.neighbours_turn && !model_changed_) return;
+    backend_->RefreshNeighbours(options_.num_neighbours);
+    cursor_.neighbours_turn = turn;
+    model_changed_ = false;
+  }
+
+  void StepOnce(const TrainMoment& moment) {
+    ++cursor_.iteration;
+    TrainStep step;
+    step.iteration = cursor_.iteration;
+    step.photo = order_.At(cursor_.iteration);
+    step.bodies = scene_.bodies();
+    step.sh_degree = moment.sh_degree;
+    step.rates = moment.rates;
+    step.weights = moment.weights;
+    step.freeze_foreground = cursor_.foreground_frozen;
+    step.collect_statistics = moment.grows;
+    if (scene_.mode == TrainMode::kMasks) {
+      // A background of any colour at all: what is transparent in truth is then never cheaper to paint.
+      step.cut_out_mask = true;
+      const Random4 bits = RandomBits(cursor_.seed, kBackgroundStream, cursor_.iteration);
+      for (int i = 0; i < 3; ++i) step.background_color[i] = UnitFloat(bits.words[i]);
+    }
+    backend_->Step(step);
+  }
+
+  void Grow(const TrainMoment& moment, double before, double now) {
+    if (!moment.grows) return;
+    if (cursor_.iteration - cursor_.last_densified >= options_.densify_every) {
+      cursor_.last_densified = cursor_.iteration;
+      DensifyStep step;
+      step.iteration = cursor_.iteration;
+      step.random_seed = cursor_.seed;
+      step.max_clone_scale = static_cast<float>(options_.dense_scale);
+      step.max_scale = static_cast<float>(options_.max_normalised_scale);
+      step.min_opacity = static_cast<float>(options_.min_opacity);
+      step.min_gradient = static_cast<float>(options_.densify_gradient);
+      step.max_count = options_.max_gaussians;
+      if (options_.growth == GrowthStrategy::kBudget) {
+        step.min_gradient = 0;
+        step.max_count = BudgetAt(now);
+      }
+      const DensifyResult result = backend_->Densify(step);
+      not_finite_ += result.not_finite;
+      model_changed_ = true;
+    }
+    if (Passed(before, now, options_.opacity_reset_every) && now < options_.densify_until - 1e-9) {
+      backend_->ResetOpacity(static_cast<float>(options_.opacity_reset_to));
+    }
+  }
+
+  // The budget is reached when four fifths of the time for growth are over: the last ones need some to learn.
+  int64_t BudgetAt(double progress) const {
+    const double span = 0.8 * (options_.densify_until - options_.densify_from);
+    const double share = std::clamp((progress - options_.densify_from) / std::max(span, 1e-9), 0.0, 1.0);
+    const auto start = static_cast<double>(cursor_.initial_count);
+    return static_cast<int64_t>(start + share * (static_cast<double>(options_.max_gaussians) - start));
+  }
+
+  // Freezes p once it has settled, or its time is up.
+  void Settle(double before, double now) {
+    if (scene_.bodies() != SceneBodies::kBoth || cursor_.foreground_frozen) return;
+    if (now < options_.settle_from || options_.settle_until >= 1) return;
+    const bool is_last_chance = now >= options_.settle_until;
+    if (!is_last_chance && !Passed(before, now, kSettleCheckEvery)) return;
+    const double share = SettledShare(backend_->GetGaussians());
+    if (!is_last_chance && share < options_.settled_share) return;
+    TrainState state = backend_->GetState();
+    const auto count = static_cast<int64_t>(state.gaussians.size());
+    FreezeForeground(&state);
+    if (options_.use_rotating_region && scene_.region) {
+      state = SelectState(state, KeepInsideRegion(state.gaussians, *scene_.region, kRegionMargin));
+    }
+    const int64_t dropped = count - static_cast<int64_t>(state.gaussians.size());
+    state.neighbours.clear();
+    state.num_neighbours = 0;
+    backend_->SetState(state);
+    cursor_.foreground_frozen = true;
+    const std::string note = "p is frozen: " + Format("%.2f", 100 * share) + " % of it was outside [.1, .9]; " +
+                             std::to_string(dropped) + " Gaussians that rotated outside the rotating part's region removed";
+    reporter_.Info(note);
+    log_.AddNote(Point(), note);
+  }
+
+  // Strays: rotating Gaussians where nothing rotates, and those that no photo shows.
+  void Tidy(double before, double now) {
+    if (!Passed(before, now, kTidyEvery) || now > kTidyUntil) return;
+    if (scene_.bodies() == SceneBodies::kStaticOnly) return;
+    const bool has_region = options_.use_rotating_region && scene_.region.has_value();
+    if (!cursor_.foreground_frozen && scene_.bodies() == SceneBodies::kBoth) {
+      if (!has_region || now < options_.regularise_from) return;
+      TrainState state = backend_->GetState();
+      if (DisownOutsideRegion(*scene_.region, kRegionMargin, &state) > 0) backend_->SetState(state);
+      return;
+    }
+    if (now < options_.densify_until - 1e-9) return;
+    TrainState state = backend_->GetState();
+    std::vector<uint32_t> kept = has_region ? KeepInsideRegion(state.gaussians, *scene_.region, kRegionMargin)
+                                            : std::vector<uint32_t>();
+    if (!has_region) {
+      kept.resize(state.gaussians.size());
+      std::iota(kept.begin(), kept.end(), 0U);
+    }
+    if (options_.unseen_weight > 0) {
+      const std::vector<float> peak = backend_->PeakWeights(training_views_, scene_.bodies());
+      if (!peak.empty()) {
+        const auto is_unseen = [&](uint32_t i) {
+          return peak[i] < options_.unseen_weight && state.gaussians.foreground_logit[i] > 0;
+        };
+        kept.erase(std::remove_if(kept.begin(), kept.end(), is_unseen), kept.end());
+      }
+    }
+    if (kept.size() == state.gaussians.size() || kept.empty()) return;
+    log_.AddNote(Point(), std::to_string(state.gaussians.size() - kept.size()) + " stray Gaussians removed");
+    backend_->SetState(SelectState(state, kept));
+  }
+
+  LogPoint Point() const {
+    LogPoint point;
+    point.iteration = cursor_.iteration;
+    point.progress = cursor_.progress;
+    point.wall_seconds = cursor_.wall_seconds;
+    point.cpu_seconds = cursor_.cpu_seconds;
+    point.measuring_seconds = cursor_.measuring_seconds;
+    point.count = backend_->Count();
+    point.width = width_;
+    point.height = height_;
+    return point;
+  }
+
+  void Report(double before, double now) {
+    const int64_t every = std::clamp<int64_t>(options_.num_iterations / 200, 1, 100);
+    if (cursor_.iteration % every != 0 && now < 1) return;
+    const LossTerms loss = backend_->TakeLoss();
+    clock_.Lap();
+    log_.AddLoss(Point(), loss);
+    CheckFinite(loss);
+    reporter_.Progress("train", std::min<int64_t>(cursor_.iteration, options_.num_iterations - 1),
+                       options_.num_iterations);
+    if (!Passed(before, now, kMessageEvery) && now < 1 && now - last_message_ < kMessageEvery) return;
+    last_message_ = now;
+    const double rate = static_cast<double>(cursor_.iteration) / std::max(cursor_.wall_seconds, 1e-9);
+    std::string message = "iteration " + std::to_string(cursor_.iteration) + ", " + Format("%.0f", 100 * now) +
+                          " %: loss " + Format("%.4f", loss.total) + ", " + std::to_string(backend_->Count()) +
+                          " Gaussians, " + Format("%.3g", rate) + " iterations/s";
+    if (now > 0 && now < 1) {
+      message += ", " + Duration(cursor_.wall_seconds * (1 - now) / now) + " left";
+    }
+    if (held_out_) message += Format(", held-out %.2f dB", held_out_->psnr);
+    reporter_.Info(message);
+    if (not_finite_ > 0) {
+      reporter_.Warn(std::to_string(not_finite_) + " Gaussians with parameters that are no numbers were removed");
+      not_finite_ = 0;
+    }
+  }
+
+  void CheckFinite(const LossTerms& loss) {
+    if (std::isfinite(loss.total)) {
+      bad_reports_ = 0;
+      return;
+    }
+    DensifyStep prune;  // removes what is not finite and nothing else
+    prune.iteration = cursor_.iteration;
+    prune.random_seed = cursor_.seed;
+    prune.min_opacity = 0;
+    prune.grow = false;
+    not_finite_ += backend_->Densify(prune).not_finite;
+    model_changed_ = true;
+    if (++bad_reports_ < kMaxBadReports) return;
+    throw UserError("training diverged at iteration " + std::to_string(cursor_.iteration) +
+                    ": the loss is not a number. Lower the learning rates or the weights of the loss, and look at "
+                    "the poses with `s2gs scan_evaluator`");
+  }
+
+  void Measure(double before, double now) {
+    if (!has_held_out_ || options_.num_measurements < 1) return;
+    bool is_due = now >= 1;
+    const int steps = options_.num_measurements - 1;
+    for (int i = 0; i < steps; ++i) {
+      const double moment = std::pow(kFirstMeasurement, 1 - static_cast<double>(i) / steps);
+      is_due = is_due || (before < moment && now >= moment);
+    }
+    if (!is_due) return;
+    backend_->GetGaussians();  // waits for the steps
+    clock_.Lap();
+    held_out_ = MeasureHeldOut(scene_, backend_);
+    clock_.LapMeasuring();
+    log_.AddHeldOut(Point(), *held_out_);
+    log_.Write();
+  }
+
+  void SaveIfDue(double before, double now) {
+    const bool stop = reporter_.StopRequested();
+    if (files_.checkpoint.empty()) {
+      if (stop) throw Interrupted();
+      return;
+    }
+    if (stop || (Passed(before, now, options_.checkpoint_every) && now < 1)) Save();
+    if (stop) throw Interrupted();
+  }
+
+  void Save() {
+    clock_.Lap();
+    cursor_.model_changed = model_changed_;
+    WriteCheckpoint(files_.checkpoint, {cursor_, backend_->GetState()});
+    log_.Write();
+    clock_.LapMeasuring();
+  }
+
+  TrainResult Finish() {
+    TrainResult result;
+    result.gaussians = backend_->GetGaussians();
+    clock_.Lap();
+    result.iterations = cursor_.iteration;
+    result.wall_seconds = cursor_.wall_seconds;
+    result.cpu_seconds = cursor_.cpu_seconds;
+    result.measuring_seconds = cursor_.measuring_seconds;
+    result.foreground_frozen = cursor_.foreground_frozen;
+    result.held_out = held_out_;
+    log_.Write();
+    reporter_.Progress("train", options_.num_iterations, options_.num_iterations);
+    return result;
+  }
+
+  const TrainingScene& scene_;
+  const TrainOptions& options_;
+  const TrainFiles& files_;
+  Backend* backend_;
+  Reporter& reporter_;
+  TrainCursor cursor_;
+  bool resumed_;
+  TrainLog log_;
+  PhotoOrder order_;
+  Stopwatch clock_;
+  bool has_held_out_ = false;
+  bool has_masks_ = false;
+  bool model_changed_ = resumed_ && cursor_.model_changed;
+  int level_ = -1;
+  int width_ = 0;
+  int height_ = 0;
+  std::vector<PinholeView> training_views_;
+  std::optional<HeldOutErrors> held_out_;
+  int64_t not_finite_ = 0;
+  int bad_reports_ = 0;
+  double last_message_ = 0;
+};
+
+}  // namespace
+
+std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, int min_size) {
+  std::vector<TrainingPhoto> photos;
+  photos.reserve(scene.photos.size());
+  for (const ScenePhoto& photo : scene.photos) {
+    if (photo.held_out) continue;
+    int own_level = level;
+    while (own_level > 0 && std::max(photo.view.width, photo.view.height) >> own_level < min_size) --own_level;
+    const int width = std::max(1, photo.view.width >> own_level);
+    const int height = std::max(1, photo.view.height >> own_level);
+    TrainingPhoto reduced;
+    reduced.view = ResizeView(photo.view, width, height);
+    reduced.image = ResizeByArea(photo.image, width, height);
+    if (!photo.mask.empty()) {
+      const Image8 mask{photo.view.width, photo.view.height, 1, photo.mask};
+      reduced.mask = ResizeByArea(mask, width, height).pixels;
+      for (uint8_t& value : reduced.mask) value = value > 127 ? 255 : 0;
+    }
+    photos.push_back(std::move(reduced));
+  }
+  return photos;
+}
+
+TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed, const TrainFiles& files,
+                  Backend* backend, Reporter& reporter) {
+  return Trainer(scene, options, seed, files, backend, reporter).Run();
+}
+
+}  // namespace s2gs

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "s2gs/backend.h"
+#include "s2gs/held_out.h"
+
+namespace s2gs {
+
+/// What every line of the log has.
+struct LogPoint {
+  int64_t iteration = 0;
+  double progress = 0;           ///< 0 to 1.
+  double wall_seconds = 0;       ///< of training, without measuring.
+  double cpu_seconds = 0;        ///< of all threads, likewise.
+  double measuring_seconds = 0;  ///< wall time of measuring so far.
+  int64_t count = 0;             ///< of Gaussians.
+  int width = 0, height = 0;     ///< of the first photo at the present resolution [px].
+};
+
+/// W/s2gs/log.jsonl: one JSON object a line, "stage": "train" in each. "event" is "loss" (the means of the loss
+/// terms since the line before), "held_out", or "note". Kept in memory and written as a whole, atomically.
+class TrainLog {
+ public:
+  /// \param path       empty: nothing is written.
+  /// \param iteration  of the checkpoint that training goes on from: later lines of an existing log are
+  ///                   dropped. Below 0: the log starts anew.
+  TrainLog(std::filesystem::path path, int64_t iteration);
+
+  void AddLoss(const LogPoint& point, const LossTerms& loss);
+  void AddHeldOut(const LogPoint& point, const HeldOutErrors& errors);
+  void AddNote(const LogPoint& point, const std::string& note);
+  /// Throws UserError when the file cannot be written.
+  void Write() const;
+
+ private:
+  std::filesystem::path path_;
+  std::vector<std::string> lines_;
+};
+
+}  // namespace s2gs

@@ -1,0 +1,442 @@
+#include "s2gs/training_scene.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <map>
+#include <set>
+#include <sstream>
+#include <system_error>
+#include <utility>
+
+#include "s2gs/image_file.h"
+#include "s2gs/photos.h"
+#include "sfm_split/camera_model.h"
+#include "sfm_split/colmap_model.h"
+#include "sfm_split/file_io.h"
+#include "sfm_split/turntable_file.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
+constexpr double kMinTurnDeg = 0.5;         // below which nothing is said to turn.
+constexpr double kPoseAgreement = 1e-3;     // of the two models' poses, in radians and scene sizes.
+constexpr double kRegionQuantile = 0.995;   // of the rotating points: the few beyond are outliers.
+constexpr double kRegionMargin = 1.15;      // SfM points end before the surface does.
+constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
+
+bool Exists(const fs::path& path) {
+  std::error_code ec;
+  return !path.empty() && fs::exists(path, ec);
+}
+
+bool Turns(const TurntableFile& turntable) {
+  if (turntable.images.empty()) return false;
+  const Eigen::Quaterniond first = turntable.images.front().world_from_object.rotation;
+  return std::any_of(turntable.images.begin(), turntable.images.end(), [&](const TurntableImage& image) {
+    return first.angularDistance(image.world_from_object.rotation) > kMinTurnDeg * M_PI / 180;
+  });
+}
+
+// What the workspace's files say before any photo is read.
+struct SceneFiles {
+  ColmapModel object;
+  ColmapModel background;
+  std::optional<TurntableFile> turntable;
+  TrainMode mode = TrainMode::kStatic;
+};
+
+bool HasMasks(const fs::path& folder, const ColmapModel& model) {
+  return Exists(folder) && std::any_of(model.images.begin(), model.images.end(), [&](const auto& item) {
+           return Exists(folder / (item.second.name + ".png"));
+         });
+}
+
+SceneFiles ReadFiles(const TrainingScenePaths& paths, TrainMode mode, Reporter& reporter) {
+  SceneFiles files;
+  files.object = ReadColmapModel(paths.object_model);
+  if (Exists(paths.turntable)) files.turntable = ReadTurntableFile(paths.turntable);
+  const bool turns = files.turntable && Turns(*files.turntable);
+  files.mode = mode;
+  if (mode == TrainMode::kAuto) {
+    files.mode = turns                                    ? TrainMode::kS2gs
+                 : HasMasks(paths.masks, files.object) ? TrainMode::kMasks
+                                                          : TrainMode::kStatic;
+    reporter.Info(std::string("mode ") + TrainModeName(files.mode) +
+                  (turns ? ": turntable.json says that the table turns"
+                   : files.mode == TrainMode::kMasks
+                       ? ": nothing turns by turntable.json, but there are masks"
+                       : ": nothing turns by turntable.json, and there are no masks"));
+  }
+  if (files.mode == TrainMode::kS2gs && !turns) {
+    throw UserError(paths.turntable,
+                    files.turntable ? "says that nothing turns" : "is missing, so how the table turned is unknown",
+                    "Run `s2gs turntable_mapper`, or train with --mode static or masks");
+  }
+  if (files.mode == TrainMode::kS2gs && Exists(paths.static_model)) {
+    files.background = ReadColmapModel(paths.static_model);
+  }
+  return files;
+}
+
+// Poses of all photos that can be trained on, without pixels.
+std::vector<ScenePhoto> CollectViews(const TrainingScenePaths& paths, const SceneFiles& files,
+                                     std::vector<const Camera*>* cameras, Reporter& reporter) {
+  std::map<std::string, const TurntableImage*> turns;
+  if (files.turntable) {
+    for (const TurntableImage& image : files.turntable->images) turns[image.name] = &image;
+  }
+  std::map<std::string, const ColmapImage*> statics;
+  for (const auto& [id, image] : files.background.images) statics[image.name] = &image;
+
+  std::map<std::string, const ColmapImage*> by_name;
+  for (const auto& [id, image] : files.object.images) by_name[image.name] = &image;
+  std::vector<ScenePhoto> photos;
+  int64_t without_turn = 0;
+  int64_t contradictions = 0;
+  for (const auto& [name, image] : by_name) {
+    ScenePhoto photo;
+    photo.name = name;
+    photo.view.cam_from_object = image->cam_from_world;
+    photo.view.cam_from_world = image->cam_from_world;
+    const auto turn = turns.find(name);
+    if (turn != turns.end()) photo.station = turn->second->station;
+    if (files.mode == TrainMode::kS2gs) {
+      if (turn == turns.end()) {
+        ++without_turn;
+        continue;
+      }
+      photo.view.cam_from_world = image->cam_from_world * turn->second->world_from_object.Inverse();
+      const auto fixed = statics.find(name);
+      if (fixed != statics.end()) {
+        const Rigid3 apart = fixed->second->cam_from_world * photo.view.cam_from_world.Inverse();
+        const double reach = std::max(photo.view.cam_from_world.translation.norm(), 1e-12);
+        if (apart.rotation.angularDistance(Eigen::Quaterniond::Identity()) > kPoseAgreement ||
+            apart.translation.norm() > kPoseAgreement * reach) {
+          ++contradictions;
+        }
+      }
+    }
+    cameras->push_back(&files.object.cameras.at(image->camera_id));
+    photos.push_back(std::move(photo));
+  }
+  if (without_turn > 0) {
+    reporter.Warn(std::to_string(without_turn) + " images of " + paths.object_model.string() +
+                  " are not in turntable.json and are left out");
+  }
+  if (contradictions > 0) {
+    reporter.Warn(std::to_string(contradictions) + " images have another pose in " +
+                  paths.static_model.string() + " than sparse/0 and turntable.json together say; the latter count");
+  }
+  if (photos.empty()) {
+    throw UserError(paths.object_model, "has no images to train on", "Run `s2gs turntable_mapper`, or `colmap mapper`");
+  }
+  return photos;
+}
+
+std::vector<ScenePoint> CollectPoints(const SceneFiles& files) {
+  std::vector<ScenePoint> points;
+  points.reserve(files.object.points3D.size() + files.background.points3D.size());
+  const bool rotates = files.mode != TrainMode::kStatic;
+  for (const auto& [id, point] : files.object.points3D) points.push_back({point.xyz, point.rgb, rotates});
+  for (const auto& [id, point] : files.background.points3D) points.push_back({point.xyz, point.rgb, false});
+  return points;
+}
+
+double Quantile(std::vector<double> values, double share) {
+  const auto index = static_cast<size_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(index), values.end());
+  return values[index];
+}
+
+std::optional<RotatingRegion> FindRegion(const SceneFiles& files) {
+  if (files.mode != TrainMode::kS2gs || files.object.points3D.size() < kMinPointsForRegion) return std::nullopt;
+  RotatingRegion region;
+  region.axis = files.turntable->axis;
+  std::vector<double> radii;
+  std::vector<double> heights;
+  radii.reserve(files.object.points3D.size());
+  heights.reserve(files.object.points3D.size());
+  for (const auto& [id, point] : files.object.points3D) {
+    const Eigen::Vector3d from_axis = point.xyz - region.axis.point;
+    const double height = from_axis.dot(region.axis.direction);
+    heights.push_back(height);
+    radii.push_back((from_axis - height * region.axis.direction).norm());
+  }
+  region.radius = kRegionMargin * Quantile(std::move(radii), kRegionQuantile);
+  region.low = Quantile(heights, 1 - kRegionQuantile);
+  region.high = Quantile(std::move(heights), kRegionQuantile);
+  const double slack = (kRegionMargin - 1) * (region.high - region.low);
+  region.low -= slack;
+  region.high += slack;
+  return region;
+}
+
+std::set<std::string> HeldOutNames(const TrainingSceneOptions& options, const std::vector<ScenePhoto>& photos) {
+  std::set<std::string> names;
+  if (options.test_every > 0) {
+    for (size_t i = 0; i < photos.size(); i += options.test_every) names.insert(photos[i].name);
+  }
+  if (options.test_list.empty()) return names;
+  std::set<std::string> known;
+  for (const ScenePhoto& photo : photos) known.insert(photo.name);
+  std::istringstream lines(ReadWholeFile(options.test_list, kMaxListBytes, "Check --test_list"));
+  std::string line;
+  while (std::getline(lines, line)) {
+    while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.pop_back();
+    if (line.empty()) continue;
+    if (known.count(line) == 0) {
+      throw UserError(options.test_list, "names " + line + ", which is no image of the scene",
+                      "Give names as in the COLMAP model, one a line");
+    }
+    names.insert(line);
+  }
+  return names;
+}
+
+struct Loader {
+  const TrainingScenePaths& paths;
+  const TrainingSceneOptions& options;
+  std::map<uint32_t, Undistortion> undistortions;  // by camera
+
+  const Undistortion& Plan(const Camera& camera) {
+    const auto found = undistortions.find(camera.camera_id);
+    if (found != undistortions.end()) return found->second;
+    return undistortions.emplace(camera.camera_id, PlanUndistortion(camera, paths.object_model)).first->second;
+  }
+
+  Image8 Read(const fs::path& path, const Camera& camera, int channels) {
+    Image8 image = ReadImage(path, channels);
+    if (static_cast<uint64_t>(image.width) != camera.width || static_cast<uint64_t>(image.height) != camera.height) {
+      const bool turned = static_cast<uint64_t>(image.width) == camera.height &&
+                          static_cast<uint64_t>(image.height) == camera.width;
+      throw UserError(path,
+                      "is " + std::to_string(image.width) + " x " + std::to_string(image.height) +
+                          " pixels, its camera " + std::to_string(camera.width) + " x " +
+                          std::to_string(camera.height),
+                      turned ? "It seems to be turned by its EXIF orientation: give the photos as COLMAP saw them"
+                             : "Give the photos that the model was made from");
+    }
+    return UndistortImage(Plan(camera), image);
+  }
+
+  void Load(const Camera& camera, bool with_mask, bool needs_mask, ScenePhoto* photo) {
+    Image8 image = Read(paths.images / photo->name, camera, 3);
+    const Rigid3 cam_from_world = photo->view.cam_from_world;
+    const Rigid3 cam_from_object = photo->view.cam_from_object;
+    PinholeView view = ViewOfPinhole(Plan(camera).pinhole);
+    const int longer = std::max(view.width, view.height);
+    int width = view.width;
+    int height = view.height;
+    if (longer > options.max_image_size) {
+      const double scale = static_cast<double>(options.max_image_size) / longer;
+      width = std::max(1, static_cast<int>(std::lround(view.width * scale)));
+      height = std::max(1, static_cast<int>(std::lround(view.height * scale)));
+    }
+    photo->view = ResizeView(view, width, height);
+    photo->view.cam_from_world = cam_from_world;
+    photo->view.cam_from_object = cam_from_object;
+    photo->image = ResizeByArea(image, width, height);
+    if (with_mask) photo->mask = LoadMask(paths.masks, camera, needs_mask, *photo);
+    if (photo->held_out && !paths.truth_masks.empty()) {
+      photo->truth_mask = LoadMask(paths.truth_masks, camera, false, *photo);
+    }
+  }
+
+  // Empty when there is none and none is needed.
+  std::vector<uint8_t> LoadMask(const fs::path& folder, const Camera& camera, bool is_needed,
+                                const ScenePhoto& photo) {
+    const fs::path path = folder / (photo.name + ".png");
+    if (!is_needed && !Exists(path)) return {};
+    Image8 mask = Read(path, camera, 1);
+    Binarise(&mask);
+    mask = ResizeByArea(mask, photo.view.width, photo.view.height);
+    Binarise(&mask);
+    return std::move(mask.pixels);
+  }
+
+  static void Binarise(Image8* mask) {
+    for (uint8_t& value : mask->pixels) value = value > 127 ? 255 : 0;
+  }
+};
+
+// Where the cameras look: the median rotating point, else the median point, else where their axes meet.
+Eigen::Vector3d LookAt(const TrainingScene& scene) {
+  const bool any_rotates =
+      std::any_of(scene.points.begin(), scene.points.end(), [](const ScenePoint& p) { return p.rotates; });
+  std::array<std::vector<double>, 3> coordinates;
+  for (const ScenePoint& point : scene.points) {
+    if (point.rotates != any_rotates) continue;
+    for (int i = 0; i < 3; ++i) coordinates[i].push_back(point.x[i]);
+  }
+  if (!coordinates[0].empty()) {
+    return {Quantile(coordinates[0], 0.5), Quantile(coordinates[1], 0.5), Quantile(coordinates[2], 0.5)};
+  }
+  Eigen::Matrix3d normal_matrix = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right_side = Eigen::Vector3d::Zero();
+  for (const ScenePhoto& photo : scene.photos) {
+    const Eigen::Vector3d axis = photo.view.cam_from_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    const Eigen::Vector3d centre = CameraCentre(photo.view.cam_from_object);
+    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - axis * axis.transpose();
+    normal_matrix += across;
+    right_side += across * centre;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(normal_matrix);
+  if (eigen.eigenvalues()[0] > 1e-3 * eigen.eigenvalues()[2]) {
+    return normal_matrix.ldlt().solve(right_side);
+  }
+  // Parallel axes and no points: the distance is unknown, one unit does.
+  const PinholeView& view = scene.photos.front().view;
+  return CameraCentre(view.cam_from_object) +
+         view.cam_from_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+}
+
+Rigid3 NormalisePose(const Rigid3& pose, const Eigen::Vector3d& origin, double size) {
+  return {pose.rotation, (pose.rotation * origin + pose.translation) / size};
+}
+
+}  // namespace
+
+const char* TrainModeName(TrainMode mode) {
+  switch (mode) {
+    case TrainMode::kAuto:
+      return "auto";
+    case TrainMode::kS2gs:
+      return "s2gs";
+    case TrainMode::kMasks:
+      return "masks";
+    case TrainMode::kStatic:
+      return "static";
+  }
+  return "";
+}
+
+OptionCheck TrainingSceneOptions::Check() const {
+  if (max_image_size < 16) {
+    return OptionFault{"max_image_size", std::to_string(max_image_size), "max_image_size >= 16"};
+  }
+  if (test_every < 0 || test_every == 1) {
+    return OptionFault{"test_every", std::to_string(test_every), "test_every = 0 or test_every >= 2"};
+  }
+  return std::nullopt;
+}
+
+bool RotatingRegion::Contains(const Eigen::Vector3d& x_in_object, double margin) const {
+  const Eigen::Vector3d from_axis = x_in_object - axis.point;
+  const double height = from_axis.dot(axis.direction);
+  return height >= low - margin && height <= high + margin &&
+         (from_axis - height * axis.direction).norm() <= radius + margin;
+}
+
+SceneBodies TrainingScene::bodies() const {
+  switch (mode) {
+    case TrainMode::kMasks:
+      return SceneBodies::kObjectOnly;
+    case TrainMode::kStatic:
+      return SceneBodies::kStaticOnly;
+    default:
+      return SceneBodies::kBoth;
+  }
+}
+
+void NormaliseScene(TrainingScene* scene) {
+  const Eigen::Vector3d look_at = LookAt(*scene);
+  std::vector<double> distances;
+  distances.reserve(scene->photos.size());
+  for (const ScenePhoto& photo : scene->photos) {
+    distances.push_back((CameraCentre(photo.view.cam_from_object) - look_at).norm());
+  }
+  const double size = Quantile(std::move(distances), 0.5);
+  scene->origin = look_at;
+  scene->size = size > 0 && std::isfinite(size) ? size : 1;
+  for (ScenePhoto& photo : scene->photos) photo.view = NormaliseView(photo.view, scene->origin, scene->size);
+  for (ScenePoint& point : scene->points) point.x = (point.x - scene->origin) / scene->size;
+  if (scene->axis) scene->axis->point = (scene->axis->point - scene->origin) / scene->size;
+  if (scene->region) {
+    scene->region->axis.point = (scene->region->axis.point - scene->origin) / scene->size;
+    scene->region->radius /= scene->size;
+    scene->region->low /= scene->size;
+    scene->region->high /= scene->size;
+  }
+}
+
+PinholeView NormaliseView(const PinholeView& view, const Eigen::Vector3d& origin, double size) {
+  PinholeView normalised = view;
+  normalised.cam_from_world = NormalisePose(view.cam_from_world, origin, size);
+  normalised.cam_from_object = NormalisePose(view.cam_from_object, origin, size);
+  return normalised;
+}
+
+Gaussians DenormaliseGaussians(Gaussians gaussians, const Eigen::Vector3d& origin, double size) {
+  const auto log_size = static_cast<float>(std::log(size));
+  for (size_t i = 0; i < gaussians.centre.size(); ++i) {
+    gaussians.centre[i] = static_cast<float>(gaussians.centre[i] * size + origin[static_cast<int>(i % 3)]);
+  }
+  for (float& value : gaussians.log_scale) value += log_size;
+  return gaussians;
+}
+
+Gaussians NormaliseGaussians(Gaussians gaussians, const Eigen::Vector3d& origin, double size) {
+  const auto log_size = static_cast<float>(std::log(size));
+  for (size_t i = 0; i < gaussians.centre.size(); ++i) {
+    gaussians.centre[i] = static_cast<float>((gaussians.centre[i] - origin[static_cast<int>(i % 3)]) / size);
+  }
+  for (float& value : gaussians.log_scale) value -= log_size;
+  return gaussians;
+}
+
+TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingSceneOptions& options,
+                                Reporter& reporter) {
+  const SceneFiles files = ReadFiles(paths, options.mode, reporter);
+  TrainingScene scene;
+  scene.mode = files.mode;
+  std::vector<const Camera*> cameras;
+  scene.photos = CollectViews(paths, files, &cameras, reporter);
+  scene.points = CollectPoints(files);
+  if (files.turntable) scene.axis = files.turntable->axis;
+  scene.region = FindRegion(files);
+
+  const std::set<std::string> held_out = HeldOutNames(options, scene.photos);
+  if (held_out.size() >= scene.photos.size()) {
+    throw UserError(paths.object_model, "all of its images are held out, none is left to train on",
+                    "Hold out fewer");
+  }
+  const bool needs_mask = files.mode == TrainMode::kMasks;
+  const bool with_mask = needs_mask || (options.masks_as_hint && Exists(paths.masks));
+  Loader loader{paths, options, {}};
+  for (size_t i = 0; i < scene.photos.size(); ++i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    ScenePhoto& photo = scene.photos[i];
+    photo.held_out = held_out.count(photo.name) > 0;
+    loader.Load(*cameras[i], with_mask, needs_mask, &photo);
+    reporter.Progress("read photos", static_cast<int64_t>(i) + 1, static_cast<int64_t>(scene.photos.size()));
+  }
+  NormaliseScene(&scene);
+  return scene;
+}
+
+TrainingScene ReadScenePoses(const TrainingScenePaths& paths, TrainMode mode, Reporter& reporter) {
+  const SceneFiles files = ReadFiles(paths, mode, reporter);
+  TrainingScene scene;
+  scene.mode = files.mode;
+  std::vector<const Camera*> cameras;
+  scene.photos = CollectViews(paths, files, &cameras, reporter);
+  for (size_t i = 0; i < scene.photos.size(); ++i) {
+    ScenePhoto& photo = scene.photos[i];
+    PinholeView view = ViewOfPinhole(PlanUndistortion(*cameras[i], paths.object_model).pinhole);
+    view.cam_from_world = photo.view.cam_from_world;
+    view.cam_from_object = photo.view.cam_from_object;
+    photo.view = view;
+  }
+  scene.points = CollectPoints(files);
+  if (files.turntable) scene.axis = files.turntable->axis;
+  scene.region = FindRegion(files);
+  NormaliseScene(&scene);
+  return scene;
+}
+
+}  // namespace s2gs
