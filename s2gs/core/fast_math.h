@@ -7,8 +7,8 @@
 
 namespace s2gs {
 
-/// e^x and 1 / x by the GPU's own approximations (about 2 units in the last place) where the code runs on one in
-/// float; elsewhere the exact functions. For the inner loops over pixels.
+/// e^x and 1 / x by the GPU's own approximations (about 2 units in the last place) where the code runs on one
+/// in float; elsewhere the exact functions. For the inner loops over pixels.
 template <typename T>
 S2GS_HD inline T FastExp(const T& x) {
 #if defined(__CUDA_ARCH__)

@@ -1,10 +1,9 @@
-#include "s2gs/cuda/bin.h"
-
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_scan.cuh>
 #include <limits>
 #include <string>
 
+#include "s2gs/cuda/bin.h"
 #include "s2gs/cuda/tiles.cuh"
 
 namespace s2gs::cuda {
@@ -63,8 +62,8 @@ __global__ __launch_bounds__(kThreads) void EmitKernel(EmitInput in, Key* keys, 
   });
 }
 
-// Where each tile's entries begin and end in the sorted list. Unused entries at the end have the key num_tiles
-// or more.
+// Where each tile's entries begin and end in the sorted list. Unused entries at the end have the key
+// num_tiles or more.
 template <typename Key>
 __global__ void FindRangesKernel(const Key* keys, uint64_t bound, int num_tiles, const StepReport* report,
                                  uint32_t* begin, uint32_t* end) {
@@ -121,8 +120,9 @@ void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
 void TileSorter::ReserveIntersections(int64_t num_intersections) {
   // Positions within the list are 32-bit; CUB counts in int.
   if (num_intersections > std::numeric_limits<int32_t>::max()) {
-    throw UserError("The view has " + std::to_string(num_intersections) +
-                    " pairs of a splat and a tile, more than 2^31. Use a smaller image size or fewer Gaussians");
+    throw UserError(
+        "The view has " + std::to_string(num_intersections) +
+        " pairs of a splat and a tile, more than 2^31. Use a smaller image size or fewer Gaussians");
   }
   const auto n = static_cast<size_t>(num_intersections);
   tile_keys_.Reserve(n);
@@ -140,12 +140,12 @@ void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStre
   CheckCuda(cub::DeviceScan::InclusiveSum(nullptr, scan_bytes, offsets_.get(), offsets_.get(), n, stream),
             "scan of tile counts");
   scratch_.Reserve(sort_bytes > scan_bytes ? sort_bytes : scan_bytes);
-  CheckCuda(cub::DeviceRadixSort::SortPairs(scratch_.get(), sort_bytes, depth_keys_.get(),
-                                            sorted_depth_keys_.get(), ids_.get(), sorted_ids_.get(), n, 0, 32,
-                                            stream),
-            "sort by depth");
-  GatherCountsKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(sorted_ids_.get(), tile_counts_.get(), n,
-                                                                      offsets_.get());
+  CheckCuda(
+      cub::DeviceRadixSort::SortPairs(scratch_.get(), sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
+                                      ids_.get(), sorted_ids_.get(), n, 0, 32, stream),
+      "sort by depth");
+  GatherCountsKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(sorted_ids_.get(), tile_counts_.get(),
+                                                                      n, offsets_.get());
   CheckCuda(
       cub::DeviceScan::InclusiveSum(scratch_.get(), scan_bytes, offsets_.get(), offsets_.get(), n, stream),
       "scan of tile counts");
@@ -153,8 +153,8 @@ void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStre
   CheckCuda(cudaGetLastError(), "tile counts");
 }
 
-TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, int64_t bound, StepReport* report,
-                                 cudaStream_t stream) {
+TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, int64_t bound,
+                                 StepReport* report, cudaStream_t stream) {
   const int num_tiles = NumTiles(width) * NumTiles(height);
   CheckCuda(cudaMemsetAsync(tile_begin_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
   CheckCuda(cudaMemsetAsync(tile_end_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
@@ -164,24 +164,23 @@ TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, i
     using Key = std::remove_pointer_t<decltype(keys)>;
     // Entries that no splat fills sort behind all tiles.
     CheckCuda(cudaMemsetAsync(keys, 0xFF, sizeof(Key) * bound, stream), "tile keys");
-    const EmitInput input = {sorted_ids_.get(),
-                             offsets_.get(),
-                             splats(),
-                             static_cast<int>(num_gaussians),
-                             width,
-                             height,
-                             static_cast<uint64_t>(bound)};
-    EmitKernel<<<NumBlocks(num_gaussians, kThreads), kThreads, 0, stream>>>(input, keys, tile_ids_.get(), report);
+    const EmitInput input = {
+        sorted_ids_.get(),           offsets_.get(), splats(), static_cast<int>(num_gaussians), width, height,
+        static_cast<uint64_t>(bound)};
+    EmitKernel<<<NumBlocks(num_gaussians, kThreads), kThreads, 0, stream>>>(input, keys, tile_ids_.get(),
+                                                                            report);
     CheckCuda(cudaGetLastError(), "tile keys");
     const int bits = BitsFor(static_cast<uint64_t>(num_tiles));
     size_t bytes = 0;
-    CheckCuda(cub::DeviceRadixSort::SortPairs(nullptr, bytes, keys, sorted_keys, tile_ids_.get(),
-                                              sorted_tile_ids_.get(), static_cast<int>(bound), 0, bits, stream),
-              "sort by tile");
+    CheckCuda(
+        cub::DeviceRadixSort::SortPairs(nullptr, bytes, keys, sorted_keys, tile_ids_.get(),
+                                        sorted_tile_ids_.get(), static_cast<int>(bound), 0, bits, stream),
+        "sort by tile");
     scratch_.Reserve(bytes);
-    CheckCuda(cub::DeviceRadixSort::SortPairs(scratch_.get(), bytes, keys, sorted_keys, tile_ids_.get(),
-                                              sorted_tile_ids_.get(), static_cast<int>(bound), 0, bits, stream),
-              "sort by tile");
+    CheckCuda(
+        cub::DeviceRadixSort::SortPairs(scratch_.get(), bytes, keys, sorted_keys, tile_ids_.get(),
+                                        sorted_tile_ids_.get(), static_cast<int>(bound), 0, bits, stream),
+        "sort by tile");
     FindRangesKernel<<<NumBlocks(bound, 256), 256, 0, stream>>>(
         sorted_keys, static_cast<uint64_t>(bound), num_tiles, report, tile_begin_.get(), tile_end_.get());
     CheckCuda(cudaGetLastError(), "tile ranges");

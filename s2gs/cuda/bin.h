@@ -5,8 +5,8 @@
 
 namespace s2gs::cuda {
 
-/// Sorts splats into tiles: by depth over all splats, then, stably, by tile over all pairs of a splat and a tile
-/// that it reaches, with keys no longer than the number of tiles needs.
+/// Sorts splats into tiles: by depth over all splats, then, stably, by tile over all pairs of a splat and a
+/// tile that it reaches, with keys no longer than the number of tiles needs.
 class TileSorter {
  public:
   explicit TileSorter(DeviceMemoryCount* memory);
@@ -16,14 +16,14 @@ class TileSorter {
   void ReserveIntersections(int64_t num_intersections);
 
   ProjectedSplats splats() const {
-    return {splats_.get(), normal_z_.get(), depth_keys_.get(), ids_.get(), tile_counts_.get(),
-            tile_rects_.get()};
+    return {splats_.get(), normal_z_.get(),    depth_keys_.get(),
+            ids_.get(),    tile_counts_.get(), tile_rects_.get()};
   }
 
   /// Depth order and the number of intersections; report->num_intersections is then on its way.
   void SortByDepth(int64_t num_gaussians, StepReport* report, cudaStream_t stream);
-  /// The lists of all tiles. \param bound  room for intersections, at most what was reserved; if there are more,
-  /// the rest is left out and report->overflow is set.
+  /// The lists of all tiles. \param bound  room for intersections, at most what was reserved; if there are
+  /// more, the rest is left out and report->overflow is set.
   TileLists SortByTile(int64_t num_gaussians, int width, int height, int64_t bound, StepReport* report,
                        cudaStream_t stream);
 

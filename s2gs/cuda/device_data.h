@@ -122,6 +122,7 @@ struct TileLists {
 /// Sums over the steps since the losses were last taken.
 struct LossSums {
   double steps;
+  double total;  ///< weighted.
   double l1, dssim, normal, distortion, local_consistency, entropy_3d, entropy_2d, mask;
 };
 
@@ -134,22 +135,6 @@ struct StepReport {
 __device__ inline float WarpSum(float value) {
   for (int offset = 16; offset > 0; offset /= 2) value += __shfl_xor_sync(0xFFFFFFFFU, value, offset);
   return value;
-}
-
-/// Adds the sum of `value` over the block's threads to *target. All threads must call it.
-__device__ inline void AddBlockSum(float value, double* target) {
-  __shared__ float warp_sums[32];
-  const unsigned thread = threadIdx.x + blockDim.x * threadIdx.y;
-  const unsigned num_warps = (blockDim.x * blockDim.y + 31) / 32;
-  value = WarpSum(value);
-  __syncthreads();
-  if (thread % 32 == 0) warp_sums[thread / 32] = value;
-  __syncthreads();
-  if (thread == 0) {
-    double sum = 0;
-    for (unsigned i = 0; i < num_warps; ++i) sum += static_cast<double>(warp_sums[i]);
-    atomicAdd(target, sum);
-  }
 }
 
 }  // namespace s2gs::cuda

@@ -1,6 +1,5 @@
-#include "s2gs/cuda/losses.h"
-
 #include "s2gs/core/cuda.h"
+#include "s2gs/cuda/losses.h"
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/kernel/loss.h"
 
@@ -9,18 +8,37 @@ namespace {
 
 constexpr int kHalo = kTile + 2 * kSsimRadius;
 constexpr int kThreads = 256;
+static_assert(kThreads == kTileThreads);
+
+// Adds the block's sum of a loss term to the term's own sum and, weighted, to the total. All threads must
+// call it.
+__device__ void AddTerm(float value, float weight, double* term, LossSums* sums) {
+  __shared__ float warp_sums[kThreads / 32];
+  value = WarpSum(value);
+  __syncthreads();
+  if (threadIdx.x % 32 == 0) warp_sums[threadIdx.x / 32] = value;
+  __syncthreads();
+  if (threadIdx.x != 0) return;
+  double sum = 0;
+  for (const float warp_sum : warp_sums) sum += static_cast<double>(warp_sum);
+  if (sum == 0) return;
+  atomicAdd(term, sum);
+  atomicAdd(&sums->total, static_cast<double>(weight) * sum);
+}
 
 // Rendered and real colour of a pixel.
 struct ColorPair {
   float rendered, real;
 };
 
-__device__ ColorPair LoadColors(const ImageLossInput& in, const Maps& maps, size_t size, int x, int y, int channel) {
+__device__ ColorPair LoadColors(const ImageLossInput& in, const Maps& maps, size_t size, int x, int y,
+                                int channel) {
   const size_t i = static_cast<size_t>(y) * in.photo.width + x;
   const float background = channel == 0 ? in.background.x : channel == 1 ? in.background.y : in.background.z;
   const float rendered = maps.color[channel * size + i] + maps.transmittance[i] * background;
   const bool is_cut_out = in.cut_out_mask && in.photo.mask != nullptr && in.photo.mask[i] <= 127;
-  const float real = is_cut_out ? background : static_cast<float>(in.photo.rgb[3 * i + channel]) * (1 / 255.0F);
+  const float real =
+      is_cut_out ? background : static_cast<float>(in.photo.rgb[3 * i + channel]) * (1 / 255.0F);
   return {rendered, real};
 }
 
@@ -86,7 +104,8 @@ __global__ __launch_bounds__(kTileThreads) void SsimKernel(ImageLossInput in, Ma
     dissimilarity = 1 - point.value;
   }
   if (in.report->overflow == 0) {
-    AddBlockSum(dissimilarity / (3 * static_cast<float>(size)), &sums->dssim);
+    const float share = dissimilarity / (3 * static_cast<float>(size));
+    AddTerm(share, in.weights.dssim, &sums->dssim, sums);
   }
 }
 
@@ -139,12 +158,12 @@ __global__ __launch_bounds__(kTileThreads) void ColorGradientKernel(ImageLossInp
     difference = fabsf(colors.rendered - colors.real);
     float gradient = (1 - in.weights.dssim) * L1Adjoint(colors.rendered, colors.real);
     if (in.weights.dssim != 0) {
-      gradient -= in.weights.dssim *
-                  SsimAdjoint(windowed[0], windowed[1], windowed[2], colors.rendered, colors.real);
+      gradient -=
+          in.weights.dssim * SsimAdjoint(windowed[0], windowed[1], windowed[2], colors.rendered, colors.real);
     }
     d_color[static_cast<size_t>(channel) * size + static_cast<size_t>(y) * width + x] = share * gradient;
   }
-  if (in.report->overflow == 0) AddBlockSum(share * difference, &sums->l1);
+  if (in.report->overflow == 0) AddTerm(share * difference, 1 - in.weights.dssim, &sums->l1, sums);
 }
 
 template <bool kGeometry, bool kForeground>
@@ -191,8 +210,8 @@ __global__ __launch_bounds__(kThreads) void MapLossKernel(ImageLossInput in, Map
           const float weight = share * in.weights.normal;
           d_alpha = weight;
           d_normal = -weight * normal;
-          const DepthStencil<float> d = NormalFromDepthAdjoint(z, pixel_x, pixel_y, in.fx, in.fy, in.cx, in.cy,
-                                                               normal, length, -weight * rendered);
+          const DepthStencil<float> d = NormalFromDepthAdjoint(z, pixel_x, pixel_y, in.fx, in.fy, in.cx,
+                                                               in.cy, normal, length, -weight * rendered);
           atomicAdd(d_maps.expected_depth + i - 1, d.left);
           atomicAdd(d_maps.expected_depth + i + 1, d.right);
           atomicAdd(d_maps.expected_depth + i - width, d.up);
@@ -207,16 +226,17 @@ __global__ __launch_bounds__(kThreads) void MapLossKernel(ImageLossInput in, Map
   }
   if (in.report->overflow != 0) return;
   if constexpr (kForeground) {
-    AddBlockSum(share * entropy, &sums->entropy_2d);
-    AddBlockSum(share * cross_entropy, &sums->mask);
+    AddTerm(share * entropy, in.weights.entropy_2d, &sums->entropy_2d, sums);
+    AddTerm(share * cross_entropy, in.weights.mask, &sums->mask, sums);
   }
   if constexpr (kGeometry) {
-    AddBlockSum(share * inconsistency, &sums->normal);
-    AddBlockSum(share * distortion, &sums->distortion);
+    AddTerm(share * inconsistency, in.weights.normal, &sums->normal, sums);
+    AddTerm(share * distortion, in.weights.distortion, &sums->distortion, sums);
   }
 }
 
-__global__ __launch_bounds__(kThreads) void ModelLossKernel(ModelLossInput in, float* d_logits, LossSums* sums) {
+__global__ __launch_bounds__(kThreads) void ModelLossKernel(ModelLossInput in, float* d_logits,
+                                                            LossSums* sums) {
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   float divergence = 0, entropy = 0;
   if (i < in.count) {
@@ -246,8 +266,8 @@ __global__ __launch_bounds__(kThreads) void ModelLossKernel(ModelLossInput in, f
     if (d != 0) atomicAdd(d_logits + i, d);
   }
   if (in.report->overflow != 0) return;
-  AddBlockSum(divergence, &sums->local_consistency);
-  AddBlockSum(entropy, &sums->entropy_3d);
+  AddTerm(divergence, in.local_consistency, &sums->local_consistency, sums);
+  AddTerm(entropy, in.entropy_3d, &sums->entropy_3d, sums);
 }
 
 }  // namespace

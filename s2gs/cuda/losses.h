@@ -25,7 +25,8 @@ struct ImageLossInput {
 void ColorLoss(const ImageLossInput& input, const Maps& maps, const MapGradients& d_maps, float* partials,
                LossSums* sums, cudaStream_t stream);
 
-/// (12), the mask's term, normal consistency and distortion. Writes the gradients of the channels that are on.
+/// (12), the mask's term, normal consistency and distortion. Writes the gradients of the channels that are
+/// on.
 void MapLoss(const ImageLossInput& input, bool geometry, bool foreground, const Maps& maps,
              const MapGradients& d_maps, LossSums* sums, cudaStream_t stream);
 

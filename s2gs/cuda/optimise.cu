@@ -1,6 +1,5 @@
-#include "s2gs/cuda/optimise.h"
-
 #include "s2gs/core/cuda.h"
+#include "s2gs/cuda/optimise.h"
 #include "s2gs/kernel/sh.h"
 
 namespace s2gs::cuda {
@@ -61,8 +60,10 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
     ComputeFootprintAdjoint(surfel, camera, footprint, d.footprint, &d_surfel);
     if (in.gradient_sum != nullptr) {
       // By the centre's movement across the image, in 2DGS's units: half the image's size.
-      const float x = d_surfel.centre.x * surfel.centre.z / camera.fx * 0.5F * static_cast<float>(camera.width);
-      const float y = d_surfel.centre.y * surfel.centre.z / camera.fy * 0.5F * static_cast<float>(camera.height);
+      const float x =
+          d_surfel.centre.x * surfel.centre.z / camera.fx * 0.5F * static_cast<float>(camera.width);
+      const float y =
+          d_surfel.centre.y * surfel.centre.z / camera.fy * 0.5F * static_cast<float>(camera.height);
       const float length = sqrtf(x * x + y * y);
       if (isfinite(length)) {
         in.gradient_sum[i] += length;
@@ -103,10 +104,18 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
 void Optimise(const OptimiseInput& input, cudaStream_t stream) {
   const unsigned blocks = NumBlocks(input.count, kThreads);
   switch (input.view.sh_degree) {
-    case 0: OptimiseKernel<0><<<blocks, kThreads, 0, stream>>>(input); break;
-    case 1: OptimiseKernel<1><<<blocks, kThreads, 0, stream>>>(input); break;
-    case 2: OptimiseKernel<2><<<blocks, kThreads, 0, stream>>>(input); break;
-    default: OptimiseKernel<3><<<blocks, kThreads, 0, stream>>>(input); break;
+    case 0:
+      OptimiseKernel<0><<<blocks, kThreads, 0, stream>>>(input);
+      break;
+    case 1:
+      OptimiseKernel<1><<<blocks, kThreads, 0, stream>>>(input);
+      break;
+    case 2:
+      OptimiseKernel<2><<<blocks, kThreads, 0, stream>>>(input);
+      break;
+    default:
+      OptimiseKernel<3><<<blocks, kThreads, 0, stream>>>(input);
+      break;
   }
   CheckCuda(cudaGetLastError(), "optimiser");
 }

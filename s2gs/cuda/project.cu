@@ -15,8 +15,8 @@ __device__ bool IsVisibleColor(const Vec3<float>& color) {
 }
 
 // Surfel, footprint, bounds and colour of one Gaussian. False when it is not drawn.
-__device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions& options, Splat<float>* splat,
-                           PixelRect* rect) {
+__device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions& options,
+                           Splat<float>* splat, PixelRect* rect) {
   const SurfelParameters<float> g = LoadSurfel(parameters, i);
   Surfel<float> surfel;
   if (!TransformSurfel(g, options.camera, options.rule, &surfel)) return false;
@@ -34,8 +34,8 @@ __device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions
   return IsVisibleColor(splat->color);
 }
 
-__global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int count, ProjectOptions options,
-                                                          ProjectedSplats out) {
+__global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int count,
+                                                          ProjectOptions options, ProjectedSplats out) {
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   Splat<float> splat{};
   TileReach reach{};
@@ -54,8 +54,9 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
   if (tiles > 0) {
     out.splats[i] = Pack(splat);
     out.normal_z[i] = splat.footprint.normal.z;
-    out.tile_rects[i] = {static_cast<uint16_t>(reach.tiles.x_begin), static_cast<uint16_t>(reach.tiles.y_begin),
-                         static_cast<uint16_t>(reach.tiles.x_end), static_cast<uint16_t>(reach.tiles.y_end)};
+    out.tile_rects[i] = {static_cast<uint16_t>(reach.tiles.x_begin),
+                         static_cast<uint16_t>(reach.tiles.y_begin), static_cast<uint16_t>(reach.tiles.x_end),
+                         static_cast<uint16_t>(reach.tiles.y_end)};
   }
 }
 
@@ -64,8 +65,8 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
 void Project(const Planes& parameters, int64_t count, const ProjectOptions& options,
              const ProjectedSplats& splats, cudaStream_t stream) {
   if (count == 0) return;
-  ProjectKernel<<<NumBlocks(count, kThreads), kThreads, 0, stream>>>(parameters, static_cast<int>(count), options,
-                                                                     splats);
+  ProjectKernel<<<NumBlocks(count, kThreads), kThreads, 0, stream>>>(parameters, static_cast<int>(count),
+                                                                     options, splats);
   CheckCuda(cudaGetLastError(), "projection");
 }
 

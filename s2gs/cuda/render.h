@@ -19,6 +19,9 @@ struct RenderInput {
 
 void RenderForward(const RenderInput& input, RenderChannels channels, const Maps& maps, cudaStream_t stream);
 
+/// Raises peak_weights[i] to the largest weight that splat i has in any pixel.
+void RenderPeakWeights(const RenderInput& input, float* peak_weights, cudaStream_t stream);
+
 /// Adds the loss by every splat, in PackedSplat's layout, to `d_splats` and `d_normal_z`.
 void RenderBackward(const RenderInput& input, RenderChannels channels, const Maps& maps,
                     const MapGradients& gradients, const Vec3<float>& background, float* d_splats,

@@ -28,7 +28,8 @@ __device__ float WarpSum16(float (&v)[kPackedFloats]) {
 }
 
 template <typename C>
-__global__ __launch_bounds__(kTileThreads) void RenderBackwardKernel(RenderInput in, Maps maps, MapGradients d_maps,
+__global__ __launch_bounds__(kTileThreads) void RenderBackwardKernel(RenderInput in, Maps maps,
+                                                                     MapGradients d_maps,
                                                                      Vec3<float> background, float* d_splats,
                                                                      float* d_normal_z) {
   __shared__ SplatBatch batch;
@@ -87,16 +88,28 @@ __global__ __launch_bounds__(kTileThreads) void RenderBackwardKernel(RenderInput
         const uint32_t number = left - 1 - static_cast<uint32_t>(slot);
         const Splat<float> splat = batch.At<C>(slot);
         PixelHit<float> hit;
-        const bool is_hit = number < last && HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y,
-                                                      in.near_depth, &hit);
+        const bool is_hit =
+            number < last && HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit);
         if (!__any_sync(0xFFFFFFFFU, is_hit)) continue;
         Splat<float> d_splat{};
         if (is_hit) UndoHit<C>(splat, hit, d, in.near_depth, &state, &d_splat);
         const Footprint<float>& f = d_splat.footprint;
-        float values[kPackedFloats] = {f.centre.x,       f.centre.y,      f.u.x,           f.u.y,
-                                       f.v.x,            f.v.y,           f.w.x,           f.w.y,
-                                       d_splat.opacity,  d_splat.color.x, d_splat.color.y, d_splat.color.z,
-                                       d_splat.foreground, f.depth,       f.normal.x,      f.normal.y};
+        float values[kPackedFloats] = {f.centre.x,
+                                       f.centre.y,
+                                       f.u.x,
+                                       f.u.y,
+                                       f.v.x,
+                                       f.v.y,
+                                       f.w.x,
+                                       f.w.y,
+                                       d_splat.opacity,
+                                       d_splat.color.x,
+                                       d_splat.color.y,
+                                       d_splat.color.z,
+                                       d_splat.foreground,
+                                       f.depth,
+                                       f.normal.x,
+                                       f.normal.y};
         const float sum = WarpSum16(values);
         const uint32_t id = batch.id[slot];
         constexpr unsigned kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;

@@ -52,8 +52,8 @@ struct SplatBatch {
       footprint.u = {a[slot].z, a[slot].w};
       footprint.v = {b[slot].x, b[slot].y};
       footprint.w = {b[slot].z, b[slot].w};
-      reaches = ReachesRect(footprint, CutoffSquaredRadius(c[slot].x), pixel.x_begin, pixel.y_begin, pixel.x_end,
-                            pixel.y_end);
+      reaches = ReachesRect(footprint, CutoffSquaredRadius(c[slot].x), pixel.x_begin, pixel.y_begin,
+                            pixel.x_end, pixel.y_end);
     }
     return __ballot_sync(0xFFFFFFFFU, reaches);
   }
