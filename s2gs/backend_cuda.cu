@@ -82,7 +82,7 @@ constexpr std::array<Field, 7> kFields = {{{&Gaussians::centre, kCentre, 3},
 
 class CudaBackend : public Backend {
  public:
-  explicit CudaBackend(int gpu_index) : gpu_index_(gpu_index) {
+  explicit CudaBackend(int gpu_index) {
     cudaDeviceProp properties;
     CheckCuda(cudaSetDevice(gpu_index), "cudaSetDevice");
     CheckCuda(cudaGetDeviceProperties(&properties, gpu_index), "cudaGetDeviceProperties");
@@ -135,7 +135,7 @@ class CudaBackend : public Backend {
       const uint8_t* mask = upload(photo.mask);
       photos_.push_back({photo.view, {rgb, mask, photo.view.width, photo.view.height}});
     }
-    room_ = 0;  // other sizes have other counts
+    ForgetRoom();  // other sizes have other counts
   }
 
   void SetState(const TrainState& state) override {
@@ -163,7 +163,7 @@ class CudaBackend : public Backend {
                            cudaMemcpyHostToDevice),
                 "neighbours");
     }
-    room_ = 0;
+    ForgetRoom();
   }
 
   TrainState GetState() const override {
@@ -522,6 +522,12 @@ class CudaBackend : public Backend {
     }
   }
 
+  void ForgetRoom() {
+    num_reports_read_ = num_reports_sent_;
+    peak_intersections_ = 0;
+    room_ = 0;
+  }
+
   // Sends the step's count to the host, to be read when it has arrived.
   void SendReport() {
     const int slot = static_cast<int>(num_reports_sent_ % kStepsAhead);
@@ -608,7 +614,6 @@ class CudaBackend : public Backend {
 
   void ClampOpacity(float max_logit);
 
-  int gpu_index_;
   std::string device_name_;
   cudaStream_t stream_ = nullptr;
   DeviceMemoryCount memory_;

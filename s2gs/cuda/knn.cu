@@ -97,15 +97,16 @@ struct Nearest {
 
   __device__ void Insert(float d, int i) {
     if (!(d < distance[kMax - 1])) return;
+      // Carries what is larger on to the end; all indices are compile-time constants.
 #pragma unroll
-    for (int k = kMax - 1; k >= 0; --k) {
-      if (k > 0 && d < distance[k - 1]) {
-        distance[k] = distance[k - 1];
-        index[k] = index[k - 1];
-      } else {
+    for (int k = 0; k < kMax; ++k) {
+      if (d < distance[k]) {
+        const float further = distance[k];
+        const int further_index = index[k];
         distance[k] = d;
         index[k] = i;
-        break;
+        d = further;
+        i = further_index;
       }
     }
   }

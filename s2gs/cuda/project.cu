@@ -9,11 +9,6 @@ namespace {
 constexpr int kThreads = 128;
 constexpr uint32_t kNotDrawn = 0xFFFFFFFFU;
 
-__device__ bool IsVisibleColor(const Vec3<float>& color) {
-  constexpr auto kMax = static_cast<float>(kMaxColor);
-  return color.x < kMax && color.y < kMax && color.z < kMax;  // false for NaN; not negative by construction.
-}
-
 // Surfel, footprint, bounds and colour of one Gaussian. False when it is not drawn.
 __device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions& options,
                            Splat<float>* splat, PixelRect* rect) {
@@ -31,7 +26,7 @@ __device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions
   splat->color = ShColor(
       options.sh_degree, {at(kShDc), at(kShDc + 1), at(kShDc + 2)},
       [&](int k, int channel) { return at(kShRest + 3 * k + channel); }, surfel.view_direction);
-  return IsVisibleColor(splat->color);
+  return IsDrawableColor(splat->color);
 }
 
 __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int count,
