@@ -75,7 +75,8 @@ std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace
   for (const auto& [id, image] : model.images) {
     const Camera& camera = model.cameras.at(image.camera_id);
     if (!IsDistortionFree(camera)) {
-      throw UserError(workspace.DenseModel(), "camera " + std::to_string(camera.camera_id) + " has distortion",
+      throw UserError(workspace.DenseModel(),
+                      "camera " + std::to_string(camera.camera_id) + " has distortion",
                       "Run `colmap image_undistorter` again, or remove dense/0");
     }
     views[image.name] = ViewOfPinhole(camera);

@@ -56,12 +56,14 @@ struct Arguments {
 };
 
 void AddOptions(Options* options, Arguments* a) {
-  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and s2gs/point_cloud.ply").Required();
+  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and s2gs/point_cloud.ply")
+      .Required();
   options->Add("image_path", &a->image_path, "the photos; empty: images in the workspace");
   options->Add("model_path", &a->model_path, "the Gaussians; empty: s2gs/point_cloud.ply in the workspace");
   options->Add("output_path", &a->output_path,
                "folder for images that are no part of a workspace; empty: s2gs/renders in the workspace");
-  options->Add("image_list", &a->image_list, "file with the names of the photos to render, one a line; empty: all");
+  options->Add("image_list", &a->image_list,
+               "file with the names of the photos to render, one a line; empty: all");
   options->Add("masks", &a->masks, "masks of the rotating part: masks/NAME.png in the workspace, 255 inside");
   options->Add("stereo", &a->stereo,
                "depth and normal maps of the rotating part alone: dense/0/stereo/*/NAME.geometric.bin, for "
@@ -71,10 +73,13 @@ void AddOptions(Options* options, Arguments* a) {
   options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
   options->Add("pictures", &a->pictures,
                "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
-  options->Add("comparison", &a->comparison, "photo, rendering, error and mask side by side: comparison/NAME.png");
-  options->Add("num_frames", &a->num_frames,
-               "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
-  options->Add("frame_station", &a->frame_station, "the station whose first photo lends its camera to the film");
+  options->Add("comparison", &a->comparison,
+               "photo, rendering, error and mask side by side: comparison/NAME.png");
+  options->Add(
+      "num_frames", &a->num_frames,
+      "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
+  options->Add("frame_station", &a->frame_station,
+               "the station whose first photo lends its camera to the film");
 }
 
 std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene) {
@@ -144,7 +149,8 @@ class Renderer {
     }
     if (a_.pictures) {
       const RenderedView view = backend_->Render(ForegroundAlone(photo.view));
-      const std::vector<float>& depth = a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
+      const std::vector<float>& depth =
+          a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
       WriteImage(InFolder(output_ / "depth" / file), DepthPicture(depth, view.width, view.height));
       WriteImage(InFolder(output_ / "normal" / file), NormalPicture(view));
     }
@@ -184,7 +190,9 @@ class Renderer {
   }
 
   // Masks are those of the photos as they are, with their distortion.
-  Image8 DistortedMask(const ScenePhoto& photo, const Image8& mask) { return DistortMask(PlanOf(photo), mask); }
+  Image8 DistortedMask(const ScenePhoto& photo, const Image8& mask) {
+    return DistortMask(PlanOf(photo), mask);
+  }
 
   Image8 Photo(const ScenePhoto& photo) {
     return UndistortImage(PlanOf(photo), ReadImage(images_ / photo.name, 3));
@@ -205,7 +213,8 @@ class Renderer {
     for (size_t i = 0; i < count; ++i) {
       // Half transparent is outside.
       if (!(depth[i] > 0) || rendered.alpha[i] < 0.5F) continue;
-      const Eigen::Vector3f normal(rendered.normal[3 * i], rendered.normal[3 * i + 1], rendered.normal[3 * i + 2]);
+      const Eigen::Vector3f normal(rendered.normal[3 * i], rendered.normal[3 * i + 1],
+                                   rendered.normal[3 * i + 2]);
       const float length = normal.norm();
       if (!(length > 0)) continue;
       depth_map.values[i] = static_cast<float>(depth[i] * scene_.size);
@@ -229,7 +238,8 @@ class Renderer {
 void RunGaussianRenderer(CommandContext& context) {
   Arguments a;
   Options& options = context.Declare(
-      "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, and images to "
+      "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, and "
+      "images to "
       "look at. The maps are what tsdf_mesher and colmap stereo_fusion need.",
       "--workspace_path scan --comparison 1");
   AddOptions(&options, &a);
@@ -240,8 +250,12 @@ void RunGaussianRenderer(CommandContext& context) {
   const Workspace workspace{a.workspace_path};
   const WorkspaceLock lock(workspace, reporter);
   const fs::path model_path = a.model_path.empty() ? workspace.PointCloud() : a.model_path;
-  TrainingScene scene = ReadScenePoses({workspace.ObjectModel(), workspace.StaticModel(), workspace.Turntable(),
-                                        a.image_path.empty() ? workspace.Images() : a.image_path, {}, {}},
+  TrainingScene scene = ReadScenePoses({workspace.ObjectModel(),
+                                        workspace.StaticModel(),
+                                        workspace.Turntable(),
+                                        a.image_path.empty() ? workspace.Images() : a.image_path,
+                                        {},
+                                        {}},
                                        TrainMode::kAuto, reporter);
   const std::set<std::string> names = ReadList(a.image_list, scene);
   TrainState state;
@@ -251,7 +265,8 @@ void RunGaussianRenderer(CommandContext& context) {
 
   std::map<std::string, PinholeView> dense_views;
   if (a.stereo) {
-    dense_views = PrepareDenseFolder(workspace, a.image_path.empty() ? workspace.Images() : a.image_path, reporter);
+    dense_views =
+        PrepareDenseFolder(workspace, a.image_path.empty() ? workspace.Images() : a.image_path, reporter);
   }
   Renderer renderer(a, workspace, std::move(scene), backend.get());
   int64_t done = 0;
@@ -270,8 +285,9 @@ void RunGaussianRenderer(CommandContext& context) {
   }
   if (a.num_frames > 0) {
     const auto& photos = renderer.scene().photos;
-    const auto first = std::find_if(photos.begin(), photos.end(),
-                                    [&](const ScenePhoto& photo) { return photo.station == a.frame_station; });
+    const auto first = std::find_if(photos.begin(), photos.end(), [&](const ScenePhoto& photo) {
+      return photo.station == a.frame_station;
+    });
     if (first == photos.end()) throw CommandLineError("--frame_station: there is no such station");
     if (!renderer.scene().axis) {
       throw UserError(workspace.Turntable(), "is missing, so there is no axis for --num_frames to turn about",

@@ -76,26 +76,32 @@ struct Arguments {
 };
 
 void AddSceneOptions(Options* options, Arguments* a) {
-  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and turntable.json").Required();
+  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and turntable.json")
+      .Required();
   options->Add("image_path", &a->image_path, "the photos; empty: images in the workspace");
-  options->Add("mask_path", &a->mask_path,
-               "masks NAME.png of the rotating part; empty: masks in the workspace. Needed by --mode masks only");
+  options->Add(
+      "mask_path", &a->mask_path,
+      "masks NAME.png of the rotating part; empty: masks in the workspace. Needed by --mode masks only");
   options->Add("truth_mask_path", &a->truth_mask_path,
                "masks NAME.png to measure held-out photos by; never trained on");
   options->Add("output_path", &a->output_path,
                "folder for point_cloud.ply, log and checkpoints; empty: s2gs in the workspace");
-  options->AddEnum("quality", &a->quality, kQualityNames,
-                   "sets iterations, photo size, growth and count where they are not given; auto: high on a GPU, "
-                   "low on the CPU");
+  options->AddEnum(
+      "quality", &a->quality, kQualityNames,
+      "sets iterations, photo size, growth and count where they are not given; auto: high on a GPU, "
+      "low on the CPU");
   auto scene = options->Group("", &a->scene);
-  scene.AddEnum("mode", &TrainingSceneOptions::mode, kModeNames,
-                "s2gs: tell the rotating part from the background by motion; masks: 2DGS of the rotating part cut "
-                "out by masks; static: 2DGS of everything; auto: s2gs when turntable.json says that something "
-                "turns, else masks when there are some, else static");
-  scene.Add("max_image_size", &TrainingSceneOptions::max_image_size, "longer side of photos in training").Unit("px");
+  scene.AddEnum(
+      "mode", &TrainingSceneOptions::mode, kModeNames,
+      "s2gs: tell the rotating part from the background by motion; masks: 2DGS of the rotating part cut "
+      "out by masks; static: 2DGS of everything; auto: s2gs when turntable.json says that something "
+      "turns, else masks when there are some, else static");
+  scene.Add("max_image_size", &TrainingSceneOptions::max_image_size, "longer side of photos in training")
+      .Unit("px");
   scene.Add("test_every", &TrainingSceneOptions::test_every,
             "hold out every n-th photo by name, to measure by; 0: none");
-  scene.Add("test_list", &TrainingSceneOptions::test_list, "file with the names of held-out photos, one a line");
+  scene.Add("test_list", &TrainingSceneOptions::test_list,
+            "file with the names of held-out photos, one a line");
   scene.Add("masks_as_hint", &TrainingSceneOptions::masks_as_hint,
             "in mode s2gs: draw p towards the masks there are");
   options->Add("resume", &a->resume, "go on from the last checkpoint, if options and photos are the same");
@@ -108,7 +114,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   auto group = options->Group("Train", train);
   using T = TrainOptions;
   group.Add("num_iterations", &T::num_iterations, "steps, one photo each");
-  group.Add("max_seconds", &T::max_seconds, "run through the whole course in this time at most; 0: no bound").Unit("s");
+  group.Add("max_seconds", &T::max_seconds, "run through the whole course in this time at most; 0: no bound")
+      .Unit("s");
   group.Add("centre_rate", &T::centre_rate, "learning rate of centres at the begin, in scene sizes");
   group.Add("final_centre_rate", &T::final_centre_rate, "the same at the end");
   group.Add("scale_rate", &T::scale_rate, "learning rate of log-scales");
@@ -122,7 +129,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("normal_from", &T::normal_from, "when it begins, as share of the run");
   group.Add("distortion_weight", &T::distortion_weight, "weight of depth distortion");
   group.Add("distortion_from", &T::distortion_from, "when it begins, as share of the run");
-  group.Add("local_consistency_weight", &T::local_consistency_weight, "weight of agreement of p between neighbours");
+  group.Add("local_consistency_weight", &T::local_consistency_weight,
+            "weight of agreement of p between neighbours");
   group.Add("entropy_3d_weight", &T::entropy_3d_weight, "weight of the entropy of p of Gaussians");
   group.Add("entropy_2d_weight", &T::entropy_2d_weight, "weight of the entropy of p in the images");
   group.Add("mask_weight", &T::mask_weight, "weight of agreement with masks (--masks_as_hint)");
@@ -130,9 +138,11 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("num_neighbours", &T::num_neighbours, "neighbours of a Gaussian that p should agree with");
   group.Add("neighbours_every", &T::neighbours_every, "how often they are found anew, as share of the run");
   group.Add("sh_degree", &T::sh_degree, "highest band of view-dependent colour");
-  group.Add("sh_degree_every", &T::sh_degree_every, "one band more this often, as share of the run; 0: all at once");
-  group.AddEnum("growth", &T::growth, kGrowthNames,
-                "adaptive: wherever gradients are large; budget: where they are largest, up to a fixed count");
+  group.Add("sh_degree_every", &T::sh_degree_every,
+            "one band more this often, as share of the run; 0: all at once");
+  group.AddEnum(
+      "growth", &T::growth, kGrowthNames,
+      "adaptive: wherever gradients are large; budget: where they are largest, up to a fixed count");
   group.Add("max_gaussians", &T::max_gaussians, "no more Gaussians than these");
   group.Add("densify_from", &T::densify_from, "when growth begins, as share of the run");
   group.Add("densify_until", &T::densify_until, "when growth ends, as share of the run");
@@ -140,15 +150,18 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("densify_gradient", &T::densify_gradient, "gradient on screen from which adaptive growth splits");
   group.Add("dense_scale", &T::dense_scale, "larger Gaussians are split, smaller cloned, in scene sizes");
   group.Add("min_opacity", &T::min_opacity, "fainter Gaussians are removed while the model grows");
-  group.Add("opacity_reset_every", &T::opacity_reset_every, "opacities are lowered this often, as share; 0: never");
+  group.Add("opacity_reset_every", &T::opacity_reset_every,
+            "opacities are lowered this often, as share; 0: never");
   group.Add("opacity_reset_to", &T::opacity_reset_to, "what they are lowered to");
-  group.Add("settle_from", &T::settle_from, "p is frozen from here on as soon as it has settled, as share of the run");
+  group.Add("settle_from", &T::settle_from,
+            "p is frozen from here on as soon as it has settled, as share of the run");
   group.Add("settle_until", &T::settle_until, "p is frozen here at the latest; 1: never");
   group.Add("settled_share", &T::settled_share, "share of p outside [.1, .9] that counts as settled");
   group.Add("use_rotating_region", &T::use_rotating_region,
             "nothing rotates outside the cylinder about the axis that holds the rotating points");
-  group.Add("unseen_weight", &T::unseen_weight,
-            "Gaussians of the rotating part that no photo shows with more weight than this are removed; 0: none");
+  group.Add(
+      "unseen_weight", &T::unseen_weight,
+      "Gaussians of the rotating part that no photo shows with more weight than this are removed; 0: none");
   group.Add("coarse_levels", &T::coarse_levels, "training starts at 1 / 2^n of the photo size");
   group.Add("coarse_until", &T::coarse_until, "when the full size is reached, as share of the run");
   group.Add("min_coarse_size", &T::min_coarse_size, "no photo is reduced below this longer side").Unit("px");
@@ -159,15 +172,17 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
 void AddInitialiseOptions(Options* options, InitialiseOptions* initial) {
   auto group = options->Group("Init", initial);
   using I = InitialiseOptions;
-  group.AddEnum("init", &I::init, kInitNames,
-                "sparse: the points of the sparse models, filled up with random ones; random: a random cube and "
-                "sphere, as in the paper");
+  group.AddEnum(
+      "init", &I::init, kInitNames,
+      "sparse: the points of the sparse models, filled up with random ones; random: a random cube and "
+      "sphere, as in the paper");
   group.Add("num_random_points", &I::num_random_points, "with random");
   group.Add("min_points", &I::min_points, "with sparse: filled up to this many for each body");
   group.Add("max_points", &I::max_points, "with sparse: no more than these");
   group.Add("opacity", &I::opacity, "of every Gaussian at the begin");
   group.Add("random_foreground", &I::random_foreground, "p of random Gaussians");
-  group.Add("sparse_foreground", &I::sparse_foreground, "p of the rotating part's points; 1 minus it for the others");
+  group.Add("sparse_foreground", &I::sparse_foreground,
+            "p of the rotating part's points; 1 minus it for the others");
   group.Add("background_radius_sides", &I::background_radius_sides,
             "radius of the random sphere, in sides of the random cube");
 }
@@ -216,11 +231,12 @@ std::string Shown(double value, const char* unit) {
   return std::isfinite(value) ? fmt::format("{:.4g}{}", value, unit) : std::string("not measured");
 }
 
-void PrintSummary(const TrainResult& result, const TrainingScene& scene, const fs::path& path, std::ostream& out) {
+void PrintSummary(const TrainResult& result, const TrainingScene& scene, const fs::path& path,
+                  std::ostream& out) {
   out << fmt::format("mode                  {}\n", TrainModeName(scene.mode))
       << fmt::format("iterations            {}\n", result.iterations)
-      << fmt::format("seconds               {:.1f} (CPU {:.1f}; measuring besides {:.1f})\n", result.wall_seconds,
-                     result.cpu_seconds, result.measuring_seconds)
+      << fmt::format("seconds               {:.1f} (CPU {:.1f}; measuring besides {:.1f})\n",
+                     result.wall_seconds, result.cpu_seconds, result.measuring_seconds)
       << fmt::format("Gaussians             {}\n", result.gaussians.size());
   if (result.held_out) {
     const HeldOutErrors& errors = *result.held_out;
@@ -239,8 +255,10 @@ void PrintSummary(const TrainResult& result, const TrainingScene& scene, const f
 void RunGaussianTrainer(CommandContext& context) {
   Arguments a;
   Options& options = context.Declare(
-      "Trains 2D Gaussian splats on posed photos and tells the rotating part from the background by its motion. "
-      "Reads sparse/0, sparse/static and turntable.json, writes s2gs/point_cloud.ply and s2gs/log.jsonl. Stopped "
+      "Trains 2D Gaussian splats on posed photos and tells the rotating part from the background by its "
+      "motion. "
+      "Reads sparse/0, sparse/static and turntable.json, writes s2gs/point_cloud.ply and s2gs/log.jsonl. "
+      "Stopped "
       "with Ctrl-C, the same command goes on where it was.",
       "--workspace_path scan --image_path scan/images --test_every 10");
   AddSceneOptions(&options, &a);

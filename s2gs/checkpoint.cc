@@ -39,7 +39,8 @@ class Writer {
   void PutBytes(const void* bytes, size_t count) {
     XXH3_64bits_update(&hash_, bytes, count);
     size_ += count;
-    if (stream_ != nullptr) stream_->write(static_cast<const char*>(bytes), static_cast<std::streamsize>(count));
+    if (stream_ != nullptr)
+      stream_->write(static_cast<const char*>(bytes), static_cast<std::streamsize>(count));
   }
 
   uint64_t hash() const { return XXH3_64bits_digest(&hash_); }
@@ -75,7 +76,6 @@ void PutContent(const Checkpoint& checkpoint, Writer* writer) {
   writer->Put<int64_t>(cursor.last_densified);
   writer->Put<int64_t>(cursor.initial_count);
   writer->Put<int64_t>(cursor.neighbours_turn);
-  writer->Put<uint8_t>(cursor.model_changed ? 1 : 0);
   writer->Put<uint64_t>(cursor.settings.size());
   writer->PutBytes(cursor.settings.data(), cursor.settings.size());
 
@@ -118,9 +118,9 @@ void CheckHash(std::istream& stream, const std::filesystem::path& path, uint64_t
     left -= part;
   }
   if (XXH3_64bits_digest(&hash) != expected) {
-    throw UserError(path, "is damaged: its checksum does not fit its content, bytes 28 to " +
-                              std::to_string(28 + size),
-                    "Remove it; training then starts from an older checkpoint or anew");
+    throw UserError(
+        path, "is damaged: its checksum does not fit its content, bytes 28 to " + std::to_string(28 + size),
+        "Remove it; training then starts from an older checkpoint or anew");
   }
   stream.seekg(begin);
 }
@@ -139,7 +139,6 @@ TrainCursor ReadCursor(ByteReader* reader) {
   cursor.last_densified = reader->Read<int64_t>("last densification");
   cursor.initial_count = reader->Read<int64_t>("first count");
   cursor.neighbours_turn = reader->Read<int64_t>("neighbours' turn");
-  cursor.model_changed = ReadFlag(reader, "changed flag");
   const uint64_t length = reader->ReadCount(1, "length of the settings");
   if (length > kMaxSettings) reader->Fail("the settings are too long");
   cursor.settings.resize(length);
@@ -151,7 +150,8 @@ TrainState ReadState(ByteReader* reader) {
   TrainState state;
   const auto count = reader->Read<uint64_t>("number of Gaussians");
   const auto sh_degree = reader->Read<int32_t>("degree of spherical harmonics");
-  if (sh_degree < 0 || sh_degree > kMaxShDegree) reader->Fail("the degree of spherical harmonics is not 0 to 3");
+  if (sh_degree < 0 || sh_degree > kMaxShDegree)
+    reader->Fail("the degree of spherical harmonics is not 0 to 3");
   state.num_neighbours = reader->Read<int32_t>("number of neighbours");
   if (state.num_neighbours < 0 || state.num_neighbours > kMaxNeighbours) {
     reader->Fail("the number of neighbours is impossible");
@@ -207,13 +207,14 @@ Checkpoint ReadCheckpoint(std::istream& stream, const std::filesystem::path& pat
   if (std::string_view(magic.data(), magic.size()) != kMagic) header.Fail("is no checkpoint of s2gs");
   const auto version = header.Read<uint32_t>("version");
   if (version != kVersion) {
-    header.Fail("has version " + std::to_string(version) + ", this program reads " + std::to_string(kVersion));
+    header.Fail("has version " + std::to_string(version) + ", this program reads " +
+                std::to_string(kVersion));
   }
   const auto size = header.Read<uint64_t>("content length");
   const auto hash = header.Read<uint64_t>("checksum");
   if (size != header.remaining()) {
-    header.Fail("promises " + std::to_string(size) + " bytes of content, but " + std::to_string(header.remaining()) +
-                " follow");
+    header.Fail("promises " + std::to_string(size) + " bytes of content, but " +
+                std::to_string(header.remaining()) + " follow");
   }
   CheckHash(stream, path, size, hash);
   ByteReader reader(stream, path);

@@ -23,8 +23,7 @@ struct TrainCursor {
   int64_t last_densified = 0;    ///< iteration.
   int64_t initial_count = 0;     ///< of Gaussians, before any growth.
   int64_t neighbours_turn = -1;  ///< of the schedule, when they were found last.
-  bool model_changed = false;    ///< since then.
-  std::string settings;        ///< fingerprint of options and scene: another one refuses to resume.
+  std::string settings;          ///< fingerprint of options and scene: another one refuses to resume.
 };
 
 struct Checkpoint {

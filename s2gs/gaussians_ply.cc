@@ -39,8 +39,7 @@ std::vector<uint32_t> Chosen(const Gaussians& gaussians, const GaussianPlyOption
   std::vector<uint32_t> chosen;
   chosen.reserve(gaussians.size());
   for (size_t i = 0; i < gaussians.size(); ++i) {
-    if (options.foreground_only && !IsForeground(gaussians.foreground_logit[i]))
-      continue;
+    if (options.foreground_only && !IsForeground(gaussians.foreground_logit[i])) continue;
     chosen.push_back(static_cast<uint32_t>(i));
   }
   return chosen;

@@ -111,8 +111,9 @@ std::vector<Start> ChooseStarts(const TrainingScene& scene, const InitialiseOpti
               bodies == SceneBodies::kStaticOnly ? 0 : 1 - options.sparse_foreground, seed, &starts);
   }
   const auto added = static_cast<int64_t>(starts.size()) - rotating - fixed;
-  reporter.Info("start from " + std::to_string(rotating) + " points of the rotating part, " + std::to_string(fixed) +
-                " of the background and " + std::to_string(std::max<int64_t>(added, 0)) + " random ones");
+  reporter.Info("start from " + std::to_string(rotating) + " points of the rotating part, " +
+                std::to_string(fixed) + " of the background and " +
+                std::to_string(std::max<int64_t>(added, 0)) + " random ones");
   return starts;
 }
 
@@ -131,7 +132,8 @@ OptionCheck InitialiseOptions::Check() const {
     return OptionFault{"random_foreground", std::to_string(random_foreground), "0 < random_foreground < 1"};
   }
   if (!(sparse_foreground >= 0.5 && sparse_foreground < 1)) {
-    return OptionFault{"sparse_foreground", std::to_string(sparse_foreground), "0.5 <= sparse_foreground < 1"};
+    return OptionFault{"sparse_foreground", std::to_string(sparse_foreground),
+                       "0.5 <= sparse_foreground < 1"};
   }
   if (!(background_radius_sides > 0)) {
     return OptionFault{"background_radius_sides", std::to_string(background_radius_sides),

@@ -168,7 +168,8 @@ Image8 UndistortImage(const Undistortion& plan, const Image8& image) {
 std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder) {
   const ColmapModel model = ReadColmapModel(model_folder);
   std::map<uint32_t, Undistortion> by_camera;
-  for (const auto& [id, camera] : model.cameras) by_camera.emplace(id, PlanUndistortion(camera, model_folder));
+  for (const auto& [id, camera] : model.cameras)
+    by_camera.emplace(id, PlanUndistortion(camera, model_folder));
   std::map<std::string, Undistortion> plans;
   for (const auto& [id, image] : model.images) plans.emplace(image.name, by_camera.at(image.camera_id));
   return plans;

@@ -34,8 +34,8 @@ Image8 UndistortImage(const Undistortion& plan, const Image8& image);
 /// The plans of all photos of a model, by name. Throws like PlanUndistortion and ReadColmapModel.
 std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder);
 
-/// The inverse for a mask: of the pinhole's size, or smaller, to the source camera's. Outside of what the pinhole
-/// sees the nearest pixel counts.
+/// The inverse for a mask: of the pinhole's size, or smaller, to the source camera's. Outside of what the
+/// pinhole sees the nearest pixel counts.
 Image8 DistortMask(const Undistortion& plan, const Image8& mask);
 
 /// A view of the pinhole camera's intrinsics, without poses.

@@ -77,7 +77,8 @@ Image8 ComparisonPicture(const Image8& photo, const Image8& rendered, const Imag
         const int made = rendered.Pixel(x, y)[c];
         picture.Pixel(x, y)[c] = static_cast<uint8_t>(real);
         picture.Pixel(width + x, y)[c] = static_cast<uint8_t>(made);
-        picture.Pixel(2 * width + x, y)[c] = static_cast<uint8_t>(std::min(255, kErrorGain * std::abs(real - made)));
+        picture.Pixel(2 * width + x, y)[c] =
+            static_cast<uint8_t>(std::min(255, kErrorGain * std::abs(real - made)));
         picture.Pixel(3 * width + x, y)[c] = static_cast<uint8_t>(inside ? real : real / 4);
       }
     }

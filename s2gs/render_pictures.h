@@ -11,15 +11,15 @@ namespace s2gs {
 /// 255 inside, 0 outside; one channel.
 Image8 MaskImage(const PixelMask& mask);
 
-/// Depths in false colours from near (red) to far (blue), 0 black, between the smallest and the largest of the
-/// image.
+/// Depths in false colours from near (red) to far (blue), 0 black, between the smallest and the largest of
+/// the image.
 Image8 DepthPicture(const std::vector<float>& depth, int width, int height);
 
 /// Unit normals as colours, (n + 1) / 2, with y up and z towards the viewer; nothing is black.
 Image8 NormalPicture(const RenderedView& view);
 
-/// Photo, rendering, absolute error (four times) and photo with the mask's outside darkened, side by side. All
-/// of one size; if the photo's differs, it is resized.
+/// Photo, rendering, absolute error (four times) and photo with the mask's outside darkened, side by side.
+/// All of one size; if the photo's differs, it is resized.
 Image8 ComparisonPicture(const Image8& photo, const Image8& rendered, const Image8& mask);
 
 }  // namespace s2gs

@@ -8,8 +8,8 @@
 namespace s2gs {
 namespace {
 
-constexpr float kLogitOfNine = 2.1972246F;       // p = .9
-constexpr float kFrozenLogit = 10;               // p within 5e-5 of 0 or 1.
+constexpr float kLogitOfNine = 2.1972246F;  // p = .9
+constexpr float kFrozenLogit = 10;          // p within 5e-5 of 0 or 1.
 
 Eigen::Vector3d CentreOf(const Gaussians& gaussians, size_t i) {
   return {gaussians.centre[3 * i], gaussians.centre[3 * i + 1], gaussians.centre[3 * i + 2]};
@@ -55,7 +55,8 @@ void FreezeForeground(TrainState* state) {
   for (float& value : state->second_moment.foreground_logit) value = 0;
 }
 
-std::vector<uint32_t> KeepInsideRegion(const Gaussians& gaussians, const RotatingRegion& region, double margin) {
+std::vector<uint32_t> KeepInsideRegion(const Gaussians& gaussians, const RotatingRegion& region,
+                                       double margin) {
   std::vector<uint32_t> kept;
   kept.reserve(gaussians.size());
   for (size_t i = 0; i < gaussians.size(); ++i) {

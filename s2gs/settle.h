@@ -20,7 +20,8 @@ void FreezeForeground(TrainState* state);
 
 /// Which Gaussians stay when nothing outside the region rotates: all that do not rotate or lie inside.
 /// \param margin  beyond the region that is still inside [scene sizes].
-std::vector<uint32_t> KeepInsideRegion(const Gaussians& gaussians, const RotatingRegion& region, double margin);
+std::vector<uint32_t> KeepInsideRegion(const Gaussians& gaussians, const RotatingRegion& region,
+                                       double margin);
 
 /// While p is still learnt: makes the rotating Gaussians outside the region undecided, and forgets their
 /// moments. Returns how many there were.

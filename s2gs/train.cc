@@ -22,12 +22,12 @@ namespace {
 enum Stream : uint64_t { kOrderStream = 201, kBackgroundStream = 202 };
 
 constexpr double kFirstMeasurement = 0.01;
-constexpr double kTidyEvery = 0.1;           // of the run: strays are looked for.
-constexpr double kTidyUntil = 0.95;          // what goes later could not be made up for.
-constexpr double kSettleCheckEvery = 0.01;   // of the run.
-constexpr double kMessageEvery = 0.05;       // of the run.
-constexpr double kRegionMargin = 0.01;       // [scene sizes]
-constexpr int kMaxBadReports = 3;            // of losses that are no numbers, in a row.
+constexpr double kTidyEvery = 0.1;          // of the run: strays are looked for.
+constexpr double kTidyUntil = 0.95;         // what goes later could not be made up for.
+constexpr double kSettleCheckEvery = 0.01;  // of the run.
+constexpr double kMessageEvery = 0.05;      // of the run.
+constexpr double kRegionMargin = 0.01;      // [scene sizes]
+constexpr int kMaxBadReports = 3;           // of losses that are no numbers, in a row.
 
 double WallNow() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -166,7 +166,8 @@ class Trainer {
                        files_.checkpoint.string());
         return true;
       }
-      reporter_.Warn(files_.checkpoint.string() + " was made with other options or photos: training starts anew");
+      reporter_.Warn(files_.checkpoint.string() +
+                     " was made with other options or photos: training starts anew");
     }
     TrainState state;
     state.gaussians = InitialiseGaussians(scene_, options_.initial, seed, reporter_);
@@ -204,10 +205,9 @@ class Trainer {
   void FindNeighboursIfNeeded(const TrainMoment& moment, double before) {
     if (!(moment.weights.local_consistency > 0)) return;
     const int64_t turn = TimesBy(before, options_.neighbours_every);
-    if (turn == cursor_.neighbours_turn && !model_changed_) return;
+    if (turn == cursor_.neighbours_turn) return;
     backend_->RefreshNeighbours(options_.num_neighbours);
     cursor_.neighbours_turn = turn;
-    model_changed_ = false;
   }
 
   void StepOnce(const TrainMoment& moment) {
@@ -248,7 +248,6 @@ class Trainer {
       }
       const DensifyResult result = backend_->Densify(step);
       not_finite_ += result.not_finite;
-      model_changed_ = true;
     }
     if (Passed(before, now, options_.opacity_reset_every) && now < options_.densify_until - 1e-9) {
       backend_->ResetOpacity(static_cast<float>(options_.opacity_reset_to));
@@ -282,8 +281,9 @@ class Trainer {
     state.num_neighbours = 0;
     backend_->SetState(state);
     cursor_.foreground_frozen = true;
-    const std::string note = "p is frozen: " + Format("%.2f", 100 * share) + " % of it was outside [.1, .9]; " +
-                             std::to_string(dropped) + " Gaussians that rotated outside the rotating part's region removed";
+    const std::string note = "p is frozen: " + Format("%.2f", 100 * share) +
+                             " % of it was outside [.1, .9]; " + std::to_string(dropped) +
+                             " Gaussians that rotated outside the rotating part's region removed";
     reporter_.Info(note);
     log_.AddNote(Point(), note);
   }
@@ -346,16 +346,18 @@ class Trainer {
     if (!Passed(before, now, kMessageEvery) && now < 1 && now - last_message_ < kMessageEvery) return;
     last_message_ = now;
     const double rate = static_cast<double>(cursor_.iteration) / std::max(cursor_.wall_seconds, 1e-9);
-    std::string message = "iteration " + std::to_string(cursor_.iteration) + ", " + Format("%.0f", 100 * now) +
-                          " %: loss " + Format("%.4f", loss.total) + ", " + std::to_string(backend_->Count()) +
-                          " Gaussians, " + Format("%.3g", rate) + " iterations/s";
+    std::string message = "iteration " + std::to_string(cursor_.iteration) + ", " +
+                          Format("%.0f", 100 * now) + " %: loss " + Format("%.4f", loss.total) + ", " +
+                          std::to_string(backend_->Count()) + " Gaussians, " + Format("%.3g", rate) +
+                          " iterations/s";
     if (now > 0 && now < 1) {
       message += ", " + Duration(cursor_.wall_seconds * (1 - now) / now) + " left";
     }
     if (held_out_) message += Format(", held-out %.2f dB", held_out_->psnr);
     reporter_.Info(message);
     if (not_finite_ > 0) {
-      reporter_.Warn(std::to_string(not_finite_) + " Gaussians with parameters that are no numbers were removed");
+      reporter_.Warn(std::to_string(not_finite_) +
+                     " Gaussians with parameters that are no numbers were removed");
       not_finite_ = 0;
     }
   }
@@ -371,11 +373,11 @@ class Trainer {
     prune.min_opacity = 0;
     prune.grow = false;
     not_finite_ += backend_->Densify(prune).not_finite;
-    model_changed_ = true;
     if (++bad_reports_ < kMaxBadReports) return;
-    throw UserError("training diverged at iteration " + std::to_string(cursor_.iteration) +
-                    ": the loss is not a number. Lower the learning rates or the weights of the loss, and look at "
-                    "the poses with `s2gs scan_evaluator`");
+    throw UserError(
+        "training diverged at iteration " + std::to_string(cursor_.iteration) +
+        ": the loss is not a number. Lower the learning rates or the weights of the loss, and look at "
+        "the poses with `s2gs scan_evaluator`");
   }
 
   void Measure(double before, double now) {
@@ -407,7 +409,6 @@ class Trainer {
 
   void Save() {
     clock_.Lap();
-    cursor_.model_changed = model_changed_;
     WriteCheckpoint(files_.checkpoint, {cursor_, backend_->GetState()});
     log_.Write();
     clock_.LapMeasuring();
@@ -440,7 +441,6 @@ class Trainer {
   Stopwatch clock_;
   bool has_held_out_ = false;
   bool has_masks_ = false;
-  bool model_changed_ = resumed_ && cursor_.model_changed;
   int level_ = -1;
   int width_ = 0;
   int height_ = 0;
@@ -459,7 +459,8 @@ std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, 
   for (const ScenePhoto& photo : scene.photos) {
     if (photo.held_out) continue;
     int own_level = level;
-    while (own_level > 0 && std::max(photo.view.width, photo.view.height) >> own_level < min_size) --own_level;
+    while (own_level > 0 && std::max(photo.view.width, photo.view.height) >> own_level < min_size)
+      --own_level;
     const int width = std::max(1, photo.view.width >> own_level);
     const int height = std::max(1, photo.view.height >> own_level);
     TrainingPhoto reduced;
@@ -475,8 +476,8 @@ std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, 
   return photos;
 }
 
-TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed, const TrainFiles& files,
-                  Backend* backend, Reporter& reporter) {
+TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed,
+                  const TrainFiles& files, Backend* backend, Reporter& reporter) {
   return Trainer(scene, options, seed, files, backend, reporter).Run();
 }
 

@@ -37,8 +37,8 @@ struct TrainResult {
 /// on the number of threads or on having been interrupted (unless `max_seconds` is set).
 /// Throws Interrupted after writing a checkpoint when the reporter asks to stop, and UserError when numbers
 /// stay NaN.
-TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed, const TrainFiles& files,
-                  Backend* backend, Reporter& reporter);
+TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed,
+                  const TrainFiles& files, Backend* backend, Reporter& reporter);
 
 /// The training photos (without those held out) at 1 / 2^level of their size.
 std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, int min_size);

@@ -41,7 +41,8 @@ TrainLog::TrainLog(std::filesystem::path path, int64_t iteration) : path_(std::m
   while (std::getline(stream, line)) {
     // A damaged line is worth no more than the time it tells of.
     const Json value = Json::parse(line, nullptr, false);
-    if (!value.is_object() || !value.contains("iteration") || !value["iteration"].is_number_integer()) continue;
+    if (!value.is_object() || !value.contains("iteration") || !value["iteration"].is_number_integer())
+      continue;
     if (value["iteration"].get<int64_t>() <= iteration) lines_.push_back(line);
   }
 }

@@ -21,8 +21,9 @@ struct LogPoint {
   int width = 0, height = 0;     ///< of the first photo at the present resolution [px].
 };
 
-/// W/s2gs/log.jsonl: one JSON object a line, "stage": "train" in each. "event" is "loss" (the means of the loss
-/// terms since the line before), "held_out", or "note". Kept in memory and written as a whole, atomically.
+/// W/s2gs/log.jsonl: one JSON object a line, "stage": "train" in each. "event" is "loss" (the means of the
+/// loss terms since the line before), "held_out", or "note". Kept in memory and written as a whole,
+/// atomically.
 class TrainLog {
  public:
   /// \param path       empty: nothing is written.

@@ -108,10 +108,10 @@ TrainMoment MomentAt(const TrainOptions& options, double progress, SceneBodies b
                      bool has_masks) {
   TrainMoment moment;
   moment.progress = progress;
-  moment.sh_degree = options.sh_degree_every > 0
-                         ? static_cast<int>(std::min<int64_t>(options.sh_degree,
-                                                              TimesBy(progress, options.sh_degree_every)))
-                         : options.sh_degree;
+  moment.sh_degree =
+      options.sh_degree_every > 0
+          ? static_cast<int>(std::min<int64_t>(options.sh_degree, TimesBy(progress, options.sh_degree_every)))
+          : options.sh_degree;
   if (options.coarse_levels > 0 && progress < options.coarse_until) {
     // Levels take equal shares of the time until full size.
     const double share = progress / options.coarse_until;

@@ -14,9 +14,9 @@ enum class GrowthStrategy : uint8_t {
   kBudget,    ///< the Gaussians of largest gradient, as many as keep the count on the way to a fixed budget.
 };
 
-/// Everything that training can be told. Moments are shares of the run (0 its begin, 1 its end), so that a run
-/// of another length has the same course; the defaults are those of 2DGS and of the S2GS paper over 30,000
-/// iterations. Lengths are in scene sizes (TrainingScene::size).
+/// Everything that training can be told. Moments are shares of the run (0 its begin, 1 its end), so that a
+/// run of another length has the same course; the defaults are those of 2DGS and of the S2GS paper over
+/// 30,000 iterations. Lengths are in scene sizes (TrainingScene::size).
 // NOLINTNEXTLINE(clang-analyzer-optin.performance.Padding): fields stand by topic.
 struct TrainOptions {
   // Length.
@@ -71,17 +71,18 @@ struct TrainOptions {
   double settle_until = 0.6;        ///< and at the latest here. 1: never.
   double settled_share = 0.995;     ///< of the Gaussians' p outside [.1, .9]: settled.
   bool use_rotating_region = true;  ///< nothing outside the rotating points' cylinder rotates.
-  double unseen_weight = 0.02;      ///< frozen foreground that is never blended with more than this goes; 0: stays.
+  double unseen_weight =
+      0.02;  ///< frozen foreground that is never blended with more than this goes; 0: stays.
 
   // Resolution.
-  int coarse_levels = 2;       ///< training starts at 1 / 2^n of the photos' size.
-  double coarse_until = 0.2;   ///< when the full size is reached.
-  int min_coarse_size = 96;    ///< no level has a longer side below this [px].
+  int coarse_levels = 2;      ///< training starts at 1 / 2^n of the photos' size.
+  double coarse_until = 0.2;  ///< when the full size is reached.
+  int min_coarse_size = 96;   ///< no level has a longer side below this [px].
 
   // Care.
-  double checkpoint_every = 0.2;       ///< of the run; 0: only when interrupted.
-  int num_measurements = 12;           ///< of the held-out photos, at log-spaced moments from 1 % on; 0: none.
-  double max_normalised_scale = 0;     ///< larger Gaussians are removed; 0: none [scene sizes].
+  double checkpoint_every = 0.2;    ///< of the run; 0: only when interrupted.
+  int num_measurements = 12;        ///< of the held-out photos, at log-spaced moments from 1 % on; 0: none.
+  double max_normalised_scale = 0;  ///< larger Gaussians are removed; 0: none [scene sizes].
 
   OptionCheck Check() const;
 };

@@ -63,9 +63,9 @@ SceneFiles ReadFiles(const TrainingScenePaths& paths, TrainMode mode, Reporter& 
   const bool turns = files.turntable && Turns(*files.turntable);
   files.mode = mode;
   if (mode == TrainMode::kAuto) {
-    files.mode = turns                                    ? TrainMode::kS2gs
+    files.mode = turns                                 ? TrainMode::kS2gs
                  : HasMasks(paths.masks, files.object) ? TrainMode::kMasks
-                                                          : TrainMode::kStatic;
+                                                       : TrainMode::kStatic;
     reporter.Info(std::string("mode ") + TrainModeName(files.mode) +
                   (turns ? ": turntable.json says that the table turns"
                    : files.mode == TrainMode::kMasks
@@ -73,9 +73,10 @@ SceneFiles ReadFiles(const TrainingScenePaths& paths, TrainMode mode, Reporter& 
                        : ": nothing turns by turntable.json, and there are no masks"));
   }
   if (files.mode == TrainMode::kS2gs && !turns) {
-    throw UserError(paths.turntable,
-                    files.turntable ? "says that nothing turns" : "is missing, so how the table turned is unknown",
-                    "Run `s2gs turntable_mapper`, or train with --mode static or masks");
+    throw UserError(
+        paths.turntable,
+        files.turntable ? "says that nothing turns" : "is missing, so how the table turned is unknown",
+        "Run `s2gs turntable_mapper`, or train with --mode static or masks");
   }
   if (files.mode == TrainMode::kS2gs && Exists(paths.static_model)) {
     files.background = ReadColmapModel(paths.static_model);
@@ -130,10 +131,12 @@ std::vector<ScenePhoto> CollectViews(const TrainingScenePaths& paths, const Scen
   }
   if (contradictions > 0) {
     reporter.Warn(std::to_string(contradictions) + " images have another pose in " +
-                  paths.static_model.string() + " than sparse/0 and turntable.json together say; the latter count");
+                  paths.static_model.string() +
+                  " than sparse/0 and turntable.json together say; the latter count");
   }
   if (photos.empty()) {
-    throw UserError(paths.object_model, "has no images to train on", "Run `s2gs turntable_mapper`, or `colmap mapper`");
+    throw UserError(paths.object_model, "has no images to train on",
+                    "Run `s2gs turntable_mapper`, or `colmap mapper`");
   }
   return photos;
 }
@@ -154,7 +157,8 @@ double Quantile(std::vector<double> values, double share) {
 }
 
 std::optional<RotatingRegion> FindRegion(const SceneFiles& files) {
-  if (files.mode != TrainMode::kS2gs || files.object.points3D.size() < kMinPointsForRegion) return std::nullopt;
+  if (files.mode != TrainMode::kS2gs || files.object.points3D.size() < kMinPointsForRegion)
+    return std::nullopt;
   RotatingRegion region;
   region.axis = files.turntable->axis;
   std::vector<double> radii;
@@ -176,7 +180,8 @@ std::optional<RotatingRegion> FindRegion(const SceneFiles& files) {
   return region;
 }
 
-std::set<std::string> HeldOutNames(const TrainingSceneOptions& options, const std::vector<ScenePhoto>& photos) {
+std::set<std::string> HeldOutNames(const TrainingSceneOptions& options,
+                                   const std::vector<ScenePhoto>& photos) {
   std::set<std::string> names;
   if (options.test_every > 0) {
     for (size_t i = 0; i < photos.size(); i += options.test_every) names.insert(photos[i].name);
@@ -206,20 +211,22 @@ struct Loader {
   const Undistortion& Plan(const Camera& camera) {
     const auto found = undistortions.find(camera.camera_id);
     if (found != undistortions.end()) return found->second;
-    return undistortions.emplace(camera.camera_id, PlanUndistortion(camera, paths.object_model)).first->second;
+    return undistortions.emplace(camera.camera_id, PlanUndistortion(camera, paths.object_model))
+        .first->second;
   }
 
   Image8 Read(const fs::path& path, const Camera& camera, int channels) {
     Image8 image = ReadImage(path, channels);
-    if (static_cast<uint64_t>(image.width) != camera.width || static_cast<uint64_t>(image.height) != camera.height) {
+    if (static_cast<uint64_t>(image.width) != camera.width ||
+        static_cast<uint64_t>(image.height) != camera.height) {
       const bool turned = static_cast<uint64_t>(image.width) == camera.height &&
                           static_cast<uint64_t>(image.height) == camera.width;
-      throw UserError(path,
-                      "is " + std::to_string(image.width) + " x " + std::to_string(image.height) +
-                          " pixels, its camera " + std::to_string(camera.width) + " x " +
-                          std::to_string(camera.height),
-                      turned ? "It seems to be turned by its EXIF orientation: give the photos as COLMAP saw them"
-                             : "Give the photos that the model was made from");
+      throw UserError(
+          path,
+          "is " + std::to_string(image.width) + " x " + std::to_string(image.height) +
+              " pixels, its camera " + std::to_string(camera.width) + " x " + std::to_string(camera.height),
+          turned ? "It seems to be turned by its EXIF orientation: give the photos as COLMAP saw them"
+                 : "Give the photos that the model was made from");
     }
     return UndistortImage(Plan(camera), image);
   }

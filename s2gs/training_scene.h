@@ -57,7 +57,7 @@ struct ScenePoint {
 struct ScenePhoto {
   std::string name;
   PinholeView view;
-  Image8 image;               ///< RGB
+  Image8 image;                     ///< RGB
   std::vector<uint8_t> mask;        ///< as TrainingPhoto's.
   std::vector<uint8_t> truth_mask;  ///< the same, to measure only.
   bool held_out = false;

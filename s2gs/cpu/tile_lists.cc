@@ -1,0 +1,118 @@
+#include "s2gs/cpu/tile_lists.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <limits>
+
+#include "s2gs/kernel/intersect.h"
+#include "sfm_split/error.h"
+
+namespace s2gs {
+namespace {
+
+struct TileRect {
+  int x_begin, y_begin, x_end, y_end;
+  int Count() const { return (x_end - x_begin) * (y_end - y_begin); }
+};
+
+TileRect TilesOf(const SplatRow& row) {
+  return {row.x_begin / kTileSize, row.y_begin / kTileSize, (row.x_end + kTileSize - 1) / kTileSize,
+          (row.y_end + kTileSize - 1) / kTileSize};
+}
+
+bool IsDrawn(const SplatRow& row) { return row.x_begin < row.x_end; }
+
+// The tiles of the rectangle that the splat reaches, row by row; all when they do not fit into 64 bits.
+uint64_t Reached(const SplatRow& row, const TileRect& tiles, int width, int height) {
+  const int count = tiles.Count();
+  if (count == 1 || count > 64) return ~uint64_t{0};
+  const Footprint<float> footprint = {{row.x, row.y},   {row.ux, row.uy}, {row.vx, row.vy},
+                                      {row.wx, row.wy}, row.depth,        {row.nx, row.ny, row.nz}};
+  uint64_t reached = 0;
+  int bit = 0;
+  for (int y = tiles.y_begin; y < tiles.y_end; ++y) {
+    for (int x = tiles.x_begin; x < tiles.x_end; ++x, ++bit) {
+      const auto x0 = static_cast<float>(x * kTileSize) + 0.5F;
+      const auto y0 = static_cast<float>(y * kTileSize) + 0.5F;
+      const auto x1 = static_cast<float>(std::min((x + 1) * kTileSize, width)) - 0.5F;
+      const auto y1 = static_cast<float>(std::min((y + 1) * kTileSize, height)) - 0.5F;
+      if (ReachesRect(footprint, row.cutoff2, x0, y0, x1, y1)) reached |= uint64_t{1} << bit;
+    }
+  }
+  return reached;
+}
+
+}  // namespace
+
+void TileLists::SortByDepth(const std::vector<SplatRow>& rows) {
+  keys_.clear();
+  for (size_t i = 0; i < rows.size(); ++i) {
+    if (tile_count_[i] == 0) continue;
+    uint32_t bits = 0;  // depths are positive: their bits are in their order
+    std::memcpy(&bits, &rows[i].depth, sizeof(bits));
+    keys_.push_back(uint64_t{bits} << 32U | i);
+  }
+  // By digits of 11 bits of the depth.
+  keys_out_.resize(keys_.size());
+  for (const unsigned shift : {32U, 43U, 54U}) {
+    std::array<uint32_t, 2049> begin{};
+    for (const uint64_t key : keys_) ++begin[(key >> shift & 2047U) + 1];
+    for (size_t d = 1; d < begin.size(); ++d) begin[d] += begin[d - 1];
+    for (const uint64_t key : keys_) keys_out_[begin[key >> shift & 2047U]++] = key;
+    keys_.swap(keys_out_);
+  }
+}
+
+void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height) {
+  tiles_x_ = (width + kTileSize - 1) / kTileSize;
+  const int tiles_y = (height + kTileSize - 1) / kTileSize;
+  tiles_.resize(static_cast<size_t>(tiles_x_) * tiles_y);
+  reached_.resize(rows.size());
+  tile_count_.resize(rows.size());
+  const auto count = static_cast<int64_t>(rows.size());
+#pragma omp parallel for schedule(static)
+  for (int64_t i = 0; i < count; ++i) {
+    tile_count_[i] = 0;
+    if (!IsDrawn(rows[i])) continue;
+    const TileRect tiles = TilesOf(rows[i]);
+    reached_[i] = Reached(rows[i], tiles, width, height);
+    tile_count_[i] = tiles.Count() == 1 || tiles.Count() > 64
+                         ? static_cast<uint32_t>(tiles.Count())
+                         : static_cast<uint32_t>(__builtin_popcountll(reached_[i]));
+  }
+  slot_begin_.resize(rows.size() + 1);
+  slot_begin_[0] = 0;
+  for (size_t i = 0; i < rows.size(); ++i) slot_begin_[i + 1] = slot_begin_[i] + tile_count_[i];
+  if (num_slots() > std::numeric_limits<uint32_t>::max()) {
+    throw UserError("the Gaussians cover more than 2^32 tiles of one image. Use fewer, or smaller images");
+  }
+  SortByDepth(rows);
+
+  // Each row of tiles is filled by one thread, which goes through all splats in order.
+#pragma omp parallel for schedule(dynamic, 1)
+  for (int tile_y = 0; tile_y < tiles_y; ++tile_y) {
+    for (int x = 0; x < tiles_x_; ++x) tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].clear();
+    for (const uint64_t key : keys_) {
+      const auto i = static_cast<uint32_t>(key);
+      const TileRect tiles = TilesOf(rows[i]);
+      if (tile_y < tiles.y_begin || tile_y >= tiles.y_end) continue;
+      const int across = tiles.x_end - tiles.x_begin;
+      const bool has_bits = tiles.Count() <= 64 && tiles.Count() > 1;
+      for (int x = tiles.x_begin; x < tiles.x_end; ++x) {
+        const int place = (tile_y - tiles.y_begin) * across + x - tiles.x_begin;
+        size_t slot = slot_begin_[i];
+        if (has_bits) {
+          const uint64_t bit = uint64_t{1} << place;
+          if ((reached_[i] & bit) == 0) continue;
+          slot += __builtin_popcountll(reached_[i] & (bit - 1));
+        } else {
+          slot += place;
+        }
+        tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].push_back({i, static_cast<uint32_t>(slot)});
+      }
+    }
+  }
+}
+
+}  // namespace s2gs

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "s2gs/cpu/tile_kernel.h"
+
+namespace s2gs {
+
+/// Which splats each tile of a view shows, from near to far. Memory is kept between views.
+class TileLists {
+ public:
+  /// \param rows  one per Gaussian; those with an empty rectangle are not drawn.
+  /// Splats of equal depth stay in the order of their rows.
+  void Build(const std::vector<SplatRow>& rows, int width, int height);
+
+  int tiles_x() const { return tiles_x_; }
+  int num_tiles() const { return static_cast<int>(tiles_.size()); }
+  const std::vector<TileEntry>& Entries(int tile) const { return tiles_[tile]; }
+  /// Entries of all tiles; slots go from 0 to this.
+  size_t num_slots() const { return slot_begin_.empty() ? 0 : slot_begin_.back(); }
+  /// Slots of splat i: [SlotBegin(i), SlotBegin(i + 1)).
+  size_t SlotBegin(size_t i) const { return slot_begin_[i]; }
+
+ private:
+  void SortByDepth(const std::vector<SplatRow>& rows);
+
+  int tiles_x_ = 0;
+  std::vector<std::vector<TileEntry>> tiles_;
+  std::vector<uint64_t> reached_;     // per splat: which tiles of its rectangle, when they are at most 64
+  std::vector<uint32_t> tile_count_;  // per splat
+  std::vector<size_t> slot_begin_;
+  std::vector<uint64_t> keys_, keys_out_;  // depth and row of the drawn ones
+};
+
+}  // namespace s2gs
