@@ -1,5 +1,6 @@
 #pragma once
 
+#include "s2gs/core/fast_math.h"
 #include "s2gs/core/vec.h"
 #include "s2gs/kernel/constants.h"
 #include "s2gs/kernel/intersect.h"
@@ -46,7 +47,7 @@ S2GS_HD inline Pixel<T> EmptyPixel() {
 /// so the 1 is left out: it would round the rest away.
 template <typename T>
 S2GS_HD inline T MappedDepth(const T& depth, const T& near_depth) {
-  return -near_depth / depth;
+  return -near_depth * FastReciprocal(depth);
 }
 
 /// Adds one hit. False, and nothing added, when the transmittance would fall below its minimum: the pixel is
@@ -123,7 +124,7 @@ S2GS_HD inline PixelAdjoint<T> BeginPixelAdjoint(const Pixel<T>& pixel, const Pi
 template <typename C, typename T>
 S2GS_HD inline void UndoHit(const Splat<T>& s, const PixelHit<T>& hit, const PixelGradient<T>& d,
                             T near_depth, PixelAdjoint<T>* state, Splat<T>* d_splat) {
-  const T inverse_left = T(1) / (T(1) - hit.alpha);
+  const T inverse_left = FastReciprocal(T(1) - hit.alpha);
   state->transmittance = state->transmittance * inverse_left;
   const T weight = hit.alpha * state->transmittance;
   T by_weight = Dot(d.color, s.color);
@@ -141,7 +142,7 @@ S2GS_HD inline void UndoHit(const Splat<T>& s, const PixelHit<T>& hit, const Pix
     d_splat->footprint.normal += weight * d.normal;
     // dm/dz = near / z^2 = -m / z
     d_depth = weight * (d.expected_depth * state->inverse_alpha -
-                        d.distortion * T(2) * (m * state->alpha - state->m1) * m / hit.depth);
+                        d.distortion * T(2) * (m * state->alpha - state->m1) * m * FastReciprocal(hit.depth));
   }
   const T d_alpha = state->transmittance * by_weight - state->behind * inverse_left;
   state->behind += weight * by_weight;

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "s2gs/core/fast_math.h"
 #include "s2gs/core/vec.h"
 #include "s2gs/kernel/constants.h"
 #include "s2gs/kernel/surfel.h"
@@ -149,7 +150,7 @@ S2GS_HD inline T SquaredRadius(const Footprint<T>& s, T pixel_x, T pixel_y, T ne
   hit->depth = s.depth;
   // z = depth / q must lie in front of the camera, beyond the near plane, and not on the horizon.
   if (q > T(1e-6) && q * near_depth <= s.depth) {
-    const T inverse_q = T(1) / q;
+    const T inverse_q = FastReciprocal(q);
     const T a = Dot(s.u, hit->offset) * inverse_q;
     const T b = Dot(s.v, hit->offset) * inverse_q;
     const T on_disc = a * a + b * b;
@@ -170,9 +171,8 @@ S2GS_HD inline T SquaredRadius(const Footprint<T>& s, T pixel_x, T pixel_y, T ne
 template <typename T>
 S2GS_HD inline bool HitSplat(const Footprint<T>& s, T opacity, T pixel_x, T pixel_y, T near_depth,
                              PixelHit<T>* hit) {
-  using std::exp;
   const T r2 = SquaredRadius(s, pixel_x, pixel_y, near_depth, hit);
-  hit->falloff = exp(T(-0.5) * r2);
+  hit->falloff = FastExp(T(-0.5) * r2);
   hit->alpha = opacity * hit->falloff;
   hit->is_capped = hit->alpha > T(kMaxAlpha);
   if (hit->is_capped) hit->alpha = T(kMaxAlpha);

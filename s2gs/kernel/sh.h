@@ -2,6 +2,7 @@
 
 #include "s2gs/core/vec.h"
 #include "s2gs/gaussians.h"
+#include "s2gs/kernel/constants.h"
 
 namespace s2gs {
 
@@ -81,7 +82,14 @@ S2GS_HD inline Vec3<T> ShColor(int degree, const Vec3<T>& dc, const Rest& rest, 
   Vec3<T> color = {half + T(kShBand0) * dc.x, half + T(kShBand0) * dc.y, half + T(kShBand0) * dc.z};
   const int count = (degree + 1) * (degree + 1) - 1;
   for (int k = 0; k < count; ++k) color += basis[k] * Vec3<T>{rest(k, 0), rest(k, 1), rest(k, 2)};
-  return {color.x > T(0) ? color.x : T(0), color.y > T(0) ? color.y : T(0), color.z > T(0) ? color.z : T(0)};
+  // Not a number stays what it is, for IsDrawableColor.
+  return {color.x < T(0) ? T(0) : color.x, color.y < T(0) ? T(0) : color.y, color.z < T(0) ? T(0) : color.z};
+}
+
+/// Whether a colour that ShColor returned can be drawn; otherwise the splat is culled.
+template <typename T>
+S2GS_HD inline bool IsDrawableColor(const Vec3<T>& color) {
+  return color.x < T(kMaxColor) && color.y < T(kMaxColor) && color.z < T(kMaxColor);
 }
 
 /// Adjoint of ShColor.

@@ -1,0 +1,685 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <string>
+
+#include "s2gs/backend.h"
+#include "s2gs/core/cuda.h"
+#include "s2gs/core/gpu_info.h"
+#include "s2gs/cuda/bin.h"
+#include "s2gs/cuda/densify.h"
+#include "s2gs/cuda/knn.h"
+#include "s2gs/cuda/losses.h"
+#include "s2gs/cuda/optimise.h"
+#include "s2gs/cuda/project.h"
+#include "s2gs/cuda/render.h"
+
+// All work goes to one stream, in order. Step() never waits for the GPU: how many pairs of a splat and a tile
+// a view will have is not known when its sort is launched, so each step sorts as many as recent steps had and
+// a margin. The GPU compares, and a step with more pairs than room leaves the model and the losses as they
+// are; its count comes back a few steps later and makes the room larger. In training that happens when growth
+// outruns the margin, to a few steps in ten thousand. Rendering waits for its count and is always complete.
+
+namespace s2gs {
+namespace {
+
+using namespace cuda;  // NOLINT(google-build-using-namespace): this file is the other half of that namespace.
+
+// How far the host may be ahead of the GPU [steps].
+constexpr int kStepsAhead = 8;
+constexpr int64_t kMinRoom = 1 << 16;
+
+Mat3<float> ToMat3(const Eigen::Quaterniond& rotation) {
+  const Eigen::Matrix3f m = rotation.toRotationMatrix().cast<float>();
+  const auto column = [&m](int i) { return Vec3<float>{m(0, i), m(1, i), m(2, i)}; };
+  return {column(0), column(1), column(2)};
+}
+
+Vec3<float> ToVec3(const Eigen::Vector3d& v) {
+  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+}
+
+SplatCamera<float> ToSplatCamera(const PinholeView& view) {
+  return {ToMat3(view.cam_from_world.rotation),
+          ToVec3(view.cam_from_world.translation),
+          ToMat3(view.cam_from_object.rotation),
+          ToVec3(view.cam_from_object.translation),
+          static_cast<float>(view.fx),
+          static_cast<float>(view.fy),
+          static_cast<float>(view.cx),
+          static_cast<float>(view.cy),
+          static_cast<float>(view.near_depth),
+          view.width,
+          view.height};
+}
+
+ForegroundRule RuleFor(SceneBodies bodies, bool freeze_foreground) {
+  switch (bodies) {
+    case SceneBodies::kObjectOnly:
+      return ForegroundRule::kObject;
+    case SceneBodies::kStaticOnly:
+      return ForegroundRule::kStatic;
+    default:
+      return freeze_foreground ? ForegroundRule::kHard : ForegroundRule::kSoft;
+  }
+}
+
+// The arrays of Gaussians, in the order of the planes.
+struct Field {
+  std::vector<float> Gaussians::*values;
+  int first_plane;
+  int num_planes;
+};
+constexpr std::array<Field, 7> kFields = {{{&Gaussians::centre, kCentre, 3},
+                                           {&Gaussians::log_scale, kLogScale, 2},
+                                           {&Gaussians::rotation, kRotation, 4},
+                                           {&Gaussians::opacity_logit, kOpacity, 1},
+                                           {&Gaussians::foreground_logit, kForeground, 1},
+                                           {&Gaussians::sh_dc, kShDc, 3},
+                                           {&Gaussians::sh_rest, kShRest, 3 * kShRestPerChannel}}};
+
+class CudaBackend : public Backend {
+ public:
+  explicit CudaBackend(int gpu_index) {
+    cudaDeviceProp properties;
+    CheckCuda(cudaSetDevice(gpu_index), "cudaSetDevice");
+    CheckCuda(cudaGetDeviceProperties(&properties, gpu_index), "cudaGetDeviceProperties");
+    device_name_ = properties.name;
+    CheckCuda(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "cudaStreamCreate");
+    CheckCuda(cudaMallocHost(&host_reports_, kStepsAhead * sizeof(StepReport)), "cudaMallocHost");
+    for (cudaEvent_t& event : report_events_) {
+      CheckCuda(cudaEventCreateWithFlags(&event, cudaEventDisableTiming), "cudaEventCreate");
+    }
+    report_.Reserve(1);
+    sums_.Reserve(1);
+    CheckCuda(cudaMemsetAsync(sums_.get(), 0, sizeof(LossSums), stream_), "losses");
+  }
+
+  ~CudaBackend() override {
+    cudaStreamSynchronize(stream_);
+    for (const cudaEvent_t event : report_events_) cudaEventDestroy(event);
+    cudaFreeHost(host_reports_);
+    cudaStreamDestroy(stream_);
+  }
+
+  BackendInfo Info() const override {
+    BackendInfo info;
+    info.kind = BackendKind::kCuda;
+    info.device = device_name_;
+    info.memory_bytes = memory_.bytes;
+    info.peak_memory_bytes = memory_.peak_bytes;
+    return info;
+  }
+
+  void SetPhotos(const std::vector<TrainingPhoto>& photos) override {
+    Wait();
+    photos_.clear();
+    photos_.reserve(photos.size());
+    size_t bytes = 0;
+    for (const TrainingPhoto& photo : photos) bytes += photo.image.pixels.size() + photo.mask.size();
+    photo_bytes_.Reserve(bytes);
+    uint8_t* next = photo_bytes_.get();
+    const auto upload = [&](const std::vector<uint8_t>& values) -> const uint8_t* {
+      if (values.empty()) return nullptr;
+      uint8_t* target = next;
+      CheckCuda(cudaMemcpy(target, values.data(), values.size(), cudaMemcpyHostToDevice), "photos");
+      next += values.size();
+      return target;
+    };
+    for (const TrainingPhoto& photo : photos) {
+      S2GS_INVARIANT(photo.image.channels == 3 && photo.image.width == photo.view.width &&
+                     photo.image.height == photo.view.height);
+      const uint8_t* rgb = upload(photo.image.pixels);
+      const uint8_t* mask = upload(photo.mask);
+      photos_.push_back({photo.view, {rgb, mask, photo.view.width, photo.view.height}});
+    }
+    ForgetRoom();  // other sizes have other counts
+  }
+
+  void SetState(const TrainState& state) override {
+    Wait();
+    count_ = static_cast<int64_t>(state.gaussians.size());
+    S2GS_INVARIANT(count_ <= std::numeric_limits<int32_t>::max() - 1024);
+    sh_degree_ = state.gaussians.sh_degree;
+    ReserveModel(count_);
+    Upload(state.gaussians, parameters());
+    Upload(state.first_moment, first_moments());
+    Upload(state.second_moment, second_moments());
+    UploadSums(state.gradient_sum, gradient_sum_.get());
+    UploadSums(state.view_count, view_count_.get());
+    num_neighbours_ = state.num_neighbours;
+    if (num_neighbours_ > 0) {
+      const auto k = static_cast<size_t>(num_neighbours_);
+      const auto n = static_cast<size_t>(count_);
+      S2GS_INVARIANT(state.neighbours.size() == k * n);
+      std::vector<uint32_t> planes(k * n);
+      for (size_t i = 0; i < n; ++i) {
+        for (size_t j = 0; j < k; ++j) planes[j * n + i] = state.neighbours[i * k + j];
+      }
+      neighbours_.Reserve(k * n);
+      CheckCuda(cudaMemcpy(neighbours_.get(), planes.data(), planes.size() * sizeof(uint32_t),
+                           cudaMemcpyHostToDevice),
+                "neighbours");
+    }
+    ForgetRoom();
+  }
+
+  TrainState GetState() const override {
+    TrainState state;
+    state.gaussians = Download(parameters());
+    state.first_moment = Download(first_moments());
+    state.second_moment = Download(second_moments());
+    state.gradient_sum = DownloadArray(gradient_sum_.get(), static_cast<size_t>(count_));
+    state.view_count = DownloadArray(view_count_.get(), static_cast<size_t>(count_));
+    state.num_neighbours = num_neighbours_;
+    const auto k = static_cast<size_t>(num_neighbours_);
+    const auto n = static_cast<size_t>(count_);
+    const std::vector<uint32_t> planes = DownloadArray(neighbours_.get(), k * n);
+    state.neighbours.resize(k * n);
+    for (size_t i = 0; i < n; ++i) {
+      for (size_t j = 0; j < k; ++j) state.neighbours[i * k + j] = planes[j * n + i];
+    }
+    return state;
+  }
+
+  Gaussians GetGaussians() const override { return Download(parameters()); }
+  int64_t Count() const override { return count_; }
+
+  RenderedView Render(const RenderRequest& request) override {
+    ProjectOptions options;
+    options.camera = ToSplatCamera(request.view);
+    options.rule = RuleFor(request.bodies, request.freeze_foreground);
+    options.drawn = request.drawn;
+    options.hard_map = request.hard_foreground;
+    options.sh_degree = sh_degree_;
+    const RenderChannels channels = {request.geometry, request.foreground || request.hard_foreground};
+    const RenderInput input = PrepareToDraw(options);
+    const Maps maps = ReserveMaps(request.view.width, request.view.height, channels);
+    RenderForward(input, channels, maps, stream_);
+
+    const size_t size = static_cast<size_t>(request.view.width) * request.view.height;
+    RenderedView view;
+    view.width = request.view.width;
+    view.height = request.view.height;
+    const std::vector<float> color = DownloadArray(maps.color, 3 * size);
+    view.alpha = DownloadArray(maps.transmittance, size);
+    view.color.resize(3 * size);
+    for (size_t i = 0; i < size; ++i) {
+      for (size_t c = 0; c < 3; ++c) {
+        view.color[3 * i + c] = color[c * size + i] + view.alpha[i] * request.background_color[c];
+      }
+      view.alpha[i] = 1 - view.alpha[i];
+    }
+    if (channels.foreground) view.foreground = DownloadArray(maps.foreground, size);
+    if (channels.geometry) {
+      const std::vector<float> normal = DownloadArray(maps.normal, 3 * size);
+      view.expected_depth = DownloadArray(maps.depth, size);
+      view.median_depth = DownloadArray(maps.median_depth, size);
+      view.distortion = DownloadArray(maps.distortion, size);
+      view.normal.resize(3 * size);
+      for (size_t i = 0; i < size; ++i) {
+        view.expected_depth[i] = view.alpha[i] > 0 ? view.expected_depth[i] / view.alpha[i] : 0.0F;
+        for (size_t c = 0; c < 3; ++c) view.normal[3 * i + c] = normal[c * size + i];
+      }
+    }
+    return view;
+  }
+
+  void Step(const TrainStep& step) override {
+    S2GS_INVARIANT(step.photo >= 0 && static_cast<size_t>(step.photo) < photos_.size());
+    if (count_ == 0) return;
+    const Photo& photo = photos_[step.photo];
+    const LossWeights& weights = step.weights;
+    sh_degree_ = step.sh_degree;
+
+    OptimiseInput optimise;
+    optimise.view.camera = ToSplatCamera(photo.view);
+    optimise.view.rule = RuleFor(step.bodies, step.freeze_foreground);
+    optimise.view.sh_degree = step.sh_degree;
+    const bool learns_foreground = optimise.view.rule == ForegroundRule::kSoft;
+    const bool has_mask_loss = weights.mask != 0 && photo.device.mask != nullptr;
+    const RenderChannels channels = {weights.normal != 0 || weights.distortion != 0,
+                                     learns_foreground && (weights.entropy_2d != 0 || has_mask_loss)};
+
+    ReadReports();
+    sorter_.Reserve(count_, photo.view.width, photo.view.height);
+    Project(parameters(), count_, optimise.view, sorter_.splats(), stream_);
+    sorter_.SortByDepth(count_, report_.get(), stream_);
+    if (room_ == 0) MakeRoom(CountIntersections());
+    const RenderInput input = {
+        sorter_.splats(),
+        sorter_.SortByTile(count_, photo.view.width, photo.view.height, room_, report_.get(), stream_),
+        photo.view.width, photo.view.height, optimise.view.camera.near_depth};
+    SendReport();
+
+    const Maps maps = ReserveMaps(photo.view.width, photo.view.height, channels);
+    RenderForward(input, channels, maps, stream_);
+
+    ImageLossInput loss;
+    loss.photo = photo.device;
+    loss.background = {step.background_color[0], step.background_color[1], step.background_color[2]};
+    loss.cut_out_mask = step.cut_out_mask;
+    loss.weights = weights;
+    loss.fx = optimise.view.camera.fx;
+    loss.fy = optimise.view.camera.fy;
+    loss.cx = optimise.view.camera.cx;
+    loss.cy = optimise.view.camera.cy;
+    loss.report = report_.get();
+    const MapGradients d_maps = ReserveMapGradients(photo.view.width, photo.view.height, channels);
+    ColorLoss(loss, maps, d_maps, partials_.get(), sums_.get(), stream_);
+    MapLoss(loss, channels.geometry, channels.foreground, maps, d_maps, sums_.get(), stream_);
+    RenderBackward(input, channels, maps, d_maps, loss.background, d_splats_.get(), d_normal_z_.get(),
+                   stream_);
+
+    const bool has_neighbours = num_neighbours_ > 0 && weights.local_consistency != 0;
+    if (learns_foreground && (has_neighbours || weights.entropy_3d != 0)) {
+      const ModelLossInput model = {parameters().data + kForeground * stride_,
+                                    static_cast<int>(count_),
+                                    neighbours_.get(),
+                                    num_neighbours_,
+                                    has_neighbours ? weights.local_consistency : 0,
+                                    weights.entropy_3d,
+                                    report_.get()};
+      ModelLoss(model, d_logits_.get(), sums_.get(), stream_);
+      optimise.d_logits = d_logits_.get();
+    }
+
+    optimise.parameters = parameters();
+    optimise.first_moments = first_moments();
+    optimise.second_moments = second_moments();
+    optimise.count = static_cast<int>(count_);
+    optimise.splats = input.splats;
+    optimise.d_splats = d_splats_.get();
+    optimise.d_normal_z = d_normal_z_.get();
+    optimise.has_geometry = channels.geometry;
+    optimise.learns_foreground = learns_foreground;
+    optimise.adam = MakeAdamStep<float>(step.iteration);
+    optimise.rates = step.rates;
+    if (step.collect_statistics) {
+      optimise.gradient_sum = gradient_sum_.get();
+      optimise.view_count = view_count_.get();
+    }
+    optimise.report = report_.get();
+    optimise.sums = sums_.get();
+    Optimise(optimise, stream_);
+  }
+
+  LossTerms TakeLoss() override {
+    LossSums sums;
+    CheckCuda(cudaMemcpyAsync(&sums, sums_.get(), sizeof(sums), cudaMemcpyDeviceToHost, stream_), "losses");
+    CheckCuda(cudaMemsetAsync(sums_.get(), 0, sizeof(LossSums), stream_), "losses");
+    Wait();
+    LossTerms terms;
+    terms.steps = static_cast<int64_t>(sums.steps);
+    if (terms.steps == 0) return terms;
+    terms.l1 = sums.l1 / sums.steps;
+    terms.dssim = sums.dssim / sums.steps;
+    terms.normal = sums.normal / sums.steps;
+    terms.distortion = sums.distortion / sums.steps;
+    terms.local_consistency = sums.local_consistency / sums.steps;
+    terms.entropy_3d = sums.entropy_3d / sums.steps;
+    terms.entropy_2d = sums.entropy_2d / sums.steps;
+    terms.mask = sums.mask / sums.steps;
+    terms.total = sums.total / sums.steps;
+    return terms;
+  }
+
+  DensifyResult Densify(const DensifyStep& step) override {
+    if (count_ == 0) return {};
+    const DensifyResult result =
+        densify_.Make(parameters(), count_, gradient_sum_.get(), view_count_.get(), step, stream_);
+    const auto new_count = static_cast<size_t>(result.count);
+    // Children need their parents' centres, scales and rotations, so the new model is built beside the old
+    // one.
+    const bool is_larger = new_count > stride_;
+    const size_t new_stride = is_larger ? std::max(new_count, stride_ + stride_ / 2) : stride_;
+    spare_.Reserve(3 * kNumPlanes * new_stride);
+    const Planes old_parameters = parameters();
+    const Planes new_parameters = {spare_.get(), new_stride};
+    for (int plane = 0; plane < 3 * kNumPlanes; ++plane) {
+      densify_.Gather(model_.get() + plane * stride_, spare_.get() + plane * new_stride, plane >= kNumPlanes,
+                      stream_);
+    }
+    densify_.PlaceChildren(old_parameters, new_parameters, step, stream_);
+    Wait();
+    model_.Swap(spare_);
+    if (is_larger) spare_.Free();
+    stride_ = new_stride;
+    const int64_t old_count = count_;
+    count_ = result.count;
+    ReserveModelBuffers();
+    ClearStatistics();
+    if (room_ > 0 && count_ > old_count) {
+      peak_intersections_ =
+          peak_intersections_ * static_cast<double>(count_) / static_cast<double>(old_count);
+      MakeRoom(0);
+    }
+    if (num_neighbours_ > 0) RefreshNeighbours(num_neighbours_);
+    return result;
+  }
+
+  void ResetOpacity(float max_opacity) override {
+    if (count_ == 0) return;
+    const float max_logit = std::log(max_opacity / (1 - max_opacity));
+    ClampOpacity(max_logit);
+  }
+
+  std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies) override {
+    if (count_ == 0) return {};
+    peak_weights_.Reserve(static_cast<size_t>(count_));
+    CheckCuda(cudaMemsetAsync(peak_weights_.get(), 0, sizeof(float) * static_cast<size_t>(count_), stream_),
+              "peak weights");
+    for (const PinholeView& view : views) {
+      ProjectOptions options;
+      options.camera = ToSplatCamera(view);
+      options.rule = RuleFor(bodies, true);
+      options.sh_degree = 0;
+      RenderPeakWeights(PrepareToDraw(options), peak_weights_.get(), stream_);
+    }
+    return DownloadArray(peak_weights_.get(), static_cast<size_t>(count_));
+  }
+
+  void RefreshNeighbours(int k) override {
+    num_neighbours_ = static_cast<int>(std::min<int64_t>(std::min(k, kMaxNeighbours), count_ - 1));
+    if (num_neighbours_ <= 0) {
+      num_neighbours_ = 0;
+      return;
+    }
+    neighbours_.Reserve(static_cast<size_t>(num_neighbours_) * static_cast<size_t>(count_));
+    finder_.Find(parameters().data + kCentre * stride_, stride_, count_, num_neighbours_, neighbours_.get(),
+                 stream_);
+  }
+
+ private:
+  struct Photo {
+    PinholeView view;
+    DevicePhoto device;
+  };
+
+  Planes parameters() const { return {model_.get(), stride_}; }
+  Planes first_moments() const { return {model_.get() + kNumPlanes * stride_, stride_}; }
+  Planes second_moments() const { return {model_.get() + 2 * kNumPlanes * stride_, stride_}; }
+
+  void Wait() const { CheckCuda(cudaStreamSynchronize(stream_), "computation"); }
+
+  // --- Memory ---
+  void ReserveModel(int64_t count) {
+    const auto size = static_cast<size_t>(count);
+    if (size > stride_ || model_.get() == nullptr) {
+      spare_.Free();
+      model_.Free();
+      stride_ = std::max(size, stride_ + stride_ / 2);
+      model_.Reserve(std::max<size_t>(1, 3 * kNumPlanes * stride_));
+    }
+    ReserveModelBuffers();
+    // The optimiser leaves zeros behind; what is new must begin with them.
+    ClearStatistics();
+  }
+
+  // Arrays of one row per Gaussian besides the model.
+  void ReserveModelBuffers() {
+    if (d_splats_.capacity() < stride_ * kPackedFloats) {
+      d_splats_.Reserve(stride_ * kPackedFloats);
+      d_normal_z_.Reserve(stride_);
+      CheckCuda(cudaMemsetAsync(d_splats_.get(), 0, sizeof(float) * stride_ * kPackedFloats, stream_),
+                "gradients");
+      CheckCuda(cudaMemsetAsync(d_normal_z_.get(), 0, sizeof(float) * stride_, stream_), "gradients");
+    }
+    d_logits_.Reserve(stride_);
+    gradient_sum_.Reserve(stride_);
+    view_count_.Reserve(stride_);
+    sorter_.Reserve(static_cast<int64_t>(stride_), 1, 1);
+  }
+
+  void ClearStatistics() {
+    const size_t bytes = sizeof(float) * static_cast<size_t>(count_);
+    CheckCuda(cudaMemsetAsync(gradient_sum_.get(), 0, bytes, stream_), "statistics");
+    CheckCuda(cudaMemsetAsync(view_count_.get(), 0, bytes, stream_), "statistics");
+  }
+
+  Maps ReserveMaps(int width, int height, RenderChannels channels) {
+    const size_t size = static_cast<size_t>(width) * height;
+    map_planes_.Reserve(4 * size);
+    last_.Reserve(size);
+    Maps maps{};
+    maps.color = map_planes_.get();
+    maps.transmittance = map_planes_.get() + 3 * size;
+    maps.last = last_.get();
+    if (channels.foreground) {
+      foreground_plane_.Reserve(size);
+      maps.foreground = foreground_plane_.get();
+    }
+    if (channels.geometry) {
+      geometry_planes_.Reserve(8 * size);
+      maps.depth = geometry_planes_.get();
+      maps.normal = geometry_planes_.get() + size;
+      maps.median_depth = geometry_planes_.get() + 4 * size;
+      maps.distortion = geometry_planes_.get() + 5 * size;
+      maps.m1 = geometry_planes_.get() + 6 * size;
+      maps.m2 = geometry_planes_.get() + 7 * size;
+    }
+    return maps;
+  }
+
+  MapGradients ReserveMapGradients(int width, int height, RenderChannels channels) {
+    const size_t size = static_cast<size_t>(width) * height;
+    partials_.Reserve(9 * size);
+    d_color_.Reserve(3 * size);
+    MapGradients d_maps{};
+    d_maps.color = d_color_.get();
+    if (channels.foreground) {
+      d_foreground_.Reserve(size);
+      d_maps.foreground = d_foreground_.get();
+    }
+    if (channels.geometry) {
+      d_geometry_.Reserve(6 * size);
+      d_maps.alpha = d_geometry_.get();
+      d_maps.normal = d_geometry_.get() + size;
+      d_maps.expected_depth = d_geometry_.get() + 4 * size;
+      d_maps.distortion = d_geometry_.get() + 5 * size;
+    }
+    return d_maps;
+  }
+
+  // --- Intersections ---
+  RenderInput PrepareToDraw(const ProjectOptions& options) {
+    const int width = options.camera.width, height = options.camera.height;
+    sorter_.Reserve(std::max<int64_t>(count_, 1), width, height);
+    int64_t room = 0;
+    if (count_ > 0) {
+      Project(parameters(), count_, options, sorter_.splats(), stream_);
+      sorter_.SortByDepth(count_, report_.get(), stream_);
+      room = CountIntersections();
+      sorter_.ReserveIntersections(room);
+    }
+    return {sorter_.splats(), sorter_.SortByTile(count_, width, height, room, report_.get(), stream_), width,
+            height, options.camera.near_depth};
+  }
+
+  // Waits for the GPU.
+  int64_t CountIntersections() {
+    StepReport report;
+    CheckCuda(cudaMemcpyAsync(&report, report_.get(), sizeof(report), cudaMemcpyDeviceToHost, stream_),
+              "report");
+    Wait();
+    if (report.num_intersections > static_cast<uint64_t>(std::numeric_limits<int64_t>::max() / 2)) {
+      throw UserError("The view has too many pairs of a splat and a tile. Use a smaller image size");
+    }
+    return static_cast<int64_t>(report.num_intersections);
+  }
+
+  // Room for at least so many pairs, with a margin over the recent peak.
+  void MakeRoom(int64_t count) {
+    peak_intersections_ = std::max(peak_intersections_, static_cast<double>(count));
+    const auto wanted = static_cast<int64_t>(1.15 * peak_intersections_) + kMinRoom;
+    room_ = wanted;
+    const auto reserved = std::min<int64_t>(wanted + wanted / 4, std::numeric_limits<int32_t>::max());
+    if (wanted > reserved_room_) {
+      sorter_.ReserveIntersections(std::max(wanted, reserved));
+      reserved_room_ = std::max(wanted, reserved);
+    }
+  }
+
+  void ForgetRoom() {
+    num_reports_read_ = num_reports_sent_;
+    peak_intersections_ = 0;
+    room_ = 0;
+  }
+
+  // Sends the step's count to the host, to be read when it has arrived.
+  void SendReport() {
+    const int slot = static_cast<int>(num_reports_sent_ % kStepsAhead);
+    if (num_reports_sent_ - num_reports_read_ >= kStepsAhead) {
+      CheckCuda(cudaEventSynchronize(report_events_[slot]), "computation");
+      ReadReports();
+    }
+    CheckCuda(cudaMemcpyAsync(host_reports_ + slot, report_.get(), sizeof(StepReport), cudaMemcpyDeviceToHost,
+                              stream_),
+              "report");
+    CheckCuda(cudaEventRecord(report_events_[slot], stream_), "report");
+    ++num_reports_sent_;
+  }
+
+  void ReadReports() {
+    while (num_reports_read_ < num_reports_sent_) {
+      const int slot = static_cast<int>(num_reports_read_ % kStepsAhead);
+      const cudaError_t state = cudaEventQuery(report_events_[slot]);
+      if (state == cudaErrorNotReady) return;
+      CheckCuda(state, "computation");
+      // Forgets a peak over some thousands of steps.
+      peak_intersections_ *= 0.9998;
+      if (room_ > 0) MakeRoom(static_cast<int64_t>(host_reports_[slot].num_intersections));
+      ++num_reports_read_;
+    }
+  }
+
+  // --- Transfers ---
+  template <typename T>
+  std::vector<T> DownloadArray(const T* data, size_t size) const {
+    std::vector<T> values(size);
+    if (size == 0) return values;
+    CheckCuda(cudaMemcpyAsync(values.data(), data, size * sizeof(T), cudaMemcpyDeviceToHost, stream_),
+              "download");
+    Wait();
+    return values;
+  }
+
+  void UploadSums(const std::vector<float>& values, float* target) const {
+    if (values.empty()) return;
+    S2GS_INVARIANT(values.size() == static_cast<size_t>(count_));
+    CheckCuda(cudaMemcpy(target, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice),
+              "state");
+  }
+
+  // An empty model means zeros.
+  void Upload(const Gaussians& gaussians, const Planes& planes) const {
+    const auto n = static_cast<size_t>(count_);
+    if (gaussians.empty()) {
+      CheckCuda(cudaMemsetAsync(planes.data, 0, sizeof(float) * kNumPlanes * stride_, stream_), "state");
+      return;
+    }
+    std::vector<float> plane(n);
+    for (const Field& field : kFields) {
+      const std::vector<float>& values = gaussians.*field.values;
+      const auto per_row = static_cast<size_t>(field.num_planes);
+      S2GS_INVARIANT(values.size() == per_row * n);
+      for (size_t k = 0; k < per_row; ++k) {
+        for (size_t i = 0; i < n; ++i) plane[i] = values[i * per_row + k];
+        CheckCuda(cudaMemcpyAsync(planes.data + (static_cast<size_t>(field.first_plane) + k) * planes.stride,
+                                  plane.data(), n * sizeof(float), cudaMemcpyHostToDevice, stream_),
+                  "state");
+        Wait();
+      }
+    }
+  }
+
+  Gaussians Download(const Planes& planes) const {
+    const auto n = static_cast<size_t>(count_);
+    Gaussians gaussians;
+    gaussians.Resize(n);
+    gaussians.sh_degree = sh_degree_;
+    for (const Field& field : kFields) {
+      const auto per_row = static_cast<size_t>(field.num_planes);
+      std::vector<float>& values = gaussians.*field.values;
+      for (size_t k = 0; k < per_row; ++k) {
+        const std::vector<float> plane =
+            DownloadArray(planes.data + (static_cast<size_t>(field.first_plane) + k) * planes.stride, n);
+        for (size_t i = 0; i < n; ++i) values[i * per_row + k] = plane[i];
+      }
+    }
+    return gaussians;
+  }
+
+  void ClampOpacity(float max_logit);
+
+  std::string device_name_;
+  cudaStream_t stream_ = nullptr;
+  DeviceMemoryCount memory_;
+
+  // The model: parameters, first and second moments, each kNumPlanes planes of stride_.
+  DeviceBuffer<float> model_{&memory_};
+  DeviceBuffer<float> spare_{&memory_};
+  size_t stride_ = 0;
+  int64_t count_ = 0;
+  int sh_degree_ = 0;
+  DeviceBuffer<float> gradient_sum_{&memory_}, view_count_{&memory_};
+  DeviceBuffer<uint32_t> neighbours_{&memory_};
+  int num_neighbours_ = 0;
+
+  std::vector<Photo> photos_;
+  DeviceBuffer<uint8_t> photo_bytes_{&memory_};
+
+  TileSorter sorter_{&memory_};
+  DensifyPlan densify_{&memory_};
+  NeighbourFinder finder_{&memory_};
+  DeviceBuffer<float> map_planes_{&memory_}, foreground_plane_{&memory_}, geometry_planes_{&memory_};
+  DeviceBuffer<uint32_t> last_{&memory_};
+  DeviceBuffer<float> partials_{&memory_}, d_color_{&memory_}, d_foreground_{&memory_}, d_geometry_{&memory_};
+  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_},
+      peak_weights_{&memory_};
+
+  DeviceBuffer<LossSums> sums_{&memory_};
+  DeviceBuffer<StepReport> report_{&memory_};
+  StepReport* host_reports_ = nullptr;
+  std::array<cudaEvent_t, kStepsAhead> report_events_{};
+  int64_t num_reports_sent_ = 0, num_reports_read_ = 0;
+  double peak_intersections_ = 0;
+  int64_t room_ = 0;           ///< pairs that a step sorts; 0: not known yet.
+  int64_t reserved_room_ = 0;  ///< pairs that there is memory for.
+};
+
+__global__ void ClampOpacityKernel(float* logits, float* first_moments, float* second_moments, int count,
+                                   float max_logit) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  if (i >= count) return;
+  if (logits[i] > max_logit) logits[i] = max_logit;
+  first_moments[i] = 0;
+  second_moments[i] = 0;
+}
+
+void CudaBackend::ClampOpacity(float max_logit) {
+  ClampOpacityKernel<<<NumBlocks(count_, 256), 256, 0, stream_>>>(
+      parameters().data + kOpacity * stride_, first_moments().data + kOpacity * stride_,
+      second_moments().data + kOpacity * stride_, static_cast<int>(count_), max_logit);
+  CheckCuda(cudaGetLastError(), "opacity reset");
+}
+
+}  // namespace
+
+std::unique_ptr<Backend> MakeCudaBackend(int gpu_index) {
+  const std::vector<GpuInfo> gpus = ListGpus();
+  if (gpus.empty())
+    throw UserError("No NVIDIA GPU with a working driver was found. Compute on the CPU instead");
+  if (gpu_index < 0 || static_cast<size_t>(gpu_index) >= gpus.size()) {
+    throw UserError("There is no GPU " + std::to_string(gpu_index) + ": this machine has " +
+                    std::to_string(gpus.size()));
+  }
+  const GpuInfo& gpu = gpus[static_cast<size_t>(gpu_index)];
+  if (!gpu.is_usable)
+    throw UserError("GPU " + std::to_string(gpu_index) + " (" + gpu.name + "): " + gpu.problem);
+  return std::make_unique<CudaBackend>(gpu_index);
+}
+
+}  // namespace s2gs

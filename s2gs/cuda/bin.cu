@@ -1,0 +1,196 @@
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_scan.cuh>
+#include <limits>
+#include <string>
+
+#include "s2gs/cuda/bin.h"
+#include "s2gs/cuda/tiles.cuh"
+
+namespace s2gs::cuda {
+namespace {
+
+constexpr int kThreads = 128;
+
+// Tile counts in depth order, as 64-bit numbers for the scan.
+__global__ void GatherCountsKernel(const uint32_t* sorted_ids, const uint32_t* tile_counts, int count,
+                                   uint64_t* gathered) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  if (i < count) gathered[i] = tile_counts[sorted_ids[i]];
+}
+
+// offsets holds inclusive sums.
+__global__ void ReportTotalKernel(const uint64_t* offsets, int count, StepReport* report) {
+  report->num_intersections = offsets[count - 1];
+  report->overflow = 0;
+}
+
+struct EmitInput {
+  const uint32_t* sorted_ids;
+  const uint64_t* offsets;
+  ProjectedSplats splats;
+  int count, width, height;
+  uint64_t bound;
+};
+
+template <typename Key>
+__global__ __launch_bounds__(kThreads) void EmitKernel(EmitInput in, Key* keys, uint32_t* ids,
+                                                       StepReport* report) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  TileReach reach{};
+  if (i < in.count) {
+    const uint32_t id = in.sorted_ids[i];
+    const uint32_t num_tiles = in.splats.tile_counts[id];
+    const uint64_t end = in.offsets[i];
+    if (i == in.count - 1 && end > in.bound) report->overflow = 1;
+    if (num_tiles > 0 && end - num_tiles < in.bound) {
+      const float4 a = in.splats.splats[id].a, b = in.splats.splats[id].b;
+      const ushort4 rect = in.splats.tile_rects[id];
+      reach.footprint.centre = {a.x, a.y};
+      reach.footprint.u = {a.z, a.w};
+      reach.footprint.v = {b.x, b.y};
+      reach.footprint.w = {b.z, b.w};
+      reach.cutoff2 = CutoffSquaredRadius(in.splats.splats[id].c.x);
+      reach.tiles = {rect.x, rect.y, rect.z, rect.w};
+      reach.id = id;
+      reach.offset = end - num_tiles;
+    }
+  }
+  ForEachTile(reach, in.width, in.height, [&](uint32_t id, uint64_t position, int tile) {
+    if (position >= in.bound) return;
+    keys[position] = static_cast<Key>(tile);
+    ids[position] = id;
+  });
+}
+
+// Where each tile's entries begin and end in the sorted list. Unused entries at the end have the key
+// num_tiles or more.
+template <typename Key>
+__global__ void FindRangesKernel(const Key* keys, uint64_t bound, int num_tiles, const StepReport* report,
+                                 uint32_t* begin, uint32_t* end) {
+  const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+  const uint64_t count = min(report->num_intersections, bound);
+  if (i >= count) return;
+  const auto tile = static_cast<int>(keys[i]);
+  if (i == 0 || static_cast<int>(keys[i - 1]) != tile) begin[tile] = static_cast<uint32_t>(i);
+  if (i == count - 1 || static_cast<int>(keys[i + 1]) != tile) end[tile] = static_cast<uint32_t>(i + 1);
+}
+
+int BitsFor(uint64_t value) {
+  int bits = 1;
+  while (bits < 63 && (uint64_t{1} << bits) <= value) ++bits;
+  return bits;
+}
+
+}  // namespace
+
+TileSorter::TileSorter(DeviceMemoryCount* memory)
+    : splats_(memory),
+      normal_z_(memory),
+      depth_keys_(memory),
+      ids_(memory),
+      tile_counts_(memory),
+      tile_rects_(memory),
+      sorted_depth_keys_(memory),
+      sorted_ids_(memory),
+      offsets_(memory),
+      tile_keys_(memory),
+      sorted_tile_keys_(memory),
+      tile_ids_(memory),
+      sorted_tile_ids_(memory),
+      tile_begin_(memory),
+      tile_end_(memory),
+      scratch_(memory) {}
+
+void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
+  const auto n = static_cast<size_t>(num_gaussians);
+  splats_.Reserve(n);
+  normal_z_.Reserve(n);
+  depth_keys_.Reserve(n);
+  ids_.Reserve(n);
+  tile_counts_.Reserve(n);
+  tile_rects_.Reserve(n);
+  sorted_depth_keys_.Reserve(n);
+  sorted_ids_.Reserve(n);
+  offsets_.Reserve(n);
+  const size_t num_tiles = static_cast<size_t>(NumTiles(width)) * static_cast<size_t>(NumTiles(height));
+  tile_begin_.Reserve(num_tiles);
+  tile_end_.Reserve(num_tiles);
+}
+
+void TileSorter::ReserveIntersections(int64_t num_intersections) {
+  // Positions within the list are 32-bit; CUB counts in int.
+  if (num_intersections > std::numeric_limits<int32_t>::max()) {
+    throw UserError(
+        "The view has " + std::to_string(num_intersections) +
+        " pairs of a splat and a tile, more than 2^31. Use a smaller image size or fewer Gaussians");
+  }
+  const auto n = static_cast<size_t>(num_intersections);
+  tile_keys_.Reserve(n);
+  sorted_tile_keys_.Reserve(n);
+  tile_ids_.Reserve(n);
+  sorted_tile_ids_.Reserve(n);
+}
+
+void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStream_t stream) {
+  const auto n = static_cast<int>(num_gaussians);
+  size_t sort_bytes = 0, scan_bytes = 0;
+  CheckCuda(cub::DeviceRadixSort::SortPairs(nullptr, sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
+                                            ids_.get(), sorted_ids_.get(), n, 0, 32, stream),
+            "sort by depth");
+  CheckCuda(cub::DeviceScan::InclusiveSum(nullptr, scan_bytes, offsets_.get(), offsets_.get(), n, stream),
+            "scan of tile counts");
+  scratch_.Reserve(sort_bytes > scan_bytes ? sort_bytes : scan_bytes);
+  CheckCuda(
+      cub::DeviceRadixSort::SortPairs(scratch_.get(), sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
+                                      ids_.get(), sorted_ids_.get(), n, 0, 32, stream),
+      "sort by depth");
+  GatherCountsKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(sorted_ids_.get(), tile_counts_.get(),
+                                                                      n, offsets_.get());
+  CheckCuda(
+      cub::DeviceScan::InclusiveSum(scratch_.get(), scan_bytes, offsets_.get(), offsets_.get(), n, stream),
+      "scan of tile counts");
+  ReportTotalKernel<<<1, 1, 0, stream>>>(offsets_.get(), n, report);
+  CheckCuda(cudaGetLastError(), "tile counts");
+}
+
+TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, int64_t bound,
+                                 StepReport* report, cudaStream_t stream) {
+  const int num_tiles = NumTiles(width) * NumTiles(height);
+  CheckCuda(cudaMemsetAsync(tile_begin_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
+  CheckCuda(cudaMemsetAsync(tile_end_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
+  const TileLists lists = {tile_begin_.get(), tile_end_.get(), sorted_tile_ids_.get()};
+  if (bound == 0) return lists;
+  const auto sort = [&](auto* keys, auto* sorted_keys) {
+    using Key = std::remove_pointer_t<decltype(keys)>;
+    // Entries that no splat fills sort behind all tiles.
+    CheckCuda(cudaMemsetAsync(keys, 0xFF, sizeof(Key) * bound, stream), "tile keys");
+    const EmitInput input = {
+        sorted_ids_.get(),           offsets_.get(), splats(), static_cast<int>(num_gaussians), width, height,
+        static_cast<uint64_t>(bound)};
+    EmitKernel<<<NumBlocks(num_gaussians, kThreads), kThreads, 0, stream>>>(input, keys, tile_ids_.get(),
+                                                                            report);
+    CheckCuda(cudaGetLastError(), "tile keys");
+    const int bits = BitsFor(static_cast<uint64_t>(num_tiles));
+    size_t bytes = 0;
+    CheckCuda(
+        cub::DeviceRadixSort::SortPairs(nullptr, bytes, keys, sorted_keys, tile_ids_.get(),
+                                        sorted_tile_ids_.get(), static_cast<int>(bound), 0, bits, stream),
+        "sort by tile");
+    scratch_.Reserve(bytes);
+    CheckCuda(
+        cub::DeviceRadixSort::SortPairs(scratch_.get(), bytes, keys, sorted_keys, tile_ids_.get(),
+                                        sorted_tile_ids_.get(), static_cast<int>(bound), 0, bits, stream),
+        "sort by tile");
+    FindRangesKernel<<<NumBlocks(bound, 256), 256, 0, stream>>>(
+        sorted_keys, static_cast<uint64_t>(bound), num_tiles, report, tile_begin_.get(), tile_end_.get());
+    CheckCuda(cudaGetLastError(), "tile ranges");
+  };
+  if (num_tiles < 0xFFFF) {
+    sort(reinterpret_cast<uint16_t*>(tile_keys_.get()), reinterpret_cast<uint16_t*>(sorted_tile_keys_.get()));
+  } else {
+    sort(tile_keys_.get(), sorted_tile_keys_.get());
+  }
+  return lists;
+}
+
+}  // namespace s2gs::cuda

@@ -1,0 +1,140 @@
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <cstdint>
+
+#include "s2gs/gaussians.h"
+#include "s2gs/kernel/composite.h"
+
+namespace s2gs::cuda {
+
+/// Parameters lie in planes, one float of every Gaussian after the other, so that neighbouring threads read
+/// neighbouring addresses. The order of the planes; SH coefficients are by coefficient, R G B within.
+enum Plane {
+  kCentre = 0,
+  kLogScale = 3,
+  kRotation = 5,
+  kOpacity = 9,
+  kForeground = 10,
+  kShDc = 11,
+  kShRest = 14,
+  kNumPlanes = 14 + 3 * kShRestPerChannel,
+};
+static_assert(kNumPlanes == kFloatsPerGaussian);
+
+/// kNumPlanes planes of `stride` floats each.
+struct Planes {
+  float* data;
+  size_t stride;
+
+  __device__ float* At(int plane) const { return data + plane * stride; }
+};
+
+__device__ inline SurfelParameters<float> LoadSurfel(const Planes& planes, int i) {
+  const auto at = [&](int plane) { return planes.data[plane * planes.stride + i]; };
+  return {{at(kCentre), at(kCentre + 1), at(kCentre + 2)},
+          {at(kLogScale), at(kLogScale + 1)},
+          {at(kRotation), at(kRotation + 1), at(kRotation + 2), at(kRotation + 3)},
+          at(kOpacity),
+          at(kForeground)};
+}
+
+/// A Splat<float> packed for loads of 16 bytes. Its gradient has the same layout as 16 floats. The normal's z
+/// has an array of its own, because it is read with geometry alone.
+struct alignas(16) PackedSplat {
+  float4 a;  ///< centre, u
+  float4 b;  ///< v, w
+  float4 c;  ///< opacity, colour
+  float4 d;  ///< foreground, depth, normal x, y
+};
+constexpr int kPackedFloats = 16;
+
+__device__ inline PackedSplat Pack(const Splat<float>& s) {
+  return {{s.footprint.centre.x, s.footprint.centre.y, s.footprint.u.x, s.footprint.u.y},
+          {s.footprint.v.x, s.footprint.v.y, s.footprint.w.x, s.footprint.w.y},
+          {s.opacity, s.color.x, s.color.y, s.color.z},
+          {s.foreground, s.footprint.depth, s.footprint.normal.x, s.footprint.normal.y}};
+}
+
+__device__ inline Splat<float> Unpack(const float4& a, const float4& b, const float4& c, const float4& d,
+                                      float normal_z) {
+  Splat<float> s;
+  s.footprint.centre = {a.x, a.y};
+  s.footprint.u = {a.z, a.w};
+  s.footprint.v = {b.x, b.y};
+  s.footprint.w = {b.z, b.w};
+  s.footprint.depth = d.y;
+  s.footprint.normal = {d.z, d.w, normal_z};
+  s.opacity = c.x;
+  s.color = {c.y, c.z, c.w};
+  s.foreground = d.x;
+  return s;
+}
+
+/// Side of a tile [px]; a block of threads draws one tile, a warp 8 x 4 pixels of it.
+constexpr int kTile = 16;
+constexpr int kTileThreads = kTile * kTile;
+
+inline __host__ __device__ int NumTiles(int size) { return (size + kTile - 1) / kTile; }
+
+/// What projection leaves for every Gaussian of the model.
+struct ProjectedSplats {
+  PackedSplat* splats;
+  float* normal_z;
+  uint32_t* depth_keys;   ///< ordered as the depths; the largest for splats that are not drawn.
+  uint32_t* ids;          ///< 0, 1, 2, ...
+  uint32_t* tile_counts;  ///< 0 for splats that are not drawn.
+  ushort4* tile_rects;    ///< candidates: x begin, y begin, x end, y end [tiles].
+};
+
+/// Maps of one view in planes of width * height pixels. Pointers of channels that are off are null.
+struct Maps {
+  float* color;          ///< 3 planes, without background.
+  float* transmittance;  ///< final.
+  uint32_t* last;        ///< one past the last contributor, counted within the tile's list.
+  float* foreground;
+  float* depth;   ///< sum of w z.
+  float* normal;  ///< 3 planes.
+  float* median_depth;
+  float* distortion;
+  float* m1;
+  float* m2;
+};
+
+/// The loss by the maps, of the same shape.
+struct MapGradients {
+  float* color;
+  float* alpha;
+  float* foreground;
+  float* normal;
+  float* expected_depth;
+  float* distortion;
+};
+
+/// Splats of each tile, from front to back: tile t owns [begin[t], end[t]) of `ids`.
+struct TileLists {
+  const uint32_t* begin;
+  const uint32_t* end;
+  const uint32_t* ids;
+};
+
+/// Sums over the steps since the losses were last taken.
+struct LossSums {
+  double steps;
+  double total;  ///< weighted.
+  double l1, dssim, normal, distortion, local_consistency, entropy_3d, entropy_2d, mask;
+};
+
+/// Written by the GPU in each step.
+struct StepReport {
+  uint64_t num_intersections;  ///< of splats with tiles, as many as the view has.
+  uint32_t overflow;           ///< 1: more than there was room for; the step changed nothing.
+};
+
+__device__ inline float WarpSum(float value) {
+  for (int offset = 16; offset > 0; offset /= 2) value += __shfl_xor_sync(0xFFFFFFFFU, value, offset);
+  return value;
+}
+
+}  // namespace s2gs::cuda

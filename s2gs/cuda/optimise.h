@@ -1,0 +1,32 @@
+#pragma once
+
+#include "s2gs/backend.h"
+#include "s2gs/cuda/device_data.h"
+#include "s2gs/cuda/project.h"
+#include "s2gs/kernel/adam.h"
+
+namespace s2gs::cuda {
+
+struct OptimiseInput {
+  Planes parameters, first_moments, second_moments;
+  int count = 0;
+  ProjectOptions view;  ///< as in the forward pass.
+  ProjectedSplats splats;
+  float* d_splats = nullptr;  ///< read, and set to zero for the next step.
+  float* d_normal_z = nullptr;
+  const float* d_logits = nullptr;  ///< loss of the model by the foreground logits; null: none.
+  bool has_geometry = false;
+  bool learns_foreground = false;
+  AdamStep<float> adam;
+  LearningRates rates;
+  float* gradient_sum = nullptr;  ///< null: no statistics.
+  float* view_count = nullptr;
+  const StepReport* report = nullptr;
+  LossSums* sums = nullptr;
+};
+
+/// Gradient by the splats -> gradient by the parameters -> Adam, in one pass over the model. Changes nothing
+/// when the report says overflow.
+void Optimise(const OptimiseInput& input, cudaStream_t stream);
+
+}  // namespace s2gs::cuda
