@@ -2,6 +2,7 @@
 #include "plugin/gaussian_renderer_command.h"
 #include "plugin/gaussian_trainer_command.h"
 #include "plugin/scan_evaluator_command.h"
+#include "plugin/tsdf_mesher_command.h"
 #include "plugin/workspace_info_command.h"
 
 #if S2GS_WITH_SFM
@@ -32,6 +33,7 @@ std::vector<Command> MakeCommands() {
                       "trains Gaussians that know whether they belong to the rotating part", RunGaussianTrainer});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
+  commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});
   commands.push_back({"workspace_info",
                       "lists the stages of a workspace, which are done and why not, and its files",
                       RunWorkspaceInfo});
