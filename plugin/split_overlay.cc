@@ -22,9 +22,9 @@ struct Dot {
 };
 
 const Dot& DotOf(KeypointLabel label) {
-  static const Dot unknown{{150, 150, 150}, 0.0012};
-  static const Dot still{{40, 120, 255}, 0.0022};
-  static const Dot rotating{{255, 110, 0}, 0.0028};
+  static const Dot unknown{{150, 150, 150}, 0.0015};
+  static const Dot still{{40, 120, 255}, 0.003};
+  static const Dot rotating{{255, 110, 0}, 0.004};
   if (label == KeypointLabel::kUnknown) return unknown;
   return label == KeypointLabel::kStatic ? still : rotating;
 }
