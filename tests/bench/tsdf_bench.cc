@@ -43,7 +43,7 @@ void Write(const std::filesystem::path& folder, const std::vector<DepthView>& vi
   std::ofstream depths(folder / "depths.bin", std::ios::binary);
   std::ofstream colors(folder / "colors.bin", std::ios::binary);
   for (const DepthView& view : views) {
-    const PinholeView& c = view.camera;
+    const ObjectView& c = view.camera;
     list << c.width << ' ' << c.height << ' ' << c.fx << ' ' << c.fy << ' ' << c.cx << ' ' << c.cy;
     const Eigen::Matrix4d matrix = c.cam_from_object.Matrix();
     for (int i = 0; i < 16; ++i) list << ' ' << matrix(i / 4, i % 4);
