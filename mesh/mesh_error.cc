@@ -28,7 +28,7 @@ double TriangleArea(const TriangleMesh& mesh, const Eigen::Matrix<uint32_t, 3, 1
 }
 
 // The pixel of a point, or -1 when it is outside the image or behind the camera.
-int64_t PixelIndex(const PinholeView& view, const Vector3d& x_in_cam) {
+int64_t PixelIndex(const ObjectView& view, const Vector3d& x_in_cam) {
   if (!(x_in_cam.z() > 0)) return -1;
   const double u = std::floor(x_in_cam.x() / x_in_cam.z() * view.fx + view.cx);
   const double v = std::floor(x_in_cam.y() / x_in_cam.z() * view.fy + view.cy);
@@ -36,7 +36,7 @@ int64_t PixelIndex(const PinholeView& view, const Vector3d& x_in_cam) {
   return static_cast<int64_t>(v) * view.width + static_cast<int64_t>(u);
 }
 
-void LowerDepths(const PinholeView& view, const std::vector<Vector3d>& points, std::vector<double>* depths) {
+void LowerDepths(const ObjectView& view, const std::vector<Vector3d>& points, std::vector<double>* depths) {
   const Eigen::Matrix3d rotation = view.cam_from_object.rotation.toRotationMatrix();
   for (const Vector3d& point : points) {
     const Vector3d x_in_cam = rotation * point + view.cam_from_object.translation;
@@ -45,7 +45,7 @@ void LowerDepths(const PinholeView& view, const std::vector<Vector3d>& points, s
   }
 }
 
-void CountUnhidden(const PinholeView& view, const std::vector<Vector3d>& points,
+void CountUnhidden(const ObjectView& view, const std::vector<Vector3d>& points,
                    const std::vector<double>& depths, double depth_tolerance, std::vector<int>* counts) {
   const Eigen::Matrix3d rotation = view.cam_from_object.rotation.toRotationMatrix();
   for (size_t i = 0; i < points.size(); ++i) {
@@ -123,7 +123,7 @@ std::vector<double> NearestDistances(const std::vector<Vector3d>& queries,
 }
 
 std::vector<int> CountViewsSeen(const std::vector<Vector3d>& points, const std::vector<Vector3d>& occluders,
-                                const std::vector<PinholeView>& views, double depth_tolerance) {
+                                const std::vector<ObjectView>& views, double depth_tolerance) {
   std::vector<int> counts(points.size());
 #pragma omp parallel
   {
@@ -144,7 +144,7 @@ std::vector<int> CountViewsSeen(const std::vector<Vector3d>& points, const std::
 }
 
 TruthSurface MakeTruthSurface(const TriangleMesh& truth, const TriangleMesh& occluder,
-                              const std::vector<PinholeView>& views, const CropRegion& region,
+                              const std::vector<ObjectView>& views, const CropRegion& region,
                               const TruthSurfaceOptions& options) {
   const std::vector<Vector3d> samples =
       SampleSurface(truth, options.num_samples, options.seed, kTruthStream).points;

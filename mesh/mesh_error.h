@@ -6,8 +6,8 @@
 #include <optional>
 #include <vector>
 
+#include "mesh/object_view.h"
 #include "mesh/triangle_mesh.h"
-#include "sfm_split/rigid3.h"
 
 namespace s2gs {
 
@@ -38,23 +38,12 @@ struct CropRegion {
   }
 };
 
-/// A pinhole camera, COLMAP's pixel convention.
-struct PinholeView {
-  int width = 0;   ///< [px]
-  int height = 0;  ///< [px]
-  double fx = 0;   ///< [px], as the next three.
-  double fy = 0;
-  double cx = 0;
-  double cy = 0;
-  Rigid3 cam_from_object;
-};
-
 /// In how many views each point is seen: in a view, a point is hidden when some other point, of `points` or
 /// of `occluders`, falls into the same pixel and is nearer by more than `depth_tolerance`. The points must be
 /// dense enough to fill the pixels.
 std::vector<int> CountViewsSeen(const std::vector<Eigen::Vector3d>& points,
                                 const std::vector<Eigen::Vector3d>& occluders,
-                                const std::vector<PinholeView>& views, double depth_tolerance);
+                                const std::vector<ObjectView>& views, double depth_tolerance);
 
 /// What an estimated mesh is compared with, in the truth's frame and unit.
 struct TruthSurface {
@@ -75,7 +64,7 @@ struct TruthSurfaceOptions {
 /// \param occluder  another surface that hides the truth in the views, e.g. the table; may be empty.
 /// \param views     of the photos; empty: every point counts as seen.
 TruthSurface MakeTruthSurface(const TriangleMesh& truth, const TriangleMesh& occluder,
-                              const std::vector<PinholeView>& views, const CropRegion& region,
+                              const std::vector<ObjectView>& views, const CropRegion& region,
                               const TruthSurfaceOptions& options);
 
 /// Precision, recall and their harmonic mean at a distance.

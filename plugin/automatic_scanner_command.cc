@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-enum class Quality { kLow, kMedium, kHigh, kExtreme };
+enum class Quality { kAuto, kLow, kMedium, kHigh, kExtreme };
 enum class Until { kSplit, kTrain, kMesh };
 
 struct Settings {
@@ -30,32 +30,27 @@ struct Settings {
   fs::path image_path;
   fs::path mask_path;
   fs::path colmap_path;
-  Quality quality = Quality::kHigh;
+  Quality quality = Quality::kAuto;
   Until until = Until::kMesh;
   std::string use_gpu = "auto";
   int test_every = 0;
   bool keep_disc = true;
 };
 
-// What a quality level asks of the stages. Times grow about threefold from level to level.
-struct Preset {
-  int max_num_features;  // per photo
-  int max_image_side;    // of the photos that training sees [px]
-  int num_iterations;
-};
+const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
+                                          {"low", Quality::kLow},
+                                          {"medium", Quality::kMedium},
+                                          {"high", Quality::kHigh},
+                                          {"extreme", Quality::kExtreme}};
 
-Preset PresetOf(Quality quality) {
-  switch (quality) {
-    case Quality::kLow:
-      return {6000, 200, 2000};
-    case Quality::kMedium:
-      return {8192, 640, 10000};
-    case Quality::kHigh:
-      return {8192, 1600, 30000};
-    case Quality::kExtreme:
-      return {16384, 3200, 60000};
+// Features per photo. Fewer would leave out small scales, which is where objects have theirs.
+int MaxNumFeatures(Quality quality) { return quality == Quality::kExtreme ? 16384 : 8192; }
+
+std::string QualityName(Quality quality) {
+  for (const auto& [name, value] : kQualityNames) {
+    if (value == quality) return name;
   }
-  return {};
+  return "";
 }
 
 const char* LogLevelName(LogLevel level) {
@@ -80,7 +75,6 @@ struct Step {
 
 std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   const Workspace workspace{settings.workspace_path};
-  const Preset preset = PresetOf(settings.quality);
   const std::string root = settings.workspace_path.string();
   const std::string images = settings.image_path.string();
   std::vector<Step> steps;
@@ -99,7 +93,7 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
 
   add("motion_splitter", "What stands still and what turns",
       with(with({"--database_path", workspace.Database().string(), "--image_path", images,
-                 "--SiftExtraction.max_num_features", std::to_string(preset.max_num_features)},
+                 "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
                 "--mask_path", settings.mask_path.string()),
            "--colmap_path", settings.colmap_path.string()));
   add("turntable_mapper", "Cameras, table, and both sparse models",
@@ -108,9 +102,8 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   if (settings.until == Until::kSplit) return steps;
 
   add("gaussian_trainer", "The Gaussian model",
-      with({"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--test_every",
-            std::to_string(settings.test_every), "--max_image_side", std::to_string(preset.max_image_side),
-            "--Train.num_iterations", std::to_string(preset.num_iterations)},
+      with({"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--quality",
+            QualityName(settings.quality), "--test_every", std::to_string(settings.test_every)},
            "--mask_path", settings.mask_path.string()));
   if (settings.until == Until::kTrain) return steps;
 
@@ -193,12 +186,8 @@ void RunAutomaticScanner(CommandContext& context) {
   options.Add("image_path", &settings.image_path, "the photos; empty: images in the workspace");
   options.Add("mask_path", &settings.mask_path,
               "masks of the rotating part, if there are any (COLMAP's: a.jpg.png for a.jpg); empty: none");
-  options.AddEnum("quality", &settings.quality,
-                  {{"low", Quality::kLow},
-                   {"medium", Quality::kMedium},
-                   {"high", Quality::kHigh},
-                   {"extreme", Quality::kExtreme}},
-                  "how much time to spend; low suits two CPU cores, high a GPU");
+  options.AddEnum("quality", &settings.quality, kQualityNames,
+                  "how much time to spend; auto: high on a GPU, low without one");
   options.AddEnum("until", &settings.until,
                   {{"split", Until::kSplit}, {"train", Until::kTrain}, {"mesh", Until::kMesh}},
                   "the last part to run: poses and sparse models, the Gaussian model, or all");

@@ -1,7 +1,9 @@
+#include "plugin/automatic_scanner_command.h"
 #include "plugin/command.h"
 #include "plugin/gaussian_renderer_command.h"
 #include "plugin/gaussian_trainer_command.h"
 #include "plugin/scan_evaluator_command.h"
+#include "plugin/tsdf_mesher_command.h"
 #include "plugin/workspace_info_command.h"
 
 #if S2GS_WITH_SFM
@@ -25,13 +27,17 @@ void AddSfmCommands([[maybe_unused]] std::vector<Command>* commands) {
 
 std::vector<Command> MakeCommands() {
   std::vector<Command> commands;
+  commands.push_back({"automatic_scanner", "photos to everything: poses, Gaussian model, masks and mesh",
+                      RunAutomaticScanner});
   AddSfmCommands(&commands);
-  commands.push_back({"gaussian_renderer",
-                      "renders a trained model: masks, depth and normal maps, images", RunGaussianRenderer});
+  commands.push_back({"gaussian_renderer", "renders a trained model: masks, depth and normal maps, images",
+                      RunGaussianRenderer});
   commands.push_back({"gaussian_trainer",
-                      "trains Gaussians that know whether they belong to the rotating part", RunGaussianTrainer});
+                      "trains Gaussians that know whether they belong to the rotating part",
+                      RunGaussianTrainer});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
+  commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});
   commands.push_back({"workspace_info",
                       "lists the stages of a workspace, which are done and why not, and its files",
                       RunWorkspaceInfo});

@@ -47,8 +47,8 @@ CropRegion MakeRegion(const ScanTruth& truth, const MeshEvaluationOptions& optio
   return region;
 }
 
-std::vector<PinholeView> TrainViews(const SceneTruth& truth) {
-  std::vector<PinholeView> views;
+std::vector<ObjectView> TrainViews(const SceneTruth& truth) {
+  std::vector<ObjectView> views;
   const std::vector<double>& params = truth.camera.params;
   for (const SceneTruthImage& image : truth.images) {
     if (!image.is_train) continue;
@@ -131,7 +131,7 @@ std::string Measure(const fs::path& mesh_path, const ScanAlignment& alignment, c
   truth_options.seed = seed;
   const TruthSurface surface = MakeTruthSurface(
       truth.object, truth.disc.value_or(TriangleMesh()),
-      options.only_seen ? TrainViews(truth.scene) : std::vector<PinholeView>(), region, truth_options);
+      options.only_seen ? TrainViews(truth.scene) : std::vector<ObjectView>(), region, truth_options);
   figures->seen.values = {{"value", 100 * surface.seen_share}};
   std::vector<double> thresholds;
   for (const double percent : options.thresholds_pct) thresholds.push_back(percent / 100 * truth.diameter);

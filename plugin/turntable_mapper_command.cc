@@ -1,87 +1,157 @@
 #include "plugin/turntable_mapper_command.h"
 
+#include <algorithm>
+#include <chrono>
 #include <filesystem>
-#include <iomanip>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "plugin/body_mapper.h"
 #include "plugin/colmap_process.h"
+#include "plugin/point_colors.h"
+#include "plugin/scan_input.h"
+#include "plugin/stage.h"
+#include "plugin/turntable_report.h"
 #include "plugin/workspace.h"
 #include "sfm_split/align_scene.h"
-#include "sfm_split/colmap_database.h"
-#include "sfm_split/colmap_model.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
+#include "sfm_split/scan_refinement.h"
+#include "sfm_split/single_axis_scene.h"
 #include "sfm_split/turntable_file.h"
 
 namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
+using nlohmann::json;
 
-constexpr uint64_t kMaxLabelsBytes = uint64_t{1} << 30;
+constexpr uint64_t kMaxReportBytes = uint64_t{1} << 28;
+// Free SfM that places fewer of the images does not stand without the single-axis path beside it.
+constexpr double kEnoughImages = 0.95;
 
-// Station by image name, from the split's labels.json.
-std::map<std::string, int> ReadStations(const fs::path& path) {
-  const std::string remedy = "Run `s2gs motion_splitter` first";
-  const std::string text = ReadWholeFile(path, kMaxLabelsBytes, remedy);
-  std::map<std::string, int> stations;
-  try {
-    const nlohmann::json file = nlohmann::json::parse(text);
-    for (const nlohmann::json& image : file.at("images")) {
-      stations[image.at("name").get<std::string>()] = image.at("station").get<int>();
-    }
-  } catch (const nlohmann::json::exception& error) {
-    throw UserError(path, std::string("is damaged: ") + error.what(), remedy);
-  }
-  return stations;
-}
+enum class MappingPath { kAuto, kFreeSfm, kSingleAxis };
 
-bool HasTwoViewGeometries(const fs::path& database_path) {
-  const ColmapDatabase database = ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly);
-  bool found = false;
-  database.ForEachTwoViewGeometry([&](uint32_t, uint32_t, const TwoViewGeometry&) { found = true; });
-  return found;
-}
-
-// Of the models that the mapper left in numbered folders, the one with most images.
-std::optional<ColmapModel> LargestModel(const fs::path& folder) {
-  std::optional<ColmapModel> largest;
-  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    if (!entry.is_directory()) continue;
-    ColmapModel model = ReadColmapModel(entry.path());
-    if (!largest || model.images.size() > largest->images.size()) largest = std::move(model);
-  }
-  return largest;
-}
-
-struct Mapping {
-  fs::path database;
-  fs::path images;
-  fs::path output;
-  int min_model_size = 10;
+struct Settings {
+  fs::path workspace_path;
+  fs::path image_path;
+  fs::path colmap_path;
+  MappingPath path = MappingPath::kAuto;
+  int max_attempts = 3;
+  std::vector<std::string> mapper_options;
+  TurntableOptions turntable;
+  JointOptions joint;
+  RefineOptions refine;
+  SingleAxisOptions single_axis;
 };
 
-ColmapModel RunMapper(const Mapping& mapping, ColmapProgram* colmap, Reporter& reporter) {
-  std::error_code ec;
-  fs::remove_all(mapping.output, ec);
-  CreateFolder(mapping.output);
-  colmap->Run({"mapper",
-               {{"database_path", mapping.database.string()},
-                {"image_path", mapping.images.string()},
-                {"output_path", mapping.output.string()},
-                {"Mapper.min_model_size", std::to_string(mapping.min_model_size)}},
-               {{mapping.output / "0"}}},
-              reporter);
-  std::optional<ColmapModel> model = LargestModel(mapping.output);
-  if (!model || model->images.empty()) {
-    throw UserError(mapping.output, "colmap mapper left no model",
-                    "Look at its output with --log_level debug");
+void AddOptions(Options& options, Settings* settings) {
+  options.Add("workspace_path", &settings->workspace_path, "the workspace, with split/ from motion_splitter")
+      .Required();
+  options.Add("image_path", &settings->image_path, "the photos; empty: images in the workspace");
+  options.Add("colmap_path", &settings->colmap_path,
+              "the colmap executable or its folder; empty: searched for on PATH");
+  options.AddEnum(
+      "path", &settings->path,
+      {{"auto", MappingPath::kAuto},
+       {"free_sfm", MappingPath::kFreeSfm},
+       {"single_axis", MappingPath::kSingleAxis}},
+      "how the object is placed: by free SfM, by the table's axis and angles alone, or by whichever "
+      "places more");
+  options.Add("max_mapper_attempts", &settings->max_attempts,
+              "runs of `colmap mapper` for one body, each more tolerant");
+  options.Add("mapper_options", &settings->mapper_options,
+              "options for `colmap mapper` in its own spelling, like Mapper.ba_global_max_refinements=2");
+  auto turntable = options.Group("Turntable", &settings->turntable);
+  turntable.Add("inlier_sigmas", &TurntableOptions::inlier_sigmas, "images beyond are left out and mended");
+  turntable
+      .Add("max_axis_sigma_deg", &TurntableOptions::max_axis_sigma_deg,
+           "an axis known less well: the steps are too small")
+      .Unit("degrees");
+  turntable.Add("max_scale_sigma_rel", &TurntableOptions::max_scale_sigma_rel,
+                "a scale known less well counts as unobservable");
+  auto joint = options.Group("Joint", &settings->joint);
+  joint.AddEnum("model", &JointOptions::model,
+                {{"auto", JointModel::kAuto},
+                 {"shared_stations", JointModel::kSharedStations},
+                 {"free_cameras", JointModel::kFreeCameras},
+                 {"free_object", JointModel::kFreeObject}},
+                "what the poses share");
+  joint.Add("refine_focal_length", &JointOptions::refine_focal_length, "adjust the focal lengths");
+  joint.Add("refine_principal_point", &JointOptions::refine_principal_point, "adjust the principal points");
+  joint.Add("refine_extra_params", &JointOptions::refine_extra_params, "adjust the distortion");
+  joint.AddEnum(
+      "loss", &JointOptions::loss,
+      {{"squared", JointLoss::kSquared}, {"huber", JointLoss::kHuber}, {"cauchy", JointLoss::kCauchy}},
+      "of the reprojection errors");
+  joint.Add("loss_scale_px", &JointOptions::loss_scale_px, "where the loss turns from squared").Unit("px");
+  joint
+      .Add("max_reprojection_error_px", &JointOptions::max_reprojection_error_px,
+           "observations beyond are taken out")
+      .Unit("px");
+  joint
+      .Add("min_triangulation_deg", &JointOptions::min_triangulation_deg,
+           "points whose rays all meet at less are taken out")
+      .Unit("degrees");
+  joint.Add("max_rounds", &JointOptions::max_rounds, "of adjusting and taking out");
+  joint.Add("max_iterations", &JointOptions::max_iterations, "of Levenberg-Marquardt in a round");
+  joint.Add("function_tolerance", &JointOptions::function_tolerance, "relative decrease at which it stops");
+  joint.Add("compute_covariance", &JointOptions::compute_covariance, "report standard deviations");
+  joint.Add("num_threads", &JointOptions::num_threads, "0: all cores");
+  auto refine = options.Group("Refine", &settings->refine);
+  refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
+  refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")
+      .Unit("px");
+  refine
+      .Add("min_triangulation_deg", &RefineOptions::min_triangulation_deg,
+           "points whose rays all meet at less are left out")
+      .Unit("degrees");
+  refine.Add("min_mend_inliers", &RefineOptions::min_mend_inliers,
+             "keypoints that must agree before an image is taken back");
+  refine.Add("min_mend_share", &RefineOptions::min_mend_share, "their share of those that could");
+  refine.Add("max_adjusted_observations", &RefineOptions::max_adjusted_observations,
+             "of the object in the adjustment");
+  refine.Add("max_adjusted_background", &RefineOptions::max_adjusted_background,
+             "background points in the adjustment");
+  auto axis = options.Group("SingleAxis", &settings->single_axis);
+  axis.Add("noise_px", &SingleAxisOptions::noise_px, "expected standard deviation of a keypoint").Unit("px");
+  axis.Add("min_matches", &SingleAxisOptions::min_matches, "pairs with fewer are not used");
+  axis.Add("num_directions", &SingleAxisOptions::num_directions, "of the axis in the coarse search");
+  axis.Add("num_refined", &SingleAxisOptions::num_refined, "axes of the coarse search that are refined");
+  axis.Add("max_matches", &SingleAxisOptions::max_matches, "of a pair in the adjustment");
+  axis.Add("min_inlier_ratio", &SingleAxisOptions::min_inlier_ratio,
+           "of all matches, below which nothing was found");
+}
+
+class Stopwatch {
+ public:
+  double Lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double seconds = std::chrono::duration<double>(now - start_).count();
+    start_ = now;
+    return seconds;
   }
-  return std::move(*model);
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+json ReadJson(const fs::path& path) {
+  try {
+    return json::parse(ReadWholeFile(path, kMaxReportBytes, "Delete it and run turntable_mapper again"));
+  } catch (const json::exception& error) {
+    throw UserError(path, std::string("is damaged: ") + error.what(),
+                    "Delete it and run turntable_mapper again");
+  }
+}
+
+void WriteJson(const fs::path& path, const json& content) {
+  WriteFileAtomically(path, [&](std::ostream& stream) { stream << content.dump(1) << '\n'; });
 }
 
 TurntableFile ToTurntableFile(const TurntableScene& scene) {
@@ -96,84 +166,319 @@ TurntableFile ToTurntableFile(const TurntableScene& scene) {
   return file;
 }
 
-void CheckAligned(const AlignedScene& aligned, const fs::path& database) {
-  if (!aligned.scene.views.empty()) return;
-  throw UserError(database,
-                  std::string("the two models do not make a turntable: ") +
-                      TurntableMotionName(aligned.solution.motion) + " (" +
-                      std::to_string(aligned.poses.size()) + " images in both, table angles spread by " +
-                      std::to_string(aligned.solution.angle_spread_deg) + " degrees, relative rotations +- " +
-                      std::to_string(aligned.solution.rotation_sigma_deg) + " degrees)",
-                  "Look at the models in split/ with `colmap gui` or `colmap model_analyzer`");
+size_t CountImages(const std::vector<ImagePairMatches>& pairs) {
+  std::set<int> images;
+  for (const ImagePairMatches& pair : pairs) {
+    images.insert(pair.image1);
+    images.insert(pair.image2);
+  }
+  return images.size();
 }
 
-void PrintSummary(const AlignedScene& aligned, size_t num_images, std::ostream& out) {
-  const TurntableSolution& solution = aligned.solution;
-  out << std::setprecision(4) << "images in both models  " << aligned.scene.views.size() << " of "
-      << num_images << '\n'
-      << "object points          " << aligned.object.points3D.size() << '\n'
-      << "background points      " << aligned.background.points3D.size() << '\n'
-      << "stations               " << aligned.scene.num_stations << '\n'
-      << "median step            " << solution.median_step_deg << " degrees\n"
-      << "relative rotations     +- " << solution.rotation_sigma_deg << " degrees\n"
-      << "axis                   +- " << solution.axis_sigma_deg << " degrees\n";
-  if (aligned.scene.scale_observable) {
-    out << "object / background    +- " << 100 * solution.scale_sigma_rel << " % of scale\n";
-  } else {
-    out << "object / background    scale cannot be observed from one station\n";
+// One way of placing the object, adjusted.
+struct Candidate {
+  AlignedScene aligned;
+  RefineReport refined;
+  std::string finding;  // what came of it, for the report.
+  bool is_usable = false;
+
+  bool IsBetterThan(const Candidate& other) const {
+    if (is_usable != other.is_usable) return is_usable;
+    const size_t images = aligned.scene.views.size();
+    const size_t others = other.aligned.scene.views.size();
+    if (images != others) return images > others;
+    return refined.joint.object_observations > other.refined.joint.object_observations;
   }
-  for (const std::string& name : aligned.left_out) out << "left out               " << name << '\n';
+};
+
+class TurntableMapper {
+ public:
+  TurntableMapper(const Settings& settings, const Workspace& workspace, Reporter& reporter)
+      : settings_(settings),
+        workspace_(workspace),
+        reporter_(reporter),
+        split_(workspace.ObjectDatabase().parent_path()) {}
+
+  fs::path ObjectFolder() const { return split_ / "object_model"; }
+  fs::path BackgroundFolder() const { return split_ / "static_model"; }
+  fs::path ReportPath() const { return split_ / "turntable_mapper.json"; }
+
+  void ReadInput() { input_ = ReadScanInput(workspace_); }
+  const ScanInput& input() const { return input_; }
+  bool HasBackground() const {
+    return input_.scan_case == ScanCase::kTurntable && CountImages(input_.features.static_pairs) >= 2;
+  }
+
+  void Map(bool of_object, ColmapProgram* colmap);
+  void Place();
+
+ private:
+  Candidate ByFreeSfm(const std::vector<ColmapModel>& models, const ColmapModel* background);
+  Candidate BySingleAxis(const ColmapModel* background);
+  void WriteScene(Candidate* candidate, json report);
+  void WriteOneBody(const std::vector<ColmapModel>& models, json report);
+
+  const Settings& settings_;
+  Workspace workspace_;
+  Reporter& reporter_;
+  fs::path split_;
+  ScanInput input_;
+  json seconds_ = json::object();
+};
+
+void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
+  BodyMapping mapping;
+  mapping.body = of_object ? "the object" : "the background";
+  mapping.database = of_object ? workspace_.ObjectDatabase() : workspace_.StaticDatabase();
+  mapping.images = settings_.image_path;
+  mapping.output = of_object ? ObjectFolder() : BackgroundFolder();
+  mapping.min_model_size = of_object ? 3 : 2;
+  mapping.num_images =
+      static_cast<int>(CountImages(of_object ? input_.features.object_pairs : input_.features.static_pairs));
+  mapping.enough_share = of_object ? 0.5 : 0.9;
+  mapping.max_attempts = settings_.max_attempts;
+  mapping.options = settings_.mapper_options;
+  reporter_.Info("mapping " + mapping.body + " with colmap " + colmap->version());
+  WriteJson(mapping.output / "attempts.json", ToJson(MapBody(mapping, colmap, reporter_)));
+}
+
+Candidate TurntableMapper::ByFreeSfm(const std::vector<ColmapModel>& models, const ColmapModel* background) {
+  Candidate candidate;
+  if (models.empty()) {
+    candidate.finding = "free SfM found no model of the object";
+    return candidate;
+  }
+  ColmapModel object = models[0];
+  const int joined = JoinPartialModels({models.begin() + 1, models.end()}, &object);
+  if (joined > 0) reporter_.Info(std::to_string(joined) + " images joined from partial models of the object");
+  std::map<std::string, int> station_of_image;
+  for (const ScanImage& image : input_.features.images) station_of_image[image.name] = image.station;
+  AlignOptions options;
+  options.turntable = settings_.turntable;
+  candidate.aligned = AlignScene(object, background, station_of_image, options);
+  const TurntableSolution& solution = candidate.aligned.solution;
+  if (candidate.aligned.scene.views.empty()) {
+    candidate.finding =
+        std::string("free SfM's models make no turntable (") + TurntableMotionName(solution.motion) + ")";
+    return candidate;
+  }
+  const size_t aligned_images = candidate.aligned.scene.views.size();
+  candidate.refined =
+      RefineScan(input_.features, &object, settings_.joint, settings_.refine, reporter_, &candidate.aligned);
+  candidate.is_usable = true;
+  candidate.finding = "free SfM placed " + std::to_string(models[0].images.size()) + " images, " +
+                      std::to_string(aligned_images) + " on one turntable, " +
+                      std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+  return candidate;
+}
+
+Candidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
+  Candidate candidate;
+  SingleAxisSolution solution;
+  SingleAxisOptions options = settings_.single_axis;
+  candidate.aligned = SceneFromSingleAxis(input_.features, background, options, reporter_, &solution);
+  if (!solution.found) {
+    candidate.finding = "the single axis was not found (" + solution.reason + ")";
+    return candidate;
+  }
+  const size_t found = candidate.aligned.scene.views.size();
+  candidate.refined =
+      RefineScan(input_.features, nullptr, settings_.joint, settings_.refine, reporter_, &candidate.aligned);
+  candidate.is_usable = true;
+  candidate.finding = "the single axis placed " + std::to_string(found) + " images, " +
+                      std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+  return candidate;
+}
+
+void TurntableMapper::WriteScene(Candidate* candidate, json report) {
+  Stopwatch watch;
+  AlignedScene& aligned = candidate->aligned;
+  ColorPoints(settings_.image_path, {&aligned.object, &aligned.background}, reporter_);
+  WriteColmapModel(workspace_.ObjectModel(), aligned.object, ColmapFormat::kBinary);
+  std::error_code ec;
+  if (!aligned.background.images.empty()) {
+    WriteColmapModel(workspace_.StaticModel(), aligned.background, ColmapFormat::kBinary);
+  } else {
+    fs::remove_all(workspace_.StaticModel(), ec);
+  }
+  WriteTurntableFile(workspace_.Turntable(), ToTurntableFile(aligned.scene));
+  WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
+  report.update(DescribeScene(aligned, candidate->refined));
+  seconds_["write"] = watch.Lap();
+  report["seconds"] = seconds_;
+  WriteJson(ReportPath(), report);
+}
+
+// All photos show one rigid body: SfM's own model, which nothing moves in.
+void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json report) {
+  if (models.empty()) {
+    throw UserError(workspace_.ObjectDatabase(), "colmap mapper found no model",
+                    "Look at its output with --log_level debug; more photos with smaller steps may help");
+  }
+  ColmapModel model = models[0];
+  ColorPoints(settings_.image_path, {&model}, reporter_);
+  WriteColmapModel(workspace_.ObjectModel(), model, ColmapFormat::kBinary);
+  std::error_code ec;
+  fs::remove_all(workspace_.StaticModel(), ec);
+  TurntableFile file;
+  std::vector<std::string> names;
+  names.reserve(model.images.size());
+  for (const auto& [id, image] : model.images) names.push_back(image.name);
+  std::sort(names.begin(), names.end());
+  for (const std::string& name : names) {
+    file.images.push_back({name, file.num_stations, 0, Rigid3()});
+    ++file.num_stations;
+  }
+  WriteTurntableFile(workspace_.Turntable(), file);
+  double error = 0;
+  size_t observations = 0;
+  for (const auto& [id, point] : model.points3D) {
+    error += point.error * static_cast<double>(point.track.size());
+    observations += point.track.size();
+  }
+  report["registered"] = names.size();
+  report["missing"] = json::array();
+  for (const ScanImage& image : input_.features.images) {
+    if (!std::binary_search(names.begin(), names.end(), image.name)) report["missing"].push_back(image.name);
+  }
+  report["object"] = {
+      {"points", model.points3D.size()},
+      {"observations", observations},
+      {"mean_reprojection_error_px", observations > 0 ? error / static_cast<double>(observations) : 0}};
+  report["seconds"] = seconds_;
+  WriteJson(ReportPath(), report);
+}
+
+void TurntableMapper::Place() {
+  Stopwatch watch;
+  json report = {{"version", 1},
+                 {"case", ScanCaseName(input_.scan_case)},
+                 {"reason", input_.reason},
+                 {"images", input_.features.images.size()}};
+  std::error_code ec;
+  for (const auto& [body, folder] :
+       {std::make_pair("object", ObjectFolder()), std::make_pair("background", BackgroundFolder())}) {
+    if (!fs::exists(folder / "attempts.json", ec)) continue;
+    report["mapping"][body] = ReadJson(folder / "attempts.json");
+    double sum = 0;
+    for (const json& attempt : report["mapping"][body]) sum += attempt.at("seconds").get<double>();
+    seconds_[std::string("map_") + body] = sum;
+  }
+  std::vector<ColmapModel> objects = ReadMappedModels(ObjectFolder(), reporter_);
+  if (input_.scan_case == ScanCase::kOneBody) {
+    report["path"] = "one body";
+    report["path_reason"] = input_.reason.empty() ? "the split found nothing to take apart" : input_.reason;
+    WriteOneBody(objects, report);
+    return;
+  }
+  std::vector<ColmapModel> backgrounds;
+  if (HasBackground()) backgrounds = ReadMappedModels(BackgroundFolder(), reporter_);
+  const ColmapModel* background = backgrounds.empty() ? nullptr : backgrounds.data();
+  if (HasBackground() && background == nullptr) {
+    reporter_.Warn("the background could not be mapped: stations are placed by the object alone");
+  }
+  seconds_["read"] = watch.Lap();
+
+  Candidate best;
+  std::string findings;
+  const auto consider = [&](Candidate candidate, const char* name) {
+    findings += (findings.empty() ? "" : "; ") + candidate.finding;
+    seconds_[name] = watch.Lap();
+    if (!candidate.IsBetterThan(best)) return;
+    best = std::move(candidate);
+    report["path"] = name;
+  };
+  TurntableMotion motion = TurntableMotion::kTooFewImages;
+  if (settings_.path != MappingPath::kSingleAxis) {
+    Candidate candidate = ByFreeSfm(objects, background);
+    motion = candidate.aligned.solution.motion;
+    consider(std::move(candidate), "free_sfm");
+  }
+  const bool is_enough =
+      best.is_usable && static_cast<double>(best.aligned.scene.views.size()) >=
+                            kEnoughImages * static_cast<double>(input_.features.images.size());
+  if (settings_.path == MappingPath::kSingleAxis || (settings_.path == MappingPath::kAuto && !is_enough)) {
+    consider(BySingleAxis(background), "single_axis");
+  }
+  report["path_reason"] = findings;
+  if (best.is_usable) {
+    WriteScene(&best, report);
+    return;
+  }
+  if (motion == TurntableMotion::kNothingRotates) {
+    reporter_.Warn("nothing rotates: the photos are taken as those of one body");
+    report["path"] = "one body";
+    WriteOneBody(objects, report);
+    return;
+  }
+  throw UserError(
+      workspace_.ObjectDatabase(), "the photos do not make a turntable: " + findings,
+      "Look at the models in split/ with `colmap gui`; more photos with smaller steps, or a speckled "
+      "sheet on the table, help");
 }
 
 }  // namespace
 
 void RunTurntableMapper(CommandContext& context) {
-  fs::path workspace_path;
-  fs::path image_path;
-  fs::path colmap_path;
+  Settings settings;
   Options& options = context.Declare(
       "Runs `colmap mapper` on both databases of motion_splitter, finds the table's axis, angles and the "
       "scale "
-      "between the two models, and writes them in one frame: sparse/0 (the object held still), sparse/static "
-      "(the background) and turntable.json.",
+      "between the two models, takes back the photos that were left out, adjusts everything together, and "
+      "writes "
+      "it in one frame: sparse/0 (the object held still), sparse/static (the background) and turntable.json.",
       "--workspace_path scan --image_path scan/images");
-  options.Add("workspace_path", &workspace_path, "the workspace, with split/ from motion_splitter")
-      .Required();
-  options.Add("image_path", &image_path, "the photos; empty: images in the workspace");
-  options.Add("colmap_path", &colmap_path,
-              "the colmap executable or its folder; empty: searched for on PATH");
+  AddOptions(options, &settings);
   Reporter& reporter = context.Parse();
+  const auto seed = static_cast<uint32_t>(options.random_seed());
+  settings.turntable.random_seed = seed;
+  settings.single_axis.random_seed = seed;
 
-  const Workspace workspace{workspace_path};
-  const WorkspaceLock lock(workspace, reporter);
-  const std::map<std::string, int> stations =
-      ReadStations(workspace.ObjectDatabase().parent_path() / "labels.json");
-  if (image_path.empty()) image_path = workspace.Images();
-
-  ColmapProgram colmap = ColmapProgram::Find(colmap_path, reporter);
-  reporter.Info("mapping the rotating part with colmap " + colmap.version());
-  const fs::path split = workspace.ObjectDatabase().parent_path();
-  const ColmapModel object =
-      RunMapper({workspace.ObjectDatabase(), image_path, split / "object_model", 3}, &colmap, reporter);
-  std::optional<ColmapModel> background;
-  if (HasTwoViewGeometries(workspace.StaticDatabase())) {
-    reporter.Info("mapping the background");
-    background =
-        RunMapper({workspace.StaticDatabase(), image_path, split / "static_model", 2}, &colmap, reporter);
-  } else {
-    reporter.Info("one station: the background needs no model, the world is the camera's frame");
+  const Workspace workspace{settings.workspace_path};
+  StageRunner runner(workspace, reporter);
+  if (settings.image_path.empty()) settings.image_path = workspace.Images();
+  TurntableMapper mapper(settings, workspace, reporter);
+  mapper.ReadInput();
+  if (!mapper.input().reason.empty()) {
+    reporter.Info(std::string("the split found: ") + ScanCaseName(mapper.input().scan_case) + " (" +
+                  mapper.input().reason + ")");
   }
 
-  const AlignedScene aligned = AlignScene(object, background ? &*background : nullptr, stations);
-  CheckAligned(aligned, workspace.ObjectDatabase());
-  CreateFolder(workspace.ObjectModel());
-  WriteColmapModel(workspace.ObjectModel(), aligned.object, ColmapFormat::kBinary);
-  if (!aligned.background.images.empty()) {
-    CreateFolder(workspace.StaticModel());
-    WriteColmapModel(workspace.StaticModel(), aligned.background, ColmapFormat::kBinary);
+  std::optional<ColmapProgram> colmap;
+  const auto map = [&](bool of_object) {
+    if (!colmap) colmap = ColmapProgram::Find(settings.colmap_path, reporter);
+    mapper.Map(of_object, &*colmap);
+  };
+  std::map<std::string, std::string> mapping_options;
+  for (const auto& [name, value] : options.Values()) {
+    if (name == "mapper_options" || name == "max_mapper_attempts") mapping_options[name] = value;
   }
-  WriteTurntableFile(workspace.Turntable(), ToTurntableFile(aligned.scene));
-  PrintSummary(aligned, stations.size(), context.out());
+  std::vector<std::string> before = {"motion_splitter"};
+  if (settings.path != MappingPath::kSingleAxis || mapper.input().scan_case == ScanCase::kOneBody) {
+    runner.Run({"object_mapper",
+                {workspace.ObjectDatabase()},
+                mapping_options,
+                {mapper.ObjectFolder()},
+                {"motion_splitter"}},
+               [&] { map(true); });
+    before.emplace_back("object_mapper");
+  }
+  if (mapper.HasBackground()) {
+    runner.Run({"background_mapper",
+                {workspace.StaticDatabase()},
+                mapping_options,
+                {mapper.BackgroundFolder()},
+                {"motion_splitter"}},
+               [&] { map(false); });
+    before.emplace_back("background_mapper");
+  }
+  runner.Run({"turntable_mapper",
+              {workspace.ObjectDatabase(), workspace.StaticDatabase()},
+              options.Values(),
+              {workspace.ObjectModel(), workspace.Turntable(), mapper.ReportPath()},
+              before},
+             [&] { mapper.Place(); });
+  PrintTurntableSummary(ReadJson(mapper.ReportPath()), context.out());
 }
 
 }  // namespace s2gs

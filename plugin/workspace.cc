@@ -21,6 +21,8 @@ std::vector<StandardStage> StandardStages(const Workspace& w) {
       {"feature_extractor", {w.Database()}},
       {"matcher", {w.Database()}},
       {"motion_splitter", {w.ObjectDatabase(), w.StaticDatabase()}},
+      {"object_mapper", {}},
+      {"background_mapper", {}},
       {"turntable_mapper", {w.ObjectModel(), w.Turntable()}},
       {"gaussian_trainer", {w.PointCloud()}},
       {"gaussian_renderer", {w.Masks(), w.DepthMaps()}},

@@ -42,7 +42,7 @@ struct TrainOptions {
   double normal_from = 7.0 / 30;
   double distortion_weight = 0;
   double distortion_from = 3.0 / 30;
-  double local_consistency_weight = 50;
+  double local_consistency_weight = 0.2;
   double entropy_3d_weight = 0.1;
   double entropy_2d_weight = 0.1;
   double mask_weight = 0.1;  ///< where photos have masks, in mode S2GS with masks as a hint.
@@ -63,7 +63,7 @@ struct TrainOptions {
   double densify_gradient = 2e-4;
   double dense_scale = 0.01;  ///< larger Gaussians are split, others cloned [scene sizes].
   double min_opacity = 0.05;
-  double opacity_reset_every = 0.1;  ///< 0: never.
+  double opacity_reset_every = 0;  ///< 0: never. 2DGS: 0.1.
   double opacity_reset_to = 0.01;
 
   // Segmentation.

@@ -139,6 +139,36 @@ Matrix3d UprightFromWorld(const Vector3d& axis, const Vector3d& towards) {
 
 }  // namespace
 
+void BringIntoConventions(AlignedScene* aligned) {
+  TurntableScene& scene = aligned->scene;
+  if (scene.views.empty()) return;
+  const Vector3d& axis = scene.axis.direction;
+  const Vector3d origin = scene.axis.point + MeanHeight(aligned->object, scene.axis.point, axis) * axis;
+  const View* reference = &scene.views[0];
+  for (const View& view : scene.views) {
+    if (view.angle_deg == 0) {
+      reference = &view;
+      break;
+    }
+  }
+  Sim3 new_from_old;
+  new_from_old.rotation =
+      Eigen::Quaterniond(UprightFromWorld(axis, CameraCentre(reference->cam_from_world) - origin))
+          .normalized();
+  new_from_old.translation = -(new_from_old.rotation * origin);
+  const Rigid3 moved{new_from_old.rotation, new_from_old.translation};
+  const Rigid3 back = moved.Inverse();
+  for (View& view : scene.views) {
+    view.cam_from_world = TransformPose(new_from_old, view.cam_from_world);
+    view.world_from_object = moved * view.world_from_object * back;
+  }
+  TransformModel(new_from_old, &aligned->object);
+  TransformModel(new_from_old, &aligned->background);
+  aligned->aligned_from_object = Compose(new_from_old, aligned->aligned_from_object);
+  aligned->aligned_from_background = Compose(new_from_old, aligned->aligned_from_background);
+  scene.axis = TurntableAxis();
+}
+
 void TransformModel(const Sim3& new_from_old, ColmapModel* model) {
   for (auto& [id, image] : model->images) {
     image.cam_from_world = TransformPose(new_from_old, image.cam_from_world);

@@ -46,6 +46,10 @@ struct AlignedScene {
 AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background,
                         const std::map<std::string, int>& station_of_image, const AlignOptions& options = {});
 
+/// Moves an aligned scene (both models, views, axis) rigidly so that its axis is z, its origin the axis' foot
+/// of the mean object point, and x points towards the reference camera again; the object's frame moves along.
+void BringIntoConventions(AlignedScene* aligned);
+
 /// Applies a similarity to a model in place: poses, points; tracks and errors stay.
 void TransformModel(const Sim3& new_from_old, ColmapModel* model);
 

@@ -24,7 +24,7 @@ struct StationOptions {
   /// A match that moves by no more than this, after the pair's common shift is taken off, is unmoved [px].
   double max_unmoved_px = 1.5;
   /// Largest common shift between two images of one station: shake of the tripod [px].
-  double max_shake_px = 8;
+  double max_shake_px = 12;
   /// Fewest unmoved matches that join two images.
   int min_unmoved_matches = 30;
   /// Smallest share of a pair's matches that are unmoved.

@@ -240,8 +240,8 @@ TEST(CropRegion, BoxAndPlane) {
 }
 
 // Looks along +z of the object's frame from z = -1, so that the unit square fills the image at z = 0.
-PinholeView FrontView() {
-  PinholeView view{20, 20, 20, 20, 0, 0, {}};
+ObjectView FrontView() {
+  ObjectView view{20, 20, 20, 20, 0, 0, {}};
   view.cam_from_object.translation = {0, 0, 1};
   return view;
 }
@@ -254,7 +254,7 @@ TEST(CountViewsSeen, NearerPointsHide) {
   EXPECT_EQ(CountViewsSeen(points, {}, {FrontView()}, 1.1), (std::vector<int>{1, 1, 1, 0, 0}));
   // An occluder in the third one's pixel.
   EXPECT_EQ(CountViewsSeen(points, {{.07, .07, 0}}, {FrontView()}, 0.1), (std::vector<int>{1, 0, 0, 0, 0}));
-  const PinholeView view = FrontView();
+  const ObjectView view = FrontView();
   EXPECT_EQ(CountViewsSeen(points, {}, {view, view, view}, 0.1), (std::vector<int>{3, 0, 3, 0, 0}));
   EXPECT_EQ(CountViewsSeen(points, {}, {}, 0.1), (std::vector<int>{0, 0, 0, 0, 0}));
 }

@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <random>
 
+#include "sfm_split/joint_problem.h"
 #include "sfm_split/rotation.h"
 
 namespace s2gs {
@@ -34,7 +35,7 @@ struct Models {
     const Sim3 background_frame{scale, Eigen::Quaterniond(ExpRotation<double>(vector())), vector()};
     Camera camera;
     camera.camera_id = 1;
-    camera.params = {800, 800, 320, 240};
+    camera.params = {1, 1, 0, 0};  // observations are normalised
     object.cameras[1] = background.cameras[1] = camera;
     for (uint64_t i = 1; i <= 50; ++i) {
       ColmapPoint3D point;
@@ -217,6 +218,56 @@ TEST(AlignScene, ObjectTurnedOverKeepsOneTable) {
                aligned.aligned_from_object * CameraCentre(models.object.images[id].cam_from_world))
                   .norm(),
               1e-8);
+  }
+}
+
+// Into the joint adjustment's form and back: nothing moves, and conventions hold again after it moved.
+TEST(AlignScene, JointProblemAndBack) {
+  Models models;
+  models.Build(13);
+  for (const CameraPoseSource source : {CameraPoseSource::kSharedStations, CameraPoseSource::kPerImage}) {
+    AlignOptions options;
+    options.pose_source = source;
+    AlignedScene aligned = AlignScene(models.object, &models.background, models.station_of_image, options);
+    const AlignedScene before = aligned;
+    JointProblem problem = MakeJointProblem(aligned);
+    EXPECT_FALSE(problem.free_object);
+    EXPECT_EQ(problem.object.observations.size(), 27u * 50);
+    ApplyJointProblem(problem, &aligned);
+    for (size_t i = 0; i < before.scene.views.size(); ++i) {
+      EXPECT_LT(
+          (before.scene.views[i].cam_from_world.Matrix() - aligned.scene.views[i].cam_from_world.Matrix())
+              .cwiseAbs()
+              .maxCoeff(),
+          1e-12);
+      EXPECT_NEAR(before.scene.views[i].angle_deg, aligned.scene.views[i].angle_deg, 1e-12);
+    }
+    EXPECT_LT(ReprojectionError(aligned.object), 1e-9);
+
+    // The whole problem moved: the conventions bring it back.
+    problem = MakeJointProblem(aligned);
+    const Rigid3 move{Eigen::Quaterniond(ExpRotation<double>(Vector3d(0.05, -0.1, 0.7))),
+                      Vector3d(0.3, 0.2, -0.4)};
+    for (Rigid3& pose : problem.cam_from_world) pose = pose * move.Inverse();
+    const Vector3d direction = move.rotation * Vector3d::UnitZ();
+    const Vector3d point = move.translation - direction * (move.translation.z() / direction.z());
+    problem.axis << direction.x() / direction.z(), direction.y() / direction.z(), point.x(), point.y();
+    for (JointBody* body : {&problem.object, &problem.background}) {
+      for (Vector3d& x : body->points) x = move * x;
+    }
+    problem.object.observations[3].active = false;  // point 1 at image 4
+    ApplyJointProblem(problem, &aligned);
+    ExpectConventions(aligned);
+    EXPECT_LT(ReprojectionError(aligned.object), 1e-9);
+    EXPECT_LT(ReprojectionError(aligned.background), 1e-9);
+    EXPECT_EQ(aligned.object.points3D.at(1).track.size(), 26u);
+    for (size_t i = 0; i < before.scene.views.size(); ++i) {
+      EXPECT_LT(
+          (before.scene.views[i].cam_from_world.Matrix() - aligned.scene.views[i].cam_from_world.Matrix())
+              .cwiseAbs()
+              .maxCoeff(),
+          1e-9);
+    }
   }
 }
 

@@ -1,5 +1,6 @@
 #include "sfm_split/motion_split.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cstdint>
@@ -30,7 +31,7 @@ std::vector<SplitImage> ToSplitImages(const SyntheticTurntable& turntable) {
 
 MotionSplit Split(const SyntheticTurntable& turntable) {
   Reporter reporter;
-  return SplitMotion(ToSplitImages(turntable), {}, {}, {}, {}, &reporter);
+  return SplitMotion(ToSplitImages(turntable), {}, &reporter);
 }
 
 // Keypoints by what they are (static, rotating) and how they were labelled (unknown, static, rotating).
@@ -122,7 +123,11 @@ TEST(MotionSplit, NothingRotates) {
   SyntheticTurntableOptions options = TestScene(4);
   options.turning = false;
   const MotionSplit split = Split(MakeSyntheticTurntable(options));
-  EXPECT_TRUE(split.object_pairs.empty());
+  EXPECT_EQ(split.capture_case, CaptureCase::kOneBody);
+  EXPECT_THAT(split.reason, testing::HasSubstr("nothing turns"));
+  EXPECT_TRUE(split.static_pairs.empty());
+  // Every pair that has a baseline shows the one body.
+  EXPECT_EQ(split.object_pairs.size(), 3U * 12U * 12U);
 }
 
 TEST(MotionSplit, OneStationHasNoBackgroundPairs) {
@@ -144,13 +149,71 @@ TEST(MotionSplit, ShakeWithinAStation) {
   EXPECT_GE(CountLabels(turntable, split).StaticPrecision(), 0.99);
 }
 
+TEST(MotionSplit, Probe) {
+  const auto report = [](const char* name, const SyntheticTurntableOptions& options) {
+    const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+    const MotionSplit split = Split(turntable);
+    const LabelCounts counts = CountLabels(turntable, split);
+    int64_t good = 0, all = 0; int bad_pairs = 0;
+    for (const VerifiedPair& pair : split.object_pairs) {
+      int g = 0;
+      for (const FeatureMatch& match : pair.matches) g += turntable.images[pair.image1].keypoints[match.point2D_idx1].point >= 0 && turntable.images[pair.image1].keypoints[match.point2D_idx1].point == turntable.images[pair.image2].keypoints[match.point2D_idx2].point;
+      good += g; all += pair.matches.size(); bad_pairs += 2 * g < (int)pair.matches.size();
+    }
+    printf("good matches %.4f bad pairs %d ", double(good) / all, bad_pairs);
+    printf("%-18s seed %d %s | %s | pairs %zu %zu | precision %.4f %.4f recall %.4f %.4f\n", name, (int)options.seed, CaptureCaseName(split.capture_case), split.reason.c_str(), split.object_pairs.size(), split.static_pairs.size(), counts.StaticPrecision(), counts.RotatingPrecision(), counts.Recall(0, KeypointLabel::kStatic), counts.Recall(1, KeypointLabel::kRotating));
+    fflush(stdout);
+  };
+  for (uint64_t seed = 1; seed <= 1; ++seed) {
+    SyntheticTurntableOptions options = TestScene(seed);
+    options.hand_held = true; options.steps = 30; options.step_deg = 12;
+    report("hand_held", options);
+    options.turning = false;
+    report("hand_held static", options);
+    options.turning = true; options.num_background_points = 0;
+    report("hand_held no bg", options);
+    options.num_background_points = 60;
+    report("hand_held 60 bg", options);
+    options = TestScene(seed); options.num_background_points = 0;
+    report("no background", options);
+    options.num_background_points = 60;
+    report("60 background", options);
+    options = TestScene(seed); options.background_image_share = 0.2;
+    report("bg 20% of image", options);
+    options = TestScene(seed); options.step_deg = 2; options.steps = 20;
+    report("2 deg x 20", options);
+    options = TestScene(seed); options.step_deg = 120; options.steps = 3;
+    report("120 deg x 3", options);
+    options = TestScene(seed); options.step_deg = 5; options.steps = 72; options.stations = 1;
+    report("5 deg x 72 x 1", options);
+    options = TestScene(seed); options.steps = 1; options.stations = 20;
+    report("1 step x 20", options);
+    options = TestScene(seed); options.flip_from_station = 2; options.stations = 4;
+    report("flipped", options);
+    options = TestScene(seed); options.rotating_share = 0.05; options.num_background_points = 4000;
+    report("5% rotating", options);
+    options = TestScene(seed); options.repeated_share = 0.3;
+    report("30% repeated", options);
+    options = TestScene(seed); options.repeated_share = 0.9; options.symmetry_fold = 4;
+    report("90% 4-fold", options);
+    options = TestScene(seed); options.shake_deg = 0.2;
+    report("shake 0.2", options);
+    options = TestScene(seed); options.num_watermarks = 40; options.hand_held = true; options.steps = 30;
+    report("watermarks hh", options);
+    options = TestScene(seed); options.num_watermarks = 40;
+    report("watermarks", options);
+    options = TestScene(seed); options.object = SyntheticObject::kPlate;
+    report("plate", options);
+  }
+}
+
 TEST(MotionSplit, StopsWhenAsked) {
   class Stopping : public Reporter {
    public:
     bool StopRequested() const override { return true; }
   } reporter;
   const std::vector<SplitImage> images = ToSplitImages(MakeSyntheticTurntable(TestScene(7)));
-  EXPECT_THROW(SplitMotion(images, {}, {}, {}, {}, &reporter), Interrupted);
+  EXPECT_THROW(SplitMotion(images, {}, &reporter), Interrupted);
 }
 
 }  // namespace

@@ -1,0 +1,162 @@
+#include "plugin/scan_input.h"
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "sfm_split/colmap_database.h"
+#include "sfm_split/error.h"
+#include "sfm_split/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uint64_t kMaxLabelsBytes = uint64_t{1} << 31;
+constexpr const char* kRemedy = "Run `s2gs motion_splitter` again";
+
+fs::path LabelsPath(const Workspace& workspace) {
+  return workspace.ObjectDatabase().parent_path() / "labels.json";
+}
+
+nlohmann::json ReadLabelsFile(const fs::path& path) {
+  const std::string text = ReadWholeFile(path, kMaxLabelsBytes, "Run `s2gs motion_splitter` first");
+  try {
+    return nlohmann::json::parse(text);
+  } catch (const nlohmann::json::exception& error) {
+    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
+  }
+}
+
+std::vector<ImagePairMatches> ReadPairs(const ColmapDatabase& database,
+                                        const std::map<uint32_t, int>& image_of_id,
+                                        const std::vector<ScanImage>& images) {
+  std::vector<ImagePairMatches> pairs;
+  database.ForEachTwoViewGeometry([&](uint32_t id1, uint32_t id2, const TwoViewGeometry& geometry) {
+    const auto first = image_of_id.find(id1);
+    const auto second = image_of_id.find(id2);
+    if (first == image_of_id.end() || second == image_of_id.end() || geometry.inlier_matches.empty()) return;
+    const size_t size1 = images[static_cast<size_t>(first->second)].keypoints.size();
+    const size_t size2 = images[static_cast<size_t>(second->second)].keypoints.size();
+    for (const FeatureMatch& match : geometry.inlier_matches) {
+      if (match.point2D_idx1 >= size1 || match.point2D_idx2 >= size2) {
+        throw UserError(database.path(),
+                        "matches keypoints of images " + std::to_string(id1) + " and " + std::to_string(id2) +
+                            " that do not exist",
+                        kRemedy);
+      }
+    }
+    pairs.push_back({first->second, second->second, geometry.inlier_matches});
+  });
+  return pairs;
+}
+
+ScanCase CaseOf(const std::string& name, const fs::path& path) {
+  for (const ScanCase scan_case : {ScanCase::kTurntable, ScanCase::kSingleStation, ScanCase::kOneBody}) {
+    if (name == ScanCaseName(scan_case)) return scan_case;
+  }
+  throw UserError(path, "has an unknown case \"" + name + "\"", kRemedy);
+}
+
+}  // namespace
+
+const char* ScanCaseName(ScanCase scan_case) {
+  switch (scan_case) {
+    case ScanCase::kTurntable:
+      return "turntable";
+    case ScanCase::kSingleStation:
+      return "single_station";
+    case ScanCase::kOneBody:
+      return "one_body";
+  }
+  return "";
+}
+
+ScanInput ReadScanInput(const Workspace& workspace) {
+  const fs::path path = LabelsPath(workspace);
+  const nlohmann::json file = ReadLabelsFile(path);
+  ScanInput input;
+  std::map<std::string, std::pair<int, std::string>> of_name;
+  try {
+    input.scan_case = CaseOf(file.value("case", "turntable"), path);
+    input.reason = file.value("reason", "");
+    for (const nlohmann::json& image : file.at("images")) {
+      of_name[image.at("name").get<std::string>()] = {image.at("station").get<int>(),
+                                                      image.at("labels").get<std::string>()};
+    }
+  } catch (const nlohmann::json::exception& error) {
+    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
+  }
+
+  const ColmapDatabase object =
+      ColmapDatabase::Open(workspace.ObjectDatabase(), ColmapDatabase::Access::kReadOnly);
+  ScanFeatures& features = input.features;
+  for (const DatabaseCamera& camera : object.ReadCameras()) {
+    features.cameras[camera.camera.camera_id] = camera.camera;
+    features.has_prior_focal[camera.camera.camera_id] = camera.has_prior_focal_length;
+  }
+  for (const DatabaseImage& row : object.ReadImages()) {
+    ScanImage image;
+    image.name = row.name;
+    image.image_id = row.image_id;
+    image.camera_id = row.camera_id;
+    const auto found = of_name.find(row.name);
+    if (found == of_name.end()) {
+      throw UserError(path, "does not know image " + row.name + " of " + workspace.ObjectDatabase().string(),
+                      kRemedy);
+    }
+    image.station = found->second.first;
+    const KeypointMatrix keypoints = object.ReadKeypoints(row.image_id);
+    image.keypoints.reserve(static_cast<size_t>(keypoints.rows()));
+    for (Eigen::Index k = 0; k < keypoints.rows(); ++k)
+      image.keypoints.emplace_back(keypoints(k, 0), keypoints(k, 1));
+    image.labels.assign(image.keypoints.size(), KeypointLabel::kUnknown);
+    const std::string& labels = found->second.second;
+    for (size_t k = 0; k < std::min(labels.size(), image.labels.size()); ++k) {
+      if (labels[k] == '1') image.labels[k] = KeypointLabel::kStatic;
+      if (labels[k] == '2') image.labels[k] = KeypointLabel::kRotating;
+    }
+    features.images.push_back(std::move(image));
+  }
+  std::sort(features.images.begin(), features.images.end(),
+            [](const ScanImage& a, const ScanImage& b) { return a.name < b.name; });
+  std::map<uint32_t, int> image_of_id;
+  for (size_t i = 0; i < features.images.size(); ++i) {
+    image_of_id[features.images[i].image_id] = static_cast<int>(i);
+  }
+  features.object_pairs = ReadPairs(object, image_of_id, features.images);
+  std::error_code ec;
+  if (fs::exists(workspace.StaticDatabase(), ec)) {
+    const ColmapDatabase background =
+        ColmapDatabase::Open(workspace.StaticDatabase(), ColmapDatabase::Access::kReadOnly);
+    features.static_pairs = ReadPairs(background, image_of_id, features.images);
+  }
+  return input;
+}
+
+void WriteScanLabels(const Workspace& workspace, const std::vector<ScanImage>& images,
+                     const std::vector<std::vector<KeypointLabel>>& labels) {
+  const fs::path path = LabelsPath(workspace);
+  nlohmann::json file = ReadLabelsFile(path);
+  std::map<std::string, size_t> index;
+  for (size_t i = 0; i < images.size(); ++i) index[images[i].name] = i;
+  try {
+    for (nlohmann::json& image : file.at("images")) {
+      const auto found = index.find(image.at("name").get<std::string>());
+      if (found == index.end()) continue;
+      std::string text;
+      text.reserve(labels[found->second].size());
+      for (const KeypointLabel label : labels[found->second]) {
+        text.push_back(static_cast<char>('0' + static_cast<int>(label)));
+      }
+      image["labels"] = text;
+    }
+  } catch (const nlohmann::json::exception& error) {
+    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
+  }
+  WriteFileAtomically(path, [&](std::ostream& stream) { stream << file.dump(1) << '\n'; });
+}
+
+}  // namespace s2gs

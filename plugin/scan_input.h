@@ -1,0 +1,34 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "plugin/workspace.h"
+#include "sfm_split/scan_features.h"
+
+namespace s2gs {
+
+/// What kind of scene the split found.
+enum class ScanCase {
+  kTurntable,
+  kSingleStation,
+  kOneBody,  ///< nothing to split: held by hand, no textured background, or nothing turns.
+};
+const char* ScanCaseName(ScanCase scan_case);
+
+/// split/labels.json and the two databases.
+struct ScanInput {
+  ScanCase scan_case = ScanCase::kTurntable;
+  std::string reason;  ///< of the case, in the split's words; may be empty.
+  ScanFeatures features;
+};
+
+/// Throws UserError when the split has not run or its files contradict each other.
+ScanInput ReadScanInput(const Workspace& workspace);
+
+/// Replaces the keypoints' labels in split/labels.json and leaves the rest as it is.
+void WriteScanLabels(const Workspace& workspace, const std::vector<ScanImage>& images,
+                     const std::vector<std::vector<KeypointLabel>>& labels);
+
+}  // namespace s2gs

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+
+#include "mesh/mesh_cleanup.h"
+#include "mesh/tsdf.h"
+#include "plugin/command.h"
+#include "plugin/workspace.h"
+#include "sfm_split/reporter.h"
+
+namespace s2gs {
+
+/// What tsdf_mesher does, for other commands.
+struct TsdfMesherOptions {
+  std::filesystem::path output_path;     ///< empty: dense/0/meshed-tsdf.ply.
+  std::filesystem::path mask_path;       ///< empty: dense/0/masks or, for photos without distortion, masks.
+  std::string input_type = "geometric";  ///< of the maps' names: NAME.geometric.bin.
+  bool use_normals = true;               ///< where there are normal maps.
+  TsdfOptions tsdf;
+  MeshCleanupOptions cleanup;
+};
+
+struct TsdfMesherSummary {
+  TsdfSummary tsdf;
+  MeshCleanupSummary cleanup;
+  std::filesystem::path output_path;
+  int num_images = 0;      ///< of the dense model.
+  int num_depth_maps = 0;  ///< of these, with a depth map.
+  int num_masks = 0;       ///< of these, with a mask.
+  size_t num_vertices = 0;
+  size_t num_triangles = 0;
+};
+
+/// Fuses the depth maps of dense/0 in the frame of its model, which is the object's, cleans the mesh up and
+/// writes it. Throws UserError when there are no depth maps, or nothing is left of the mesh.
+TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
+                                Reporter& reporter);
+
+/// Depth maps to mesh: --workspace_path W.
+void RunTsdfMesher(CommandContext& context);
+
+}  // namespace s2gs

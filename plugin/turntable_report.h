@@ -1,0 +1,24 @@
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "plugin/body_mapper.h"
+#include "sfm_split/align_scene.h"
+#include "sfm_split/scan_refinement.h"
+
+namespace s2gs {
+
+nlohmann::json ToJson(const std::vector<MappingAttempt>& attempts);
+
+/// What an adjusted scene says of itself, for split/turntable_mapper.json: images and why some are missing or
+/// came back, points and reprojection errors of both bodies, standard deviations, observability, the joint
+/// model and the tests that chose it.
+nlohmann::json DescribeScene(const AlignedScene& aligned, const RefineReport& refined);
+
+/// The summary table, from the content of split/turntable_mapper.json.
+void PrintTurntableSummary(const nlohmann::json& report, std::ostream& out);
+
+}  // namespace s2gs

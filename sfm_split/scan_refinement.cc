@@ -1,0 +1,605 @@
+#include "sfm_split/scan_refinement.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <set>
+
+#include "sfm_split/joint_problem.h"
+#include "sfm_split/rotation.h"
+#include "sfm_split/table_angle.h"
+#include "sfm_split/track_triangulation.h"
+#include "sfm_split/unmoved_keypoints.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kDegree = 3.14159265358979323846 / 180;
+constexpr float kMaxShakePx = 8;
+constexpr float kMaxUnmovedPx = 1.5F;
+constexpr int kMinObservationsPerImage = 80;
+constexpr double kLeastErrorPx = 1;    // below, keypoints are dropped that are only badly localised
+constexpr double kErrorSigmas = 5;     // of a coordinate
+constexpr int kMaxBasesOfStation = 4;  // images that are tried as a lost station's first
+constexpr double kClearMargin =
+    1.5;  // an angle is doubtful when another has more than 1 / this of its support
+
+class Refiner {
+ public:
+  Refiner(const ScanFeatures& features, const ColmapModel* object, const JointOptions& joint_options,
+          const RefineOptions& options, Reporter& reporter, AlignedScene* aligned)
+      : features_(features),
+        object_(object),
+        joint_options_(joint_options),
+        options_(options),
+        reporter_(reporter),
+        aligned_(aligned) {
+    keypoints_.reserve(features.images.size());
+    for (size_t i = 0; i < features.images.size(); ++i) {
+      keypoints_.push_back(features.images[i].keypoints);
+      image_of_name_[features.images[i].name] = static_cast<int>(i);
+    }
+    has_background_ = !aligned->background.images.empty();
+    for (const auto& [id, image] : aligned->background.images) {
+      const auto found = image_of_name_.find(image.name);
+      if (found != image_of_name_.end()) placed_stations_.insert(StationOf(found->second));
+    }
+  }
+
+  RefineReport Run();
+
+ private:
+  int StationOf(int image) const { return features_.images[static_cast<size_t>(image)].station; }
+  void IndexViews();
+  void SortViews();
+  std::vector<PosedImage> Posed(bool of_object) const;
+  std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
+  void FindUnmoved();
+  void Mend(double max_error_px);
+  void MendStation(const std::vector<int>& images, double max_error_px);
+  bool MendImage(int image, const Rigid3& cam_from_world, int station, const std::string& how,
+                 double max_error_px);
+  void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
+               double angle_rad);
+  void AddCamera(uint32_t camera_id);
+  const Camera& CameraOf(int image) const;
+  std::vector<size_t> PointsToAdjust(const std::vector<TrackPoint>& points, int max_observations,
+                                     int max_points) const;
+  ColmapModel BuildModel(const std::vector<TrackPoint>& points, const std::vector<size_t>& chosen,
+                         bool of_object) const;
+  std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
+  JointReport Adjust(JointModel model, bool covariance);
+  void Relabel(double max_error_px);
+  void WriteModels();
+
+  const ScanFeatures& features_;
+  const ColmapModel* object_;
+  const JointOptions& joint_options_;
+  const RefineOptions& options_;
+  Reporter& reporter_;
+  AlignedScene* aligned_;
+  std::vector<Keypoints> keypoints_;
+  std::map<std::string, int> image_of_name_;
+  std::vector<int> view_of_image_;
+  std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
+  bool has_background_ = false;
+  // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
+  std::map<int, std::map<int, std::map<uint32_t, uint32_t>>> unmoved_;
+  std::vector<TrackPoint> object_points_;
+  std::vector<TrackPoint> background_points_;
+  RefineReport report_;
+};
+
+void Refiner::IndexViews() {
+  view_of_image_.assign(features_.images.size(), -1);
+  for (size_t v = 0; v < aligned_->scene.views.size(); ++v) {
+    const auto found = image_of_name_.find(aligned_->scene.views[v].name);
+    if (found != image_of_name_.end())
+      view_of_image_[static_cast<size_t>(found->second)] = static_cast<int>(v);
+  }
+}
+
+void Refiner::SortViews() {
+  std::sort(aligned_->scene.views.begin(), aligned_->scene.views.end(),
+            [](const View& a, const View& b) { return a.name < b.name; });
+  IndexViews();
+}
+
+const Camera& Refiner::CameraOf(int image) const {
+  const uint32_t id = features_.images[static_cast<size_t>(image)].camera_id;
+  for (const Camera& camera : aligned_->scene.cameras) {
+    if (camera.camera_id == id) return camera;
+  }
+  return features_.cameras.at(id);
+}
+
+void Refiner::AddCamera(uint32_t camera_id) {
+  for (const Camera& camera : aligned_->scene.cameras) {
+    if (camera.camera_id == camera_id) return;
+  }
+  aligned_->scene.cameras.push_back(features_.cameras.at(camera_id));
+}
+
+std::vector<PosedImage> Refiner::Posed(bool of_object) const {
+  std::vector<PosedImage> posed(features_.images.size());
+  for (size_t i = 0; i < posed.size(); ++i) {
+    if (view_of_image_[i] < 0) continue;
+    if (!of_object && placed_stations_.count(StationOf(static_cast<int>(i))) == 0) continue;
+    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    posed[i].is_posed = true;
+    posed[i].camera = &CameraOf(static_cast<int>(i));
+    posed[i].cam_from_body = of_object ? view.CamFromObject() : view.cam_from_world;
+  }
+  return posed;
+}
+
+std::vector<TrackPoint> Refiner::Triangulate(bool of_object, double max_error_px) const {
+  TrackOptions options;
+  options.max_error_px = max_error_px;
+  options.min_triangulation_deg = options_.min_triangulation_deg;
+  return TriangulateTracks(Posed(of_object), keypoints_,
+                           of_object ? features_.object_pairs : features_.static_pairs, options);
+}
+
+void Refiner::FindUnmoved() {
+  std::map<int, std::set<uint32_t>> matched;
+  for (const ImagePairMatches& pair : features_.static_pairs) {
+    for (const FeatureMatch& match : pair.matches) {
+      matched[pair.image1].insert(match.point2D_idx1);
+      matched[pair.image2].insert(match.point2D_idx2);
+    }
+  }
+  std::map<int, std::vector<int>> images_of_station;
+  for (size_t i = 0; i < features_.images.size(); ++i) {
+    images_of_station[StationOf(static_cast<int>(i))].push_back(static_cast<int>(i));
+  }
+  for (const auto& [image, set] : matched) {
+    const std::vector<uint32_t> chosen(set.begin(), set.end());
+    for (const int other : images_of_station[StationOf(image)]) {
+      if (other == image || matched.count(other) > 0) continue;
+      const ScanImage& there = features_.images[static_cast<size_t>(other)];
+      std::vector<bool> usable(there.keypoints.size(), false);
+      for (size_t k = 0; k < usable.size() && k < there.labels.size(); ++k) {
+        usable[k] = there.labels[k] == KeypointLabel::kStatic;
+      }
+      const std::vector<uint32_t> found =
+          FindUnmovedKeypoints(keypoints_[static_cast<size_t>(image)], chosen, there.keypoints, usable,
+                               kMaxShakePx, kMaxUnmovedPx);
+      std::set<uint32_t> used;
+      for (size_t k = 0; k < chosen.size(); ++k) {
+        if (found[k] != kNoKeypoint && used.insert(found[k]).second)
+          unmoved_[image][other][chosen[k]] = found[k];
+      }
+    }
+  }
+}
+
+void Refiner::AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
+                      double angle_rad) {
+  const ScanImage& features = features_.images[static_cast<size_t>(image)];
+  AddCamera(features.camera_id);
+  View view;
+  view.name = features.name;
+  view.camera_id = features.camera_id;
+  view.station = station;
+  view.angle_deg = WrapAngle(angle_rad) / kDegree;
+  view.cam_from_world = cam_from_world;
+  view.world_from_object = world_from_object;
+  view_of_image_[static_cast<size_t>(image)] = static_cast<int>(aligned_->scene.views.size());
+  aligned_->scene.views.push_back(view);
+}
+
+// The image's keypoints that match a keypoint of a known point.
+std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
+                                       const std::vector<TrackPoint>& points) {
+  std::map<std::pair<int, uint32_t>, int> point_of_keypoint;
+  std::set<int> partners;
+  for (const ImagePairMatches& pair : features.object_pairs) {
+    if (pair.image1 == image) partners.insert(pair.image2);
+    if (pair.image2 == image) partners.insert(pair.image1);
+  }
+  for (size_t p = 0; p < points.size(); ++p) {
+    for (const TrackElement& element : points[p].track) {
+      if (partners.count(element.image) > 0) {
+        point_of_keypoint[{element.image, element.keypoint}] = static_cast<int>(p);
+      }
+    }
+  }
+  std::set<std::pair<uint32_t, int>> seen;  // keypoint, point
+  for (const ImagePairMatches& pair : features.object_pairs) {
+    if (pair.image1 != image && pair.image2 != image) continue;
+    const bool is_first = pair.image1 == image;
+    for (const FeatureMatch& match : pair.matches) {
+      const auto found = point_of_keypoint.find(
+          {is_first ? pair.image2 : pair.image1, is_first ? match.point2D_idx2 : match.point2D_idx1});
+      if (found != point_of_keypoint.end()) {
+        seen.insert({is_first ? match.point2D_idx1 : match.point2D_idx2, found->second});
+      }
+    }
+  }
+  std::vector<PointInImage> result;
+  result.reserve(seen.size());
+  const Keypoints& keypoints = features.images[static_cast<size_t>(image)].keypoints;
+  for (const auto& [keypoint, point] : seen) {
+    result.push_back({points[static_cast<size_t>(point)].x_in_body, keypoints[keypoint].cast<double>()});
+  }
+  return result;
+}
+
+bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, const std::string& how,
+                        double max_error_px) {
+  const std::vector<PointInImage> points = PointsSeenBy(image, features_, object_points_);
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const TableAngleFit fit =
+      FitTableAngle(CameraOf(image), cam_from_world, axis, points, max_error_px, options_.min_mend_inliers);
+  if (!fit.found || fit.inliers < options_.min_mend_share * static_cast<double>(points.size()) ||
+      fit.margin < kClearMargin) {
+    return false;
+  }
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
+  AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
+          fit.angle_rad);
+  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
+                            static_cast<int>(points.size()), fit.margin});
+  return true;
+}
+
+// A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
+// definition, or where the background's points say.
+void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
+  if (object_ == nullptr || object_->images.empty()) return;
+  int tried = 0;
+  for (const int base : images) {
+    const auto found = object_->images.find(features_.images[static_cast<size_t>(base)].image_id);
+    if (found == object_->images.end() ||
+        found->second.name != features_.images[static_cast<size_t>(base)].name) {
+      continue;
+    }
+    if (++tried > kMaxBasesOfStation) return;
+    // As in TransformModel: the camera's frame takes the new unit of length.
+    const Sim3& to_aligned = aligned_->aligned_from_object;
+    const Rigid3& given = found->second.cam_from_world;
+    Rigid3 cam_from_object;
+    cam_from_object.rotation = (given.rotation * to_aligned.rotation.conjugate()).normalized();
+    cam_from_object.translation = -(cam_from_object.rotation * (to_aligned * CameraCentre(given)));
+    const std::vector<PointInImage> points = PointsSeenBy(base, features_, object_points_);
+    PosedImage posed;
+    posed.is_posed = true;
+    posed.camera = &CameraOf(base);
+    posed.cam_from_body = cam_from_object;
+    int inliers = 0;
+    for (const PointInImage& point : points) {
+      inliers += ReprojectionErrorPx(posed, point.x_in_object, point.xy) <= max_error_px ? 1 : 0;
+    }
+    if (inliers < options_.min_mend_inliers ||
+        inliers < options_.min_mend_share * static_cast<double>(points.size())) {
+      continue;
+    }
+    std::set<int> stations;
+    for (const View& view : aligned_->scene.views) stations.insert(view.station);
+    const int station = stations.empty() ? 0 : *stations.rbegin() + 1;
+    AddView(base, station, cam_from_object, Rigid3(), 0);
+    report_.mended.push_back({features_.images[static_cast<size_t>(base)].name,
+                              "its station was placed by the object alone", inliers,
+                              static_cast<int>(points.size()), 0});
+    return;
+  }
+}
+
+void Refiner::Mend(double max_error_px) {
+  std::map<int, std::vector<int>> missing;  // by station
+  std::map<int, int> view_of_station;
+  for (size_t i = 0; i < features_.images.size(); ++i) {
+    const int station = StationOf(static_cast<int>(i));
+    if (view_of_image_[i] < 0) {
+      missing[station].push_back(static_cast<int>(i));
+    } else {
+      view_of_station.emplace(station, view_of_image_[i]);
+    }
+  }
+  for (const auto& [station, images] : missing) {
+    if (view_of_station.count(station) == 0) {
+      MendStation(images, max_error_px);
+      for (const int image : images) {
+        if (view_of_image_[static_cast<size_t>(image)] >= 0) {
+          view_of_station.emplace(station, view_of_image_[static_cast<size_t>(image)]);
+        }
+      }
+    }
+    const auto known = view_of_station.find(station);
+    if (known == view_of_station.end()) continue;
+    for (const int image : images) {
+      if (view_of_image_[static_cast<size_t>(image)] >= 0) continue;
+      const View station_view = aligned_->scene.views[static_cast<size_t>(known->second)];
+      MendImage(image, station_view.cam_from_world, station_view.station,
+                "table angle from the object's points, camera from its station", max_error_px);
+    }
+  }
+  SortViews();
+}
+
+// The points with the longest tracks, and more where an image would have few.
+std::vector<size_t> Refiner::PointsToAdjust(const std::vector<TrackPoint>& points, int max_observations,
+                                            int max_points) const {
+  std::vector<size_t> order(points.size());
+  std::iota(order.begin(), order.end(), size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return points[a].track.size() > points[b].track.size(); });
+  std::vector<size_t> chosen;
+  std::vector<int> seen(features_.images.size(), 0);
+  int64_t observations = 0;
+  for (const size_t p : order) {
+    const bool has_room = observations < max_observations && static_cast<int>(chosen.size()) < max_points;
+    const bool is_wanted = std::any_of(
+        points[p].track.begin(), points[p].track.end(),
+        [&](const TrackElement& e) { return seen[static_cast<size_t>(e.image)] < kMinObservationsPerImage; });
+    if (!has_room && !is_wanted) continue;
+    chosen.push_back(p);
+    observations += static_cast<int64_t>(points[p].track.size());
+    for (const TrackElement& element : points[p].track) ++seen[static_cast<size_t>(element.image)];
+  }
+  std::sort(chosen.begin(), chosen.end());
+  return chosen;
+}
+
+std::vector<TrackElement> Refiner::WholeTrack(const TrackPoint& point, bool of_object) const {
+  std::vector<TrackElement> track = point.track;
+  if (of_object) return track;
+  for (const TrackElement& element : point.track) {
+    const auto others = unmoved_.find(element.image);
+    if (others == unmoved_.end()) continue;
+    for (const auto& [other, keypoint_of] : others->second) {
+      const auto found = keypoint_of.find(element.keypoint);
+      if (found != keypoint_of.end() && view_of_image_[static_cast<size_t>(other)] >= 0) {
+        track.push_back({other, found->second});
+      }
+    }
+  }
+  return track;
+}
+
+ColmapModel Refiner::BuildModel(const std::vector<TrackPoint>& points, const std::vector<size_t>& chosen,
+                                bool of_object) const {
+  ColmapModel model;
+  for (const View& view : aligned_->scene.views) {
+    const auto i = static_cast<size_t>(image_of_name_.at(view.name));
+    const ScanImage& features = features_.images[i];
+    model.cameras[view.camera_id] = CameraOf(static_cast<int>(i));
+    ColmapImage& image = model.images[features.image_id];
+    image.image_id = features.image_id;
+    image.name = features.name;
+    image.camera_id = view.camera_id;
+    image.cam_from_world = of_object ? view.CamFromObject() : view.cam_from_world;
+    image.points2D.resize(features.keypoints.size());
+    for (size_t k = 0; k < features.keypoints.size(); ++k) {
+      image.points2D[k].xy = features.keypoints[k].cast<double>();
+    }
+  }
+  uint64_t next_id = 1;
+  for (const size_t p : chosen) {
+    ColmapPoint3D point;
+    point.point3D_id = next_id;
+    point.xyz = points[p].x_in_body;
+    point.error = points[p].mean_error_px;
+    for (const TrackElement& element : WholeTrack(points[p], of_object)) {
+      const uint32_t image_id = features_.images[static_cast<size_t>(element.image)].image_id;
+      ColmapPoint2D& point2D = model.images.at(image_id).points2D[element.keypoint];
+      if (point2D.point3D_id != kInvalidPoint3DId) continue;
+      point2D.point3D_id = next_id;
+      point.track.push_back({image_id, element.keypoint});
+    }
+    if (point.track.size() < 2) {
+      for (const ColmapTrackElement& element : point.track) {
+        model.images.at(element.image_id).points2D[element.point2D_idx].point3D_id = kInvalidPoint3DId;
+      }
+      continue;
+    }
+    model.points3D[next_id++] = std::move(point);
+  }
+  return model;
+}
+
+JointReport Refiner::Adjust(JointModel model, bool covariance) {
+  JointOptions options = joint_options_;
+  options.model = model;
+  options.compute_covariance = covariance;
+  JointProblem problem = MakeJointProblem(*aligned_);
+  JointReport report = AdjustJointly(options, reporter_, &problem);
+  ApplyJointProblem(problem, aligned_);
+  return report;
+}
+
+// A keypoint that sees a point of one body is that body's; a rotating one none of whose matches agrees with
+// the adjusted poses is unknown again.
+void Refiner::Relabel(double max_error_px) {
+  std::vector<std::vector<KeypointLabel>> labels;
+  labels.reserve(features_.images.size());
+  std::vector<std::vector<bool>> agrees;
+  for (const ScanImage& image : features_.images) {
+    labels.push_back(image.labels);
+    labels.back().resize(image.keypoints.size(), KeypointLabel::kUnknown);
+    agrees.emplace_back(image.keypoints.size(), false);
+  }
+  // Matches on their epipolar lines.
+  const std::vector<PosedImage> posed = Posed(true);
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    for (const FeatureMatch& match : pair.matches) {
+      if (MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
+                       keypoints_[j][match.point2D_idx2].cast<double>()) > max_error_px) {
+        continue;
+      }
+      agrees[i][match.point2D_idx1] = agrees[j][match.point2D_idx2] = true;
+    }
+  }
+  for (size_t i = 0; i < labels.size(); ++i) {
+    if (!posed[i].is_posed) continue;
+    for (size_t k = 0; k < labels[i].size(); ++k) {
+      if (labels[i][k] == KeypointLabel::kRotating && !agrees[i][k]) labels[i][k] = KeypointLabel::kUnknown;
+    }
+  }
+  for (const TrackPoint& point : background_points_) {
+    for (const TrackElement& element : WholeTrack(point, false)) {
+      labels[static_cast<size_t>(element.image)][element.keypoint] = KeypointLabel::kStatic;
+    }
+  }
+  for (const TrackPoint& point : object_points_) {
+    for (const TrackElement& element : point.track) {
+      KeypointLabel& label = labels[static_cast<size_t>(element.image)][element.keypoint];
+      if (label != KeypointLabel::kStatic) label = KeypointLabel::kRotating;
+    }
+  }
+  for (size_t i = 0; i < labels.size(); ++i) {
+    for (size_t k = 0; k < labels[i].size(); ++k) {
+      const KeypointLabel before =
+          k < features_.images[i].labels.size() ? features_.images[i].labels[k] : KeypointLabel::kUnknown;
+      report_.relabelled_keypoints += labels[i][k] != before ? 1 : 0;
+    }
+  }
+  report_.labels = std::move(labels);
+}
+
+void Refiner::WriteModels() {
+  std::vector<size_t> all(object_points_.size());
+  std::iota(all.begin(), all.end(), size_t{0});
+  aligned_->object = BuildModel(object_points_, all, true);
+  if (!has_background_) {
+    aligned_->background = ColmapModel();
+    return;
+  }
+  all.resize(background_points_.size());
+  std::iota(all.begin(), all.end(), size_t{0});
+  aligned_->background = BuildModel(background_points_, all, false);
+}
+
+RefineReport Refiner::Run() {
+  IndexViews();
+  // First with the tracks of the two reconstructions, each of which fits its own cameras: this brings the two
+  // to common ones. Gross errors are pulled in, not cut off.
+  if (!aligned_->object.points3D.empty()) {
+    JointOptions options = joint_options_;
+    options.model = JointModel::kSharedStations;
+    options.loss = JointLoss::kHuber;
+    options.max_rounds = 1;
+    options.function_tolerance = 1e-5;
+    options.compute_covariance = false;
+    JointProblem problem = MakeJointProblem(*aligned_);
+    AdjustJointly(options, reporter_, &problem);
+    ApplyJointProblem(problem, aligned_);
+    reporter_.Debug("adjusted both reconstructions to common cameras");
+  }
+  if (has_background_) FindUnmoved();
+
+  double max_error_px = options_.max_error_px;
+  JointModel model =
+      joint_options_.model == JointModel::kAuto ? JointModel::kSharedStations : joint_options_.model;
+  int last_observations = 0;
+  for (int round = 0; round < options_.max_rounds; ++round) {
+    if (reporter_.StopRequested()) throw Interrupted();
+    const auto start = std::chrono::steady_clock::now();
+    object_points_ = Triangulate(true, max_error_px);
+    for (size_t before = 0; before != aligned_->scene.views.size();) {
+      before = aligned_->scene.views.size();
+      if (before == features_.images.size()) break;
+      Mend(max_error_px);
+      if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
+    }
+    if (has_background_) background_points_ = Triangulate(false, max_error_px);
+    aligned_->object = BuildModel(
+        object_points_,
+        PointsToAdjust(object_points_, options_.max_adjusted_observations, std::numeric_limits<int>::max()),
+        true);
+    if (has_background_) {
+      aligned_->background = BuildModel(background_points_,
+                                        PointsToAdjust(background_points_, std::numeric_limits<int>::max(),
+                                                       options_.max_adjusted_background),
+                                        false);
+    }
+    // The poses' model is chosen once, when gross errors are out.
+    const bool choose = round == 1 && joint_options_.model == JointModel::kAuto;
+    report_.joint = Adjust(choose ? JointModel::kAuto : model, false);
+    if (choose) {
+      model = report_.joint.model;
+      report_.model_tests = report_.joint.tests;
+    }
+    IndexViews();
+
+    RefineRound figures;
+    figures.images = static_cast<int>(aligned_->scene.views.size());
+    figures.object_points = static_cast<int>(object_points_.size());
+    figures.background_points = static_cast<int>(background_points_.size());
+    figures.object_rms_px = report_.joint.object_rms_px;
+    figures.background_rms_px = report_.joint.background_rms_px;
+    figures.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    report_.rounds.push_back(figures);
+    reporter_.Info("round " + std::to_string(round + 1) + ": " + std::to_string(figures.images) +
+                   " images, " + std::to_string(figures.object_points) + " object points, rms " +
+                   std::to_string(figures.object_rms_px) + " px; " +
+                   std::to_string(figures.background_points) + " background points, rms " +
+                   std::to_string(figures.background_rms_px) + " px; " + std::to_string(figures.seconds) +
+                   " s");
+    max_error_px = std::clamp(kErrorSigmas * report_.joint.sigma_px, kLeastErrorPx, options_.max_error_px);
+    const int observations = report_.joint.object_observations;
+    const bool is_settled = std::abs(observations - last_observations) <= 0.01 * observations;
+    last_observations = observations;
+    if (round >= 2 && is_settled) {
+      report_.is_stable = true;
+      break;
+    }
+  }
+  report_.joint = Adjust(model, joint_options_.compute_covariance);
+  report_.model = model;
+  IndexViews();
+  object_points_ = Triangulate(true, max_error_px);
+  if (has_background_) background_points_ = Triangulate(false, max_error_px);
+  WriteModels();
+  Relabel(max_error_px);
+
+  std::set<int> stations;
+  for (const View& view : aligned_->scene.views) stations.insert(view.station);
+  aligned_->scene.num_stations = static_cast<int>(stations.size());
+  for (size_t i = 0; i < features_.images.size(); ++i) {
+    if (view_of_image_[i] < 0) report_.missing.push_back(features_.images[i].name);
+  }
+  return report_;
+}
+
+}  // namespace
+
+OptionCheck RefineOptions::Check() const {
+  const auto fault = [](const char* field, double value, const char* bound) {
+    return OptionFault{field, std::to_string(value), bound};
+  };
+  if (max_rounds < 1) return fault("max_rounds", max_rounds, "max_rounds >= 1");
+  if (!(max_error_px > 0)) return fault("max_error_px", max_error_px, "max_error_px > 0");
+  if (!(min_triangulation_deg > 0 && min_triangulation_deg < 90)) {
+    return fault("min_triangulation_deg", min_triangulation_deg, "0 < min_triangulation_deg < 90");
+  }
+  if (min_mend_inliers < 3) return fault("min_mend_inliers", min_mend_inliers, "min_mend_inliers >= 3");
+  if (!(min_mend_share >= 0 && min_mend_share <= 1)) {
+    return fault("min_mend_share", min_mend_share, "0 <= min_mend_share <= 1");
+  }
+  if (max_adjusted_observations < 1000) {
+    return fault("max_adjusted_observations", max_adjusted_observations, "max_adjusted_observations >= 1000");
+  }
+  if (max_adjusted_background < 50) {
+    return fault("max_adjusted_background", max_adjusted_background, "max_adjusted_background >= 50");
+  }
+  return std::nullopt;
+}
+
+RefineReport RefineScan(const ScanFeatures& features, const ColmapModel* object,
+                        const JointOptions& joint_options, const RefineOptions& options, Reporter& reporter,
+                        AlignedScene* aligned) {
+  S2GS_INVARIANT(!options.Check() && !joint_options.Check());
+  return Refiner(features, object, joint_options, options, reporter, aligned).Run();
+}
+
+}  // namespace s2gs

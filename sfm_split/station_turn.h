@@ -1,0 +1,46 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "sfm_split/motion_split.h"
+
+namespace s2gs {
+
+/// What turning the table looks like from one station. Between two photos that a turn by theta lies between,
+/// points move as x2 = R (x1 - p) + p in the camera's frame, R the rotation by theta about `axis` and p the
+/// axis' foot, whose distance is the unit of length: all epipolar geometries of the station are one family
+/// with the angle as its only parameter.
+struct StationTurn {
+  double focal_px = 0;
+  Eigen::Vector2d principal_point = Eigen::Vector2d::Zero();  ///< [px]
+  Eigen::Vector3d axis = Eigen::Vector3d::Zero();             ///< unit.
+  Eigen::Vector3d foot = Eigen::Vector3d::Zero();             ///< unit, at right angles to the axis.
+  double step_rad = 0;                                        ///< between photos that follow each other.
+  double inlier_share = 0;                                    ///< of the matches that it was fitted to.
+
+  /// x2ᵀ F x1 = 0 in pixels.
+  Eigen::Matrix3d Fundamental(double theta_rad) const;
+};
+
+/// Matches of a station's photos `steps` places apart (negative: backwards).
+struct TurnMatches {
+  int steps = 0;
+  std::vector<Eigen::Vector2f> xy1;  ///< [px]
+  std::vector<Eigen::Vector2f> xy2;  ///< [px]
+};
+
+/// Fits the family to photos few steps apart, taking the steps to be equal; robust against outliers.
+/// Nothing when fewer than `min_inlier_share` of the matches follow any: the steps are too unequal, or the
+/// photos are not in the order of capture.
+/// \param size          of the photos [px].
+/// \param max_error_px  largest Sampson error of an inlier [px].
+std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs, const Eigen::Vector2i& size,
+                                          double max_error_px, double min_inlier_share);
+
+/// Whether the matches fit the angle that their number of steps makes, or, as on an object that looks the
+/// same from several sides, fit another angle much better.
+bool FitsItsAngle(const StationTurn& turn, const TurnMatches& pair, double max_error_px);
+
+}  // namespace s2gs

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/rigid3.h"
+#include "sfm_split/scene.h"
+
+namespace s2gs {
+
+/// A point of the object, and where an image may show it.
+struct PointInImage {
+  Eigen::Vector3d x_in_object = Eigen::Vector3d::Zero();
+  Eigen::Vector2d xy = Eigen::Vector2d::Zero();  ///< [px]
+};
+
+struct TableAngleFit {
+  bool found = false;
+  double angle_rad = 0;  ///< in (-pi, pi]
+  int inliers = 0;       ///< points within the error bound.
+  double margin = 0;     ///< support over that of the best other angle, 5 degrees or more away.
+};
+
+/// The turn of the table at one image whose camera is known: the one unknown that is left. A point on its
+/// circle about the axis meets its keypoint's ray at one angle: each proposes, all vote by reprojection,
+/// Gauss-Newton refines. Found when at least `min_inliers` agree. \param axis  the object's frame is the
+/// world's at angle 0.
+TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
+                            const std::vector<PointInImage>& points, double max_error_px, int min_inliers);
+
+}  // namespace s2gs

@@ -1,0 +1,151 @@
+#include "s2gs/photos.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <optional>
+
+#include "sfm_split/error.h"
+#include "tests/bad_input.h"
+
+namespace s2gs {
+namespace {
+
+Image8 Ramp(int width, int height, int channels) {
+  Image8 image{width, height, channels, {}};
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      for (int c = 0; c < channels; ++c)
+        image.pixels.push_back(static_cast<uint8_t>((3 * x + 5 * y + 40 * c) % 256));
+    }
+  }
+  return image;
+}
+
+TEST(ResizeByArea, HalvingTakesTheMeanOfFour) {
+  const Image8 image = Ramp(8, 6, 3);
+  const Image8 half = ResizeByArea(image, 4, 3);
+  for (int y = 0; y < 3; ++y) {
+    for (int x = 0; x < 4; ++x) {
+      for (int c = 0; c < 3; ++c) {
+        const int sum = image.Pixel(2 * x, 2 * y)[c] + image.Pixel(2 * x + 1, 2 * y)[c] +
+                        image.Pixel(2 * x, 2 * y + 1)[c] + image.Pixel(2 * x + 1, 2 * y + 1)[c];
+        EXPECT_NEAR(half.Pixel(x, y)[c], sum / 4.0, 0.51);
+      }
+    }
+  }
+}
+
+TEST(ResizeByArea, KeepsTheMeanAtAnyRatioAndConstantImages) {
+  const Image8 image = Ramp(30, 20, 1);
+  double mean = 0;
+  for (const uint8_t value : image.pixels) mean += value / 600.0;
+  const Image8 resized = ResizeByArea(image, 7, 11);
+  double resized_mean = 0;
+  for (const uint8_t value : resized.pixels) resized_mean += value / 77.0;
+  EXPECT_NEAR(resized_mean, mean, 0.3);
+  const Image8 constant{5, 5, 1, std::vector<uint8_t>(25, 200)};
+  for (const uint8_t value : ResizeByArea(constant, 3, 9).pixels) EXPECT_EQ(value, 200);
+}
+
+Camera Distorted(double k) {
+  Camera camera;
+  camera.camera_id = 1;
+  camera.model = CameraModelId::kSimpleRadial;
+  camera.width = 60;
+  camera.height = 40;
+  camera.params = {50, 30, 20, k};
+  return camera;
+}
+
+TEST(Undistort, EveryPixelOfThePinholeIsSeenByTheSource) {
+  for (const double k : {-0.2, -0.05, 0.05, 0.2}) {
+    const Undistortion plan = PlanUndistortion(Distorted(k), "cameras.bin");
+    EXPECT_EQ(plan.pinhole.params[0], 50);
+    const std::vector<double>& p = plan.pinhole.params;
+    for (const double x : {0.5, plan.pinhole.width / 2.0, plan.pinhole.width - 0.5}) {
+      for (const double y : {0.5, plan.pinhole.height / 2.0, plan.pinhole.height - 0.5}) {
+        const std::optional<Eigen::Vector2d> xy =
+            ProjectToImage(plan.source, {(x - p[2]) / p[0], (y - p[3]) / p[1], 1});
+        ASSERT_TRUE(xy.has_value());
+        // Corners of a barrel's rectangle may lie a little outside of its round borders.
+        EXPECT_GE(xy->x(), -1.5) << k;
+        EXPECT_GE(xy->y(), -1.5) << k;
+        EXPECT_LE(xy->x(), 61.5) << k;
+        EXPECT_LE(xy->y(), 41.5) << k;
+      }
+    }
+  }
+}
+
+TEST(Undistort, MovesPixelsToWhereTheirRaysPoint) {
+  const Undistortion plan = PlanUndistortion(Distorted(0.15), "cameras.bin");
+  // A photo whose value is the ray's x, as seen through the lens.
+  Image8 photo{60, 40, 1, std::vector<uint8_t>(2400)};
+  for (int y = 0; y < 40; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      const auto ray = UnprojectFromImage(plan.source, {x + 0.5, y + 0.5});
+      ASSERT_TRUE(ray.has_value());
+      *photo.Pixel(x, y) = static_cast<uint8_t>(std::lround(128 + 150 * ray->x()));
+    }
+  }
+  const Image8 straight = UndistortImage(plan, photo);
+  const std::vector<double>& p = plan.pinhole.params;
+  for (int y = 2; y + 2 < straight.height; ++y) {
+    for (int x = 2; x + 2 < straight.width; ++x) {
+      EXPECT_NEAR(*straight.Pixel(x, y), 128 + 150 * (x + 0.5 - p[2]) / p[0], 1.1);
+    }
+  }
+}
+
+TEST(Undistort, APinholeStaysAsItIs) {
+  const Undistortion plan = PlanUndistortion(Distorted(0), "cameras.bin");
+  EXPECT_EQ(plan.pinhole.width, 60U);
+  const Image8 photo = Ramp(60, 40, 3);
+  EXPECT_EQ(UndistortImage(plan, photo).pixels, photo.pixels);
+  const Image8 mask = Ramp(60, 40, 1);
+  EXPECT_EQ(DistortMask(plan, mask).pixels, mask.pixels);
+}
+
+TEST(Undistort, MasksGoBackIntoThePhoto) {
+  const Undistortion plan = PlanUndistortion(Distorted(0.15), "cameras.bin");
+  Image8 mask{static_cast<int>(plan.pinhole.width), static_cast<int>(plan.pinhole.height), 1, {}};
+  mask.pixels.assign(static_cast<size_t>(mask.width) * mask.height, 0);
+  for (int y = 0; y < mask.height; ++y) {
+    for (int x = 0; x < mask.width; ++x) {
+      *mask.Pixel(x, y) = (x + 0.5 - plan.pinhole.params[2]) / 50 > 0.1 ? 255 : 0;
+    }
+  }
+  const Image8 back = DistortMask(plan, mask);
+  ASSERT_EQ(back.width, 60);
+  for (int y = 0; y < 40; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      const double ray = UnprojectFromImage(plan.source, {x + 0.5, y + 0.5})->x();
+      if (std::abs(ray - 0.1) < 0.03) continue;
+      EXPECT_EQ(*back.Pixel(x, y), ray > 0.1 ? 255 : 0) << x << " " << y;
+    }
+  }
+}
+
+TEST(Undistort, CamerasThatCannotBeProjectedAreRefused) {
+  Camera camera = Distorted(0);
+  camera.model = CameraModelId::kFov;
+  camera.params = {50, 50, 30, 20, 0.1};
+  ExpectUserError([&] { PlanUndistortion(camera, "cameras.bin"); }, {"cameras.bin"});
+}
+
+TEST(ResizeView, KeepsTheRays) {
+  PinholeView view;
+  view.width = 640;
+  view.height = 480;
+  view.fx = 500;
+  view.fy = 510;
+  view.cx = 300;
+  view.cy = 250;
+  const PinholeView half = ResizeView(view, 320, 240);
+  EXPECT_DOUBLE_EQ(half.fx, 250);
+  EXPECT_DOUBLE_EQ(half.cy, 125);
+}
+
+}  // namespace
+}  // namespace s2gs

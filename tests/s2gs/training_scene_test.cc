@@ -1,0 +1,197 @@
+#include "s2gs/training_scene.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <string>
+
+#include "s2gs/image_file.h"
+#include "sfm_split/colmap_model.h"
+#include "sfm_split/turntable_file.h"
+#include "tests/bad_input.h"
+#include "tests/synthetic_turntable.h"
+#include "tests/temporary_folder.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A workspace on disk with grey photos: 2 stations of 3 steps.
+class TrainingSceneFiles : public testing::Test {
+ protected:
+  void SetUp() override {
+    SyntheticTurntableOptions options;
+    options.stations = 2;
+    options.steps = 3;
+    options.width = 32;
+    options.height = 24;
+    options.num_object_points = 60;
+    options.num_platter_points = 40;
+    options.num_background_points = 50;
+    turntable_ = MakeSyntheticTurntable(options);
+    ColmapModel object;
+    ColmapModel background;
+    for (const Camera& camera : turntable_.scene.cameras) {
+      object.cameras[camera.camera_id] = background.cameras[camera.camera_id] = camera;
+    }
+    TurntableFile file;
+    file.axis = turntable_.scene.axis;
+    file.num_stations = turntable_.scene.num_stations;
+    uint32_t id = 1;
+    for (const View& view : turntable_.scene.views) {
+      ColmapImage image;
+      image.image_id = id++;
+      image.name = view.name;
+      image.camera_id = view.camera_id;
+      image.cam_from_world = view.CamFromObject();
+      object.images[image.image_id] = image;
+      image.cam_from_world = view.cam_from_world;
+      background.images[image.image_id] = image;
+      file.images.push_back({view.name, view.station, view.angle_deg, view.world_from_object});
+      WritePhoto(view.name, 32, 24);
+    }
+    uint64_t point_id = 1;
+    for (const SyntheticPoint& point : turntable_.points) {
+      ColmapPoint3D p;
+      p.point3D_id = point_id++;
+      p.xyz = point.x;
+      p.rgb = point.color;
+      (IsRotating(point.body) ? object : background).points3D[p.point3D_id] = p;
+    }
+    paths_ = {folder_ / "sparse/0",
+              folder_ / "sparse/static",
+              folder_ / "turntable.json",
+              folder_ / "images",
+              {},
+              {}};
+    fs::create_directories(paths_.object_model);
+    fs::create_directories(paths_.static_model);
+    WriteColmapModel(paths_.object_model, object, ColmapFormat::kText);
+    WriteColmapModel(paths_.static_model, background, ColmapFormat::kText);
+    WriteTurntableFile(paths_.turntable, file);
+  }
+
+  void WritePhoto(const std::string& name, int width, int height) {
+    const fs::path path = folder_ / "images" / (name);
+    fs::create_directories(path.parent_path());
+    WriteImage(path, {width, height, 3, std::vector<uint8_t>(static_cast<size_t>(3) * width * height, 100)});
+  }
+
+  TemporaryFolder folder_;
+  SyntheticTurntable turntable_;
+  TrainingScenePaths paths_;
+  Reporter silent_;
+};
+
+TEST_F(TrainingSceneFiles, HasPosesPointsAndRegionInScenesOfSizeOne) {
+  const TrainingScene scene = ReadTrainingScene(paths_, {}, silent_);
+  EXPECT_EQ(scene.mode, TrainMode::kS2gs);
+  ASSERT_EQ(scene.photos.size(), 6U);
+  EXPECT_GT(scene.size, 0.3);
+  EXPECT_LT(scene.size, 1.5);
+  for (size_t i = 0; i < 6; ++i) {
+    const ScenePhoto& photo = scene.photos[i];
+    const View* view = nullptr;
+    for (const View& candidate : turntable_.scene.views) {
+      if (candidate.name == photo.name) view = &candidate;
+    }
+    ASSERT_NE(view, nullptr);
+    // A point lands on the same pixel in either frame's lengths.
+    const Eigen::Vector3d x(0.03, -0.02, 0.05);
+    const Eigen::Vector3d normalised = (x - scene.origin) / scene.size;
+    EXPECT_LT((scene.size * (photo.view.cam_from_object * normalised) - view->CamFromObject() * x).norm(),
+              1e-9);
+    EXPECT_LT((scene.size * (photo.view.cam_from_world * normalised) - view->cam_from_world * x).norm(),
+              1e-9);
+    EXPECT_EQ(photo.image.width, 32);
+  }
+  ASSERT_TRUE(scene.region.has_value());
+  size_t inside = 0;
+  size_t rotating = 0;
+  for (const ScenePoint& point : scene.points) {
+    if (!point.rotates) continue;
+    ++rotating;
+    inside += scene.region->Contains(point.x, 0) ? 1 : 0;
+  }
+  EXPECT_EQ(rotating, 100U);
+  EXPECT_GE(inside, 98U);
+}
+
+TEST_F(TrainingSceneFiles, HoldsOutEveryNthOrAList) {
+  TrainingSceneOptions options;
+  options.test_every = 3;
+  TrainingScene scene = ReadTrainingScene(paths_, options, silent_);
+  for (size_t i = 0; i < 6; ++i) EXPECT_EQ(scene.photos[i].held_out, i % 3 == 0);
+  options.test_every = 0;
+  options.test_list = folder_ / "list.txt";
+  folder_.Write("list.txt", scene.photos[4].name + "\r\n\n");
+  scene = ReadTrainingScene(paths_, options, silent_);
+  for (size_t i = 0; i < 6; ++i) EXPECT_EQ(scene.photos[i].held_out, i == 4);
+  folder_.Write("list.txt", "nobody.jpg\n");
+  ExpectUserError([&] { ReadTrainingScene(paths_, options, silent_); }, {"list.txt", "nobody.jpg"});
+}
+
+TEST_F(TrainingSceneFiles, ReducesLargePhotos) {
+  TrainingSceneOptions options;
+  options.max_image_size = 16;
+  const TrainingScene scene = ReadTrainingScene(paths_, options, silent_);
+  EXPECT_EQ(scene.photos[0].image.width, 16);
+  EXPECT_EQ(scene.photos[0].image.height, 12);
+  EXPECT_NEAR(scene.photos[0].view.cx, turntable_.CameraOf(0).params[1] / 2, 1e-9);
+}
+
+TEST_F(TrainingSceneFiles, WithoutATableTheSceneIsStatic) {
+  fs::remove(paths_.turntable);
+  const TrainingScene scene = ReadTrainingScene(paths_, {}, silent_);
+  EXPECT_EQ(scene.mode, TrainMode::kStatic);
+  for (const ScenePoint& point : scene.points) EXPECT_FALSE(point.rotates);
+  TrainingSceneOptions options;
+  options.mode = TrainMode::kS2gs;
+  ExpectUserError([&] { ReadTrainingScene(paths_, options, silent_); }, {"turntable.json", "missing"});
+}
+
+TEST_F(TrainingSceneFiles, MasksAreReadAndNeededInTheirMode) {
+  paths_.masks = folder_ / "masks";
+  TrainingSceneOptions options;
+  options.mode = TrainMode::kMasks;
+  ExpectUserError([&] { ReadTrainingScene(paths_, options, silent_); }, {"masks", ".png"});
+  fs::create_directories(paths_.masks);
+  for (const View& view : turntable_.scene.views) {
+    Image8 mask{32, 24, 1, std::vector<uint8_t>(32 * 24, 0)};
+    mask.pixels[5] = 255;
+    mask.pixels[6] = 128;
+    fs::create_directories((paths_.masks / view.name).parent_path());
+    WriteImage(paths_.masks / (view.name + ".png"), mask);
+  }
+  const TrainingScene scene = ReadTrainingScene(paths_, options, silent_);
+  EXPECT_EQ(scene.photos[0].mask[5], 255);
+  EXPECT_EQ(scene.photos[0].mask[6], 255);
+  EXPECT_EQ(scene.photos[0].mask[7], 0);
+}
+
+TEST_F(TrainingSceneFiles, PhotosOfAnotherSizeAreRefusedWithTheirPath) {
+  const std::string name = turntable_.scene.views[2].name;
+  WritePhoto(name, 24, 32);
+  ExpectUserError([&] { ReadTrainingScene(paths_, {}, silent_); }, {name, "24 x 32", "EXIF"});
+  WritePhoto(name, 30, 24);
+  ExpectUserError([&] { ReadTrainingScene(paths_, {}, silent_); }, {name, "30 x 24"});
+  fs::remove(folder_ / "images" / name);
+  ExpectUserError([&] { ReadTrainingScene(paths_, {}, silent_); }, {name});
+}
+
+TEST(TrainingSceneLengths, GaussiansGoThereAndBack) {
+  Gaussians g;
+  g.Resize(2);
+  g.centre = {1, 2, 3, -4, 5, -6};
+  g.log_scale = {-1, -2, -3, -4};
+  const Eigen::Vector3d origin(0.5, -1, 2);
+  const Gaussians there = NormaliseGaussians(g, origin, 2.5);
+  EXPECT_NEAR(there.centre[0], 0.2, 1e-6);
+  const Gaussians back = DenormaliseGaussians(there, origin, 2.5);
+  for (size_t i = 0; i < 6; ++i) EXPECT_NEAR(back.centre[i], g.centre[i], 1e-5);
+  for (size_t i = 0; i < 4; ++i) EXPECT_NEAR(back.log_scale[i], g.log_scale[i], 1e-6);
+}
+
+}  // namespace
+}  // namespace s2gs
