@@ -39,6 +39,8 @@ struct Workspace {
   Path DenseModel() const { return Dense() / "sparse"; }
   Path DepthMaps() const { return Dense() / "stereo" / "depth_maps"; }
   Path NormalMaps() const { return Dense() / "stereo" / "normal_maps"; }
+  /// Silhouettes of the rotating part alone for DenseImages(), as if nothing stood in front of it.
+  Path DenseMask(const std::string& image_name) const { return Dense() / "masks" / (image_name + ".png"); }
   Path DepthMap(const std::string& image_name) const { return DepthMaps() / (image_name + ".geometric.bin"); }
   Path NormalMap(const std::string& image_name) const {
     return NormalMaps() / (image_name + ".geometric.bin");
@@ -52,6 +54,7 @@ struct Workspace {
   // What only s2gs reads.
   Path Own() const { return root / "s2gs"; }
   Path PointCloud() const { return Own() / "point_cloud.ply"; }
+  Path Overview() const { return Own() / "comparison.jpg"; }
   Path Checkpoints() const { return Own() / "checkpoints"; }
   Path Plan() const { return Own() / "plan.json"; }
   Path Log() const { return Own() / "log.jsonl"; }
