@@ -175,13 +175,20 @@ TEST(MotionSplit, Probe) {
       Reporter reporter;
       const MotionSplit split = SplitMotion(images, {}, &reporter);
       const LabelCounts counts = CountLabels(turntable, split);
-      const double values[6] = {counts.StaticPrecision(), counts.RotatingPrecision(), counts.Recall(0, KeypointLabel::kStatic), counts.Recall(1, KeypointLabel::kRotating), ShareOfOnePoint(turntable, split.object_pairs, true), ShareOfOnePoint(turntable, split.static_pairs, false)};
+      const double values[6] = {counts.StaticPrecision(),
+                                counts.RotatingPrecision(),
+                                counts.Recall(0, KeypointLabel::kStatic),
+                                counts.Recall(1, KeypointLabel::kRotating),
+                                ShareOfOnePoint(turntable, split.object_pairs, true),
+                                ShareOfOnePoint(turntable, split.static_pairs, false)};
       for (int v = 0; v < 6; ++v) low[v] = std::min(low[v], values[v]);
-      pairs[0] = std::min(pairs[0], split.object_pairs.size()); pairs[1] = std::min(pairs[1], split.static_pairs.size());
+      pairs[0] = std::min(pairs[0], split.object_pairs.size());
+      pairs[1] = std::min(pairs[1], split.static_pairs.size());
       cases += CaptureCaseName(split.capture_case)[0];
       cases += std::to_string(split.stations.images.size()) + " ";
     }
-    printf("%-14s %s| precision %.4f %.4f recall %.4f %.4f matches %.4f %.4f pairs %zu %zu\n", name, cases.c_str(), low[0], low[1], low[2], low[3], low[4], low[5], pairs[0], pairs[1]);
+    printf("%-14s %s| precision %.4f %.4f recall %.4f %.4f matches %.4f %.4f pairs %zu %zu\n", name,
+           cases.c_str(), low[0], low[1], low[2], low[3], low[4], low[5], pairs[0], pairs[1]);
     fflush(stdout);
   };
   report("plain", TestScene(1), false);
@@ -189,21 +196,32 @@ TEST(MotionSplit, Probe) {
   SyntheticTurntableOptions options = TestScene(1);
   options.turning = false;
   report("still", options, false);
-  options = TestScene(1); options.stations = 1;
+  options = TestScene(1);
+  options.stations = 1;
   report("one station", options, false);
-  options = TestScene(1); options.shake_deg = 0.05;
+  options = TestScene(1);
+  options.shake_deg = 0.05;
   report("shake", options, false);
-  options = TestScene(1); options.num_background_points = 0;
+  options = TestScene(1);
+  options.num_background_points = 0;
   report("all turns", options, false);
-  options = TestScene(1); options.hand_held = true; options.steps = 24; options.step_deg = 15;
+  options = TestScene(1);
+  options.hand_held = true;
+  options.steps = 24;
+  options.step_deg = 15;
   report("hand held", options, false);
   options.num_background_points = 0;
   report("hh no bg", options, false);
-  options = TestScene(1); options.step_deg = 2; options.steps = 16;
+  options = TestScene(1);
+  options.step_deg = 2;
+  options.steps = 16;
   report("2 deg", options, false);
-  options = TestScene(1); options.repeated_share = 0.9; options.symmetry_fold = 4;
+  options = TestScene(1);
+  options.repeated_share = 0.9;
+  options.symmetry_fold = 4;
   report("4 fold", options, false);
-  options = TestScene(1); options.pixel_noise = 1.5;
+  options = TestScene(1);
+  options.pixel_noise = 1.5;
   report("noise 1.5", options, false);
 }
 

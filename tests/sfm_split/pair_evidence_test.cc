@@ -6,7 +6,6 @@
 #include <cstdint>
 #include <vector>
 
-
 namespace s2gs {
 namespace {
 
