@@ -64,6 +64,33 @@ LabelCounts CountLabels(const SyntheticTurntable& turntable, const MotionSplit& 
   return counts;
 }
 
+// Share of the matches that join keypoints of one point of the right body.
+double ShareOfOnePoint(const SyntheticTurntable& turntable, const std::vector<VerifiedPair>& pairs,
+                       bool rotating) {
+  int64_t good = 0;
+  int64_t all = 0;
+  for (const VerifiedPair& pair : pairs) {
+    for (const FeatureMatch& match : pair.matches) {
+      const SyntheticKeypoint& keypoint1 = turntable.images[pair.image1].keypoints[match.point2D_idx1];
+      const SyntheticKeypoint& keypoint2 = turntable.images[pair.image2].keypoints[match.point2D_idx2];
+      const bool same = keypoint1.point >= 0 && keypoint1.point == keypoint2.point;
+      good += same && IsRotating(keypoint1.body) == rotating ? 1 : 0;
+      ++all;
+    }
+  }
+  return static_cast<double>(good) / static_cast<double>(all);
+}
+
+// Labels as masks would give them: keypoints that see nothing fall on either side.
+void GiveMasks(const SyntheticTurntable& turntable, std::vector<SplitImage>* images) {
+  for (size_t i = 0; i < images->size(); ++i) {
+    for (const SyntheticKeypoint& keypoint : turntable.images[i].keypoints) {
+      const bool rotates = IsRotating(keypoint.body);
+      (*images)[i].given_labels.push_back(rotates ? KeypointLabel::kRotating : KeypointLabel::kStatic);
+    }
+  }
+}
+
 SyntheticTurntableOptions TestScene(uint64_t seed) {
   SyntheticTurntableOptions options;
   options.seed = seed;
@@ -99,22 +126,8 @@ TEST_P(MotionSplitSeeds, LabelsAndStationsAreRight) {
 TEST_P(MotionSplitSeeds, PairsFollowTheirBody) {
   const SyntheticTurntable turntable = MakeSyntheticTurntable(TestScene(GetParam()));
   const MotionSplit split = Split(turntable);
-  const auto share_of_one_point = [&](const std::vector<VerifiedPair>& pairs, bool rotating) {
-    int64_t good = 0;
-    int64_t all = 0;
-    for (const VerifiedPair& pair : pairs) {
-      for (const FeatureMatch& match : pair.matches) {
-        const SyntheticKeypoint& keypoint1 = turntable.images[pair.image1].keypoints[match.point2D_idx1];
-        const SyntheticKeypoint& keypoint2 = turntable.images[pair.image2].keypoints[match.point2D_idx2];
-        const bool same = keypoint1.point >= 0 && keypoint1.point == keypoint2.point;
-        good += same && IsRotating(keypoint1.body) == rotating ? 1 : 0;
-        ++all;
-      }
-    }
-    return static_cast<double>(good) / static_cast<double>(all);
-  };
-  EXPECT_GE(share_of_one_point(split.object_pairs, true), 0.98);
-  EXPECT_GE(share_of_one_point(split.static_pairs, false), 0.99);
+  EXPECT_GE(ShareOfOnePoint(turntable, split.object_pairs, true), 0.98);
+  EXPECT_GE(ShareOfOnePoint(turntable, split.static_pairs, false), 0.99);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, MotionSplitSeeds, testing::Values(1, 2, 3));
@@ -150,35 +163,66 @@ TEST(MotionSplit, ShakeWithinAStation) {
 }
 
 TEST(MotionSplit, Probe) {
-  const auto report = [](const char* name, const SyntheticTurntableOptions& options) {
-    const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-    const MotionSplit split = Split(turntable);
-    const LabelCounts counts = CountLabels(turntable, split);
-    int64_t good = 0, all = 0; int bad_pairs = 0;
-    for (const VerifiedPair& pair : split.object_pairs) {
-      int g = 0;
-      for (const FeatureMatch& match : pair.matches) g += turntable.images[pair.image1].keypoints[match.point2D_idx1].point >= 0 && turntable.images[pair.image1].keypoints[match.point2D_idx1].point == turntable.images[pair.image2].keypoints[match.point2D_idx2].point;
-      good += g; all += pair.matches.size(); bad_pairs += 2 * g < (int)pair.matches.size();
+  const auto report = [](const char* name, SyntheticTurntableOptions options, bool masks) {
+    double low[6] = {1, 1, 1, 1, 1, 1};
+    size_t pairs[2] = {100000, 100000};
+    std::string cases;
+    for (uint64_t seed = 1; seed <= 10; ++seed) {
+      options.seed = seed;
+      const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+      std::vector<SplitImage> images = ToSplitImages(turntable);
+      if (masks) GiveMasks(turntable, &images);
+      Reporter reporter;
+      const MotionSplit split = SplitMotion(images, {}, &reporter);
+      const LabelCounts counts = CountLabels(turntable, split);
+      const double values[6] = {counts.StaticPrecision(),
+                                counts.RotatingPrecision(),
+                                counts.Recall(0, KeypointLabel::kStatic),
+                                counts.Recall(1, KeypointLabel::kRotating),
+                                ShareOfOnePoint(turntable, split.object_pairs, true),
+                                ShareOfOnePoint(turntable, split.static_pairs, false)};
+      for (int v = 0; v < 6; ++v) low[v] = std::min(low[v], values[v]);
+      pairs[0] = std::min(pairs[0], split.object_pairs.size());
+      pairs[1] = std::min(pairs[1], split.static_pairs.size());
+      cases += CaptureCaseName(split.capture_case)[0];
+      cases += std::to_string(split.stations.images.size()) + " ";
     }
-    printf("good matches %.4f bad pairs %d ", double(good) / all, bad_pairs);
-    printf("%-18s seed %d %s | %s | pairs %zu %zu | precision %.4f %.4f recall %.4f %.4f\n", name, (int)options.seed, CaptureCaseName(split.capture_case), split.reason.c_str(), split.object_pairs.size(), split.static_pairs.size(), counts.StaticPrecision(), counts.RotatingPrecision(), counts.Recall(0, KeypointLabel::kStatic), counts.Recall(1, KeypointLabel::kRotating));
+    printf("%-14s %s| precision %.4f %.4f recall %.4f %.4f matches %.4f %.4f pairs %zu %zu\n", name,
+           cases.c_str(), low[0], low[1], low[2], low[3], low[4], low[5], pairs[0], pairs[1]);
     fflush(stdout);
   };
-  for (uint64_t seed = 1; seed <= 1; ++seed) {
-    SyntheticTurntableOptions options = TestScene(seed);
-    options.hand_held = true; options.steps = 30; 
-    report("hand_held 30deg", options);
-    options.num_watermarks = 40;
-    report("watermarks hh", options);
-    options = TestScene(seed);
-    report("plain", options);
-    options = TestScene(seed); options.shake_deg = 0.2;
-    report("shake .2", options);
-    options = TestScene(seed); options.pixel_noise = 1.0;
-    report("noise 1.0", options);
-    options = TestScene(seed); options.pixel_noise = 1.5;
-    report("noise 1.5", options);
-  }
+  report("plain", TestScene(1), false);
+  report("masks", TestScene(1), true);
+  SyntheticTurntableOptions options = TestScene(1);
+  options.turning = false;
+  report("still", options, false);
+  options = TestScene(1);
+  options.stations = 1;
+  report("one station", options, false);
+  options = TestScene(1);
+  options.shake_deg = 0.05;
+  report("shake", options, false);
+  options = TestScene(1);
+  options.num_background_points = 0;
+  report("all turns", options, false);
+  options = TestScene(1);
+  options.hand_held = true;
+  options.steps = 24;
+  options.step_deg = 15;
+  report("hand held", options, false);
+  options.num_background_points = 0;
+  report("hh no bg", options, false);
+  options = TestScene(1);
+  options.step_deg = 2;
+  options.steps = 16;
+  report("2 deg", options, false);
+  options = TestScene(1);
+  options.repeated_share = 0.9;
+  options.symmetry_fold = 4;
+  report("4 fold", options, false);
+  options = TestScene(1);
+  options.pixel_noise = 1.5;
+  report("noise 1.5", options, false);
 }
 
 TEST(MotionSplit, StopsWhenAsked) {
