@@ -57,7 +57,7 @@ void ExpectSame(const Gaussians& a, const Gaussians& b) {
 TEST(Train, TellsTheBodiesApartAndExplainsPhotosNeverSeen) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 80, 60, 2, 12);
   Reporter silent;
-  const auto backend = MakeCpuBackend();
+  const auto backend = MakeCpuBackend(1);
   const TrainOptions options = QuickOptions(600);
   const TrainResult result = Train(scene, options, 1, {}, backend.get(), silent);
   ASSERT_TRUE(result.held_out.has_value());
@@ -146,7 +146,7 @@ TEST(Train, OtherSettingsStartAnew) {
 TEST(Train, WithMasksTheRotatingPartAlone) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kMasks, 80, 60, 2, 12);
   Reporter silent;
-  const TrainResult result = Train(scene, QuickOptions(400), 1, {}, MakeCpuBackend().get(), silent);
+  const TrainResult result = Train(scene, QuickOptions(300), 1, {}, MakeCpuBackend(1).get(), silent);
   ASSERT_TRUE(result.held_out.has_value());
   EXPECT_GT(result.held_out->object_psnr, 18);
   EXPECT_GT(result.held_out->mask_iou, 0.9);
