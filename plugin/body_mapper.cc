@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "sfm_split/align_scene.h"
+#include "sfm_split/colmap_database.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
 #include "sfm_split/pose_error.h"
@@ -82,6 +83,9 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
   fs::remove_all(mapping.output, ec);
   CreateFolder(mapping.output);
   const fs::path trial = mapping.output.string() + ".trial";
+  // COLMAP opens databases for writing and leaves traces: it gets a copy.
+  const fs::path database = mapping.output.string() + ".trial.db";
+  ColmapDatabase::SafeCopy(mapping.database, database, reporter);
   for (const Relaxation& relaxation : Relaxations()) {
     if (static_cast<int>(attempts.size()) == mapping.max_attempts) break;
     const auto start = std::chrono::steady_clock::now();
@@ -91,7 +95,7 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
     attempt.settings = relaxation.name;
     try {
       colmap->Run({"mapper",
-                   Combine({{{"database_path", mapping.database.string()},
+                   Combine({{{"database_path", database.string()},
                              {"image_path", mapping.images.string()},
                              {"output_path", trial.string()},
                              {"Mapper.extract_colors", "0"},
@@ -122,6 +126,7 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
     }
   }
   fs::remove_all(trial, ec);
+  for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(database.string() + suffix, ec);
   return attempts;
 }
 

@@ -19,8 +19,7 @@ namespace fs = std::filesystem;
 std::vector<StandardStage> StandardStages(const Workspace& w) {
   return {
       {"feature_extractor", {w.Database()}},
-      {"matcher", {w.Database()}},
-      {"motion_splitter", {w.ObjectDatabase(), w.StaticDatabase()}},
+      {"motion_splitter", {w.ObjectDatabase(), w.StaticDatabase(), w.SplitLabels()}},
       {"object_mapper", {}},
       {"background_mapper", {}},
       {"turntable_mapper", {w.ObjectModel(), w.Turntable()}},
@@ -37,6 +36,8 @@ std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace&
       {w.Database(), "features and matches"},
       {w.ObjectDatabase(), "two-view geometries of the rotating part"},
       {w.StaticDatabase(), "two-view geometries of the background"},
+      {w.SplitLabels(), "case, stations and every keypoint's label"},
+      {w.SplitOverlays(), "photos with their keypoints coloured by label"},
       {w.ObjectModel(), "sparse model of the rotating part"},
       {w.StaticModel(), "sparse model of the background"},
       {w.Turntable(), "axis, stations and angles"},

@@ -21,6 +21,8 @@ struct Workspace {
   // The database with the two_view_geometries of one motion; keypoint indices are those of Database().
   Path ObjectDatabase() const { return root / "split" / "object.db"; }
   Path StaticDatabase() const { return root / "split" / "static.db"; }
+  Path SplitLabels() const { return root / "split" / "labels.json"; }
+  Path SplitOverlays() const { return root / "split" / "overlays"; }
 
   Path ObjectModel() const { return root / "sparse" / "0"; }       ///< poses are cam_from_object.
   Path StaticModel() const { return root / "sparse" / "static"; }  ///< poses are cam_from_world.

@@ -131,7 +131,7 @@ struct DensifyStep {
 struct DensifyResult {
   int64_t cloned = 0, split = 0, removed = 0;
   int64_t count = 0;       ///< afterwards.
-  int64_t not_finite = 0;  ///< removed because a parameter was NaN or infinite.
+  int64_t not_finite = 0;  ///< removed besides, because a parameter was NaN, infinite or out of range.
 };
 
 /// Everything that training needs to go on exactly where it stopped.

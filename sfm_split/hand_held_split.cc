@@ -22,6 +22,7 @@ constexpr int kMinBodyKeypoints = 40;     // of an image that shows a body
 constexpr double kMinBodyImages = 0.7;    // share of the images that must show both bodies
 constexpr double kMaxConflicts = 0.05;    // share of the keypoints that were seen moving with both
 constexpr double kMinVotes = 2;           // motions that a keypoint of a body belongs to
+constexpr int kClearMajority = 3;         // votes for the one body for each vote for the other
 constexpr int kGridSize = 8;
 
 std::vector<ImagePair> PlanPairs(const SimilarityMatrix& similarity, const Stations& stations,
@@ -99,6 +100,12 @@ struct BodyVotes {
   double images_with_both = 0;                         // share
 };
 
+// Photos between which the table happens to stand the same show both bodies move as one, so that a few votes
+// for the wrong body are no conflict.
+bool IsClear(const std::array<int, 2>& votes) {
+  return std::min(votes[0], votes[1]) * kClearMajority <= std::max(votes[0], votes[1]);
+}
+
 BodyVotes CountVotes(const SplitMatching& matching, const std::vector<VerifiedPair>& motions,
                      const std::vector<int>& bodies) {
   BodyVotes result;
@@ -120,11 +127,11 @@ BodyVotes CountVotes(const SplitMatching& matching, const std::vector<VerifiedPa
       const auto& votes = result.votes[i][k];
       if (votes[0] + votes[1] < kMinVotes) continue;
       ++num_voted;
-      if (votes[0] > 0 && votes[1] > 0) {
-        if (std::min(votes[0], votes[1]) * 3 > std::max(votes[0], votes[1])) ++num_conflicts;
+      if (!IsClear(votes)) {
+        ++num_conflicts;
         continue;
       }
-      const int body = votes[0] > 0 ? 0 : 1;
+      const int body = votes[0] > votes[1] ? 0 : 1;
       ++count[body];
       const Eigen::Vector2f xy = matching.keypoints()[i][k].cwiseQuotient(matching.sizes()[i].cast<float>());
       const Eigen::Vector2i cell =
@@ -171,7 +178,7 @@ void BecomeTwoBodies(const SplitMatching& matching, const std::vector<VerifiedPa
     split->labels[i].assign(votes.votes[i].size(), KeypointLabel::kUnknown);
     for (size_t k = 0; k < votes.votes[i].size(); ++k) {
       const auto& of_body = votes.votes[i][k];
-      if (of_body[background] >= kMinVotes && of_body[1 - background] == 0)
+      if (of_body[background] >= kMinVotes && of_body[background] > of_body[1 - background] && IsClear(of_body))
         split->labels[i][k] = KeypointLabel::kStatic;
     }
   }
@@ -183,9 +190,20 @@ void BecomeTwoBodies(const SplitMatching& matching, const std::vector<VerifiedPa
   RemoveContradicted(matching.keypoints(), min_inliers, &split->object_pairs);
   std::vector<std::vector<int>> against(num_images);
   for (int i = 0; i < num_images; ++i) {
-    for (const auto& of_body : votes.votes[i]) against[i].push_back(3 * of_body[background]);
+    against[i].reserve(votes.votes[i].size());
+    for (const auto& of_body : votes.votes[i]) against[i].push_back(kClearMajority * of_body[background]);
   }
   LabelRotatingKeypoints(matching, against, split);
+  for (VerifiedPair& pair : split->static_pairs) {
+    FeatureMatches left;
+    left.reserve(pair.matches.size());
+    for (const FeatureMatch& match : pair.matches) {
+      if (split->labels[pair.image1][match.point2D_idx1] != KeypointLabel::kRotating &&
+          split->labels[pair.image2][match.point2D_idx2] != KeypointLabel::kRotating)
+        left.push_back(match);
+    }
+    pair.matches = std::move(left);
+  }
 
   split->stations.station_of_image.resize(num_images);
   split->stations.images.assign(num_images, {});

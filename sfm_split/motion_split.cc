@@ -15,7 +15,29 @@ namespace {
 
 constexpr size_t kCoarseFeatures = 400;    // that all images are compared by
 constexpr double kMinStationImages = 0.5;  // share of the photos that must stand at a station with others
+constexpr double kNoiseLimit = 4;          // matches that moved by more bounds did move
 constexpr double kMinTurningPairs = 0.5;   // pairs of the rotating part per photo
+
+// How far keypoints that did not move lie apart: the median over pairs of one station.
+double UnmovedDistance(const SplitMatching& matching, const Stations& stations,
+                       const std::vector<ImagePairMatches>& pairs) {
+  const double limit = kNoiseLimit * matching.settings().station.max_unmoved_px;
+  std::vector<double> distances;
+  for (const ImagePairMatches& pair : pairs) {
+    if (stations.station_of_image[pair.image1] != stations.station_of_image[pair.image2]) continue;
+    const Eigen::Vector2f shift = stations.shift[pair.image2] - stations.shift[pair.image1];
+    for (const FeatureMatch& match : pair.matches) {
+      const double distance = (matching.keypoints()[pair.image2][match.point2D_idx2] -
+                               matching.keypoints()[pair.image1][match.point2D_idx1] - shift)
+                                  .norm();
+      if (distance <= limit) distances.push_back(distance);
+    }
+  }
+  if (distances.empty()) return 0;
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return *middle;
+}
 
 // Stations from the largest features of all pairs, which does not ask for photos in the order of capture, and
 // from all features of neighbours for those photos that this leaves alone.
@@ -62,12 +84,17 @@ Stations FindStationsOfPhotos(SplitMatching* matching, SimilarityMatrix* similar
     if (i > 0) neighbours.insert({i - 1, i});
     if (i + 1 < num) neighbours.insert({i, i + 1});
   }
-  if (neighbours.empty()) return stations;
+  if (neighbours.empty()) {
+    matching->AdaptToNoise(UnmovedDistance(*matching, stations, candidates));
+    return stations;
+  }
   for (ImagePairMatches& pair :
        matching->Match({neighbours.begin(), neighbours.end()}, matching->PackAll(), "match neighbours")) {
     candidates.push_back(std::move(pair));
   }
-  return FindStations(matching->keypoints(), matching->sizes(), candidates, options);
+  stations = FindStations(matching->keypoints(), matching->sizes(), candidates, options);
+  matching->AdaptToNoise(UnmovedDistance(*matching, stations, candidates));
+  return stations;
 }
 
 double ShareAtStations(const Stations& stations) {

@@ -187,7 +187,7 @@ bool Solver::Prepare() {
     const SingleAxisPair& given = input_.pairs[p];
     if (given.image1 == given.image2 || static_cast<int>(given.matches.size()) < options_.min_matches)
       continue;
-    Pair pair;
+    Pair pair{};
     pair.index = static_cast<int>(p);
     pair.image1 = given.image1;
     pair.image2 = given.image2;
@@ -239,10 +239,18 @@ bool Solver::Prepare() {
     ++count;
   }
   mean_centre /= count;
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(Matrix3d(normal / count));
-  scale_observable_ = std::sqrt(std::max(0.0, eigen.eigenvalues()(0))) > kLeastParallax;
-  target_ = scale_observable_ ? Vector3d(normal.ldlt().solve(right))
-                              : Vector3d(mean_centre + mean_ray.normalized());
+  double extent = 0;  // of the cameras' places
+  for (size_t i = 0; i < cameras_.size(); ++i) {
+    if (sums[i].norm() > 0) extent = std::max(extent, (cameras_[i].centre - mean_centre).norm());
+  }
+  mean_ray.normalize();
+  // Rays of one place meet in the camera: what they look at has to lie well in front, seen from places that
+  // differ.
+  target_ = normal.completeOrthogonalDecomposition().solve(right);
+  const double depth = mean_ray.dot(target_ - mean_centre);
+  scale_observable_ = target_.allFinite() && depth > 0 && extent > 1e-10 * mean_centre.norm() &&
+                      extent > kLeastParallax * depth && depth > 0.1 * extent;
+  if (!scale_observable_) target_ = mean_centre + mean_ray;
   sight_ = target_ - mean_centre;
   const double distance = sight_.norm();
   if (!target_.allFinite() || distance == 0) {
@@ -771,12 +779,15 @@ SingleAxisSolution Solver::Solve() {
     break;
   }
 
-  std::vector<Vote> votes;
-  votes.reserve(pairs_.size());
-  for (const Pair& pair : pairs_) votes.push_back(BestAngle(pair, axis, bound, 120));
-  Synchronize(votes);
-  for (const double scale : {8.0, 4.0, 2.0, 1.0}) {
-    AdjustAll(&axis, scale * bound, 5, false);
+  // Twice: the axis adjusted to all pairs tells the pairs' angles better than the one of the search.
+  for (int pass = 0; pass < 2; ++pass) {
+    std::vector<Vote> votes;
+    votes.reserve(pairs_.size());
+    for (const Pair& pair : pairs_) votes.push_back(BestAngle(pair, axis, bound, 120));
+    Synchronize(votes);
+    for (const double scale : {8.0, 4.0, 2.0, 1.0}) {
+      AdjustAll(&axis, scale * bound, 5, false);
+    }
   }
   double sigma = MarkInliers(axis, bound);
   FindConnected();

@@ -47,7 +47,7 @@ struct SingleAxisInput {
 
 struct SingleAxisOptions {
   double noise_px = 1;             ///< expected standard deviation of a keypoint; bounds are multiples of it.
-  int min_matches = 6;             ///< pairs with fewer are not used.
+  int min_matches = 4;             ///< pairs with fewer are not used.
   int max_search_pairs = 60;       ///< pairs that judge the coarse search.
   int max_search_matches = 24;     ///< matches of each, at random.
   int num_directions = 240;        ///< of the axis, over the half sphere; 240 are about 9 degrees apart.

@@ -1,6 +1,7 @@
 #include "sfm_split/split_matching.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "sfm_split/pair_evidence.h"
@@ -29,6 +30,16 @@ SplitMatching::SplitMatching(const std::vector<SplitImage>& images, const SplitS
   settings_.station.max_shake_px = std::min(settings_.station.max_shake_px * scale, kMaxShakePx);
   settings_.motion.max_error_px *= scale;
   settings_.split.min_moved_px *= scale;
+}
+
+void SplitMatching::AdaptToNoise(double unmoved_px) {
+  // The distance of two places with a standard deviation of sigma in x and in y is Rayleigh's: its median is
+  // 1.18 sqrt(2) sigma.
+  const double sigma = unmoved_px / 1.665;
+  settings_.station.max_unmoved_px = std::max(settings_.station.max_unmoved_px, 3.0 * std::sqrt(2.0) * sigma);
+  settings_.motion.max_error_px = std::max(settings_.motion.max_error_px, 3.0 * sigma);
+  settings_.split.min_moved_px =
+      std::max(settings_.split.min_moved_px, 1.3 * settings_.station.max_unmoved_px);
 }
 
 PackedImages SplitMatching::PackAll() const {

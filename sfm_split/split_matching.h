@@ -47,6 +47,10 @@ class SplitMatching {
   std::vector<VerifiedPair> VerifyAll(const std::vector<ImagePairMatches>& pairs,
                                       const std::vector<std::vector<int>>* subsets, const char* task);
 
+  /// Widens the bounds in pixels where keypoints turn out to lie less exactly than the options expect.
+  /// \param unmoved_px  median distance from their place of keypoints that did not move [px].
+  void AdaptToNoise(double unmoved_px);
+
   const std::vector<SplitImage>& images() const { return images_; }
   const std::vector<Keypoints>& keypoints() const { return keypoints_; }
   const std::vector<Eigen::Vector2i>& sizes() const { return sizes_; }

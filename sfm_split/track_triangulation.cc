@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -28,28 +29,36 @@ struct Ray {
   Vector3d in_body;  // unit
 };
 
-// Disjoint sets of keypoints, by path halving and union by size.
+// Disjoint sets of keypoints, at most one an image, by path halving and union by size.
 class Sets {
  public:
-  explicit Sets(size_t count) : parent_(count), size_(count, 1) {
+  explicit Sets(const std::vector<int>& image_of) : parent_(image_of.size()), images_(image_of.size()) {
     std::iota(parent_.begin(), parent_.end(), 0U);
+    for (size_t k = 0; k < image_of.size(); ++k) images_[k] = {image_of[k]};
   }
   uint32_t Root(uint32_t k) {
     while (parent_[k] != k) k = parent_[k] = parent_[parent_[k]];
     return k;
   }
+  // Unless both have a keypoint of one image: then a match is wrong.
   void Join(uint32_t a, uint32_t b) {
     a = Root(a);
     b = Root(b);
     if (a == b) return;
-    if (size_[a] < size_[b]) std::swap(a, b);
+    if (images_[a].size() < images_[b].size()) std::swap(a, b);
+    std::vector<int> all;
+    all.reserve(images_[a].size() + images_[b].size());
+    std::merge(images_[a].begin(), images_[a].end(), images_[b].begin(), images_[b].end(),
+               std::back_inserter(all));
+    if (std::adjacent_find(all.begin(), all.end()) != all.end()) return;
     parent_[b] = a;
-    size_[a] += size_[b];
+    images_[a] = std::move(all);
+    images_[b].clear();
   }
 
  private:
   std::vector<uint32_t> parent_;
-  std::vector<uint32_t> size_;
+  std::vector<std::vector<int>> images_;  // of a root's set, ascending
 };
 
 class Triangulator {
@@ -68,9 +77,37 @@ class Triangulator {
   }
 
   std::vector<TrackPoint> Run(const std::vector<ImagePairMatches>& pairs) {
-    Sets sets(first_.back());
+    std::vector<Edge> edges;
+    for (const ImagePairMatches& pair : pairs) AddEdges(pair, &edges);
+    std::sort(edges.begin(), edges.end());
+    edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+    // Matches that a third keypoint confirms come first.
+    std::vector<std::vector<uint32_t>> neighbours(first_.back());
+    for (const auto& [a, b] : edges) {
+      neighbours[a].push_back(b);
+      neighbours[b].push_back(a);
+    }
+    for (std::vector<uint32_t>& all : neighbours) std::sort(all.begin(), all.end());
+    std::vector<std::pair<int, Edge>> by_support;
+    by_support.reserve(edges.size());
+    for (const Edge& edge : edges) {
+      int support = 0;
+      const std::vector<uint32_t>& others = neighbours[edge.second];
+      for (const uint32_t k : neighbours[edge.first])
+        support += std::binary_search(others.begin(), others.end(), k);
+      by_support.emplace_back(-support, edge);
+    }
+    std::sort(by_support.begin(), by_support.end());
+    std::vector<int> image_of;
+    image_of.reserve(first_.back());
+    for (size_t i = 0; i < images_.size(); ++i)
+      image_of.insert(image_of.end(), keypoints_[i].size(), static_cast<int>(i));
+    Sets sets(image_of);
     std::vector<bool> is_matched(first_.back(), false);
-    for (const ImagePairMatches& pair : pairs) JoinPair(pair, &sets, &is_matched);
+    for (const auto& [support, edge] : by_support) {
+      sets.Join(edge.first, edge.second);
+      is_matched[edge.first] = is_matched[edge.second] = true;
+    }
     // Keypoints by set, in their order.
     std::vector<std::pair<uint32_t, uint32_t>> by_set;
     for (uint32_t k = 0; k < first_.back(); ++k) {
@@ -97,6 +134,8 @@ class Triangulator {
   }
 
  private:
+  using Edge = std::pair<uint32_t, uint32_t>;  // two keypoints by number, ascending
+
   TrackElement ElementOf(uint32_t k) const {
     const auto image = std::upper_bound(first_.begin(), first_.end(), k) - first_.begin() - 1;
     return {static_cast<int>(image), k - first_[static_cast<size_t>(image)]};
@@ -116,7 +155,8 @@ class Triangulator {
     return ray;
   }
 
-  void JoinPair(const ImagePairMatches& pair, Sets* sets, std::vector<bool>* is_matched) {
+  // Matches on their epipolar lines.
+  void AddEdges(const ImagePairMatches& pair, std::vector<Edge>* edges) {
     const PosedImage& image1 = images_[static_cast<size_t>(pair.image1)];
     const PosedImage& image2 = images_[static_cast<size_t>(pair.image2)];
     if (!image1.is_posed || !image2.is_posed || pair.image1 == pair.image2) return;
@@ -137,8 +177,7 @@ class Triangulator {
       if (!(error * error <= options_.max_error_px * options_.max_error_px * squared)) continue;
       const uint32_t k1 = first_[static_cast<size_t>(a.image)] + a.keypoint;
       const uint32_t k2 = first_[static_cast<size_t>(b.image)] + b.keypoint;
-      sets->Join(k1, k2);
-      (*is_matched)[k1] = (*is_matched)[k2] = true;
+      edges->emplace_back(std::min(k1, k2), std::max(k1, k2));
     }
   }
 

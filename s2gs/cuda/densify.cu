@@ -167,8 +167,9 @@ DensifyResult DensifyPlan::Make(const Planes& parameters, int64_t count, const f
   result.cloned = total(DensifyAction::kClone);
   result.split = total(DensifyAction::kSplit);
   result.not_finite = total(DensifyAction::kNotFinite);
-  result.removed = total(DensifyAction::kRemove) + result.not_finite;
-  result.count = count - result.removed + result.cloned + result.split;
+  result.removed = total(DensifyAction::kRemove);
+  const int64_t num_kept = count - result.removed - result.not_finite;
+  result.count = num_kept + result.cloned + result.split;
   new_count_ = result.count;
   sources_.Reserve(static_cast<size_t>(new_count_));
   births_.Reserve(static_cast<size_t>(new_count_));
@@ -181,7 +182,7 @@ DensifyResult DensifyPlan::Make(const Planes& parameters, int64_t count, const f
   CheckCuda(cub::DeviceScan::ExclusiveSum(scratch_.get(), bytes, added_.get(), added_.get(), n, stream),
             "places");
   PlaceKernel<<<blocks, kThreads, 0, stream>>>(actions_.get(), n, kept_.get(), added_.get(),
-                                               static_cast<uint32_t>(count - result.removed), sources_.get(),
+                                               static_cast<uint32_t>(num_kept), sources_.get(),
                                                births_.get());
   CheckCuda(cudaGetLastError(), "densification");
   return result;

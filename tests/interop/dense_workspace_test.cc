@@ -41,7 +41,7 @@ std::string NameOf(int view) { return "ring/view" + std::to_string(view) + ".png
 // The sphere's points as the model knows them: those that face a view are in its track.
 ColmapModel ModelOf(const std::vector<DepthView>& views) {
   ColmapModel model;
-  const PinholeView& first = views.front().camera;
+  const ObjectView& first = views.front().camera;
   Camera camera;
   camera.camera_id = 1;
   camera.model = CameraModelId::kPinhole;
@@ -112,7 +112,7 @@ TEST(DenseWorkspaceInterop, ColmapsToolsAndOursMeshIt) {
                       {workspace.ObjectModel(), workspace.Images(), workspace.Masks()}, silent);
   for (size_t i = 0; i < views.size(); ++i) {
     const std::string name = NameOf(static_cast<int>(i));
-    const PinholeView& camera = views[i].camera;
+    const ObjectView& camera = views[i].camera;
     WriteColmapMap(workspace.DepthMap(name), {camera.width, camera.height, 1, views[i].depths});
     WriteColmapMap(workspace.NormalMap(name), {camera.width, camera.height, 3, views[i].normals});
   }

@@ -138,7 +138,7 @@ long double PlainKl(long double a, long double b) {
 
 TEST(Foreground, EntropyAtAllLogits) {
   for (const float sign : {-1.0F, 1.0F}) {
-    for (const float magnitude : {0.0F, 0.3F, 5.0F, 20.0F, 40.0F}) {
+    for (const float magnitude : {0.0F, 0.3F, 5.0F, 20.0F, 28.0F}) {
       const float x = sign * magnitude;
       const auto expected = static_cast<double>(PlainEntropy(x));
       EXPECT_NEAR(EntropyOfLogit(x), expected, 1e-5 * expected) << x;
