@@ -74,6 +74,7 @@ void PutContent(const Checkpoint& checkpoint, Writer* writer) {
   writer->Put(cursor.measuring_seconds);
   writer->Put<uint8_t>(cursor.foreground_frozen ? 1 : 0);
   writer->Put<int64_t>(cursor.last_densified);
+  writer->Put<int64_t>(cursor.last_reset);
   writer->Put<int64_t>(cursor.initial_count);
   writer->Put<int64_t>(cursor.neighbours_turn);
   writer->Put<uint64_t>(cursor.settings.size());
@@ -137,6 +138,7 @@ TrainCursor ReadCursor(ByteReader* reader) {
   cursor.measuring_seconds = reader->Read<double>("measuring seconds");
   cursor.foreground_frozen = ReadFlag(reader, "frozen flag");
   cursor.last_densified = reader->Read<int64_t>("last densification");
+  cursor.last_reset = reader->Read<int64_t>("last reset");
   cursor.initial_count = reader->Read<int64_t>("first count");
   cursor.neighbours_turn = reader->Read<int64_t>("neighbours' turn");
   const uint64_t length = reader->ReadCount(1, "length of the settings");

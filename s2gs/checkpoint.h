@@ -21,6 +21,7 @@ struct TrainCursor {
   double measuring_seconds = 0;  ///< wall time of measuring.
   bool foreground_frozen = false;
   int64_t last_densified = 0;    ///< iteration.
+  int64_t last_reset = 0;        ///< of opacities; iteration, 0: none yet.
   int64_t initial_count = 0;     ///< of Gaussians, before any growth.
   int64_t neighbours_turn = -1;  ///< of the schedule, when they were found last.
   std::string settings;          ///< fingerprint of options and scene: another one refuses to resume.

@@ -239,7 +239,7 @@ class Trainer {
       step.random_seed = cursor_.seed;
       step.max_clone_scale = static_cast<float>(options_.dense_scale);
       step.max_scale = static_cast<float>(options_.max_normalised_scale);
-      step.min_opacity = static_cast<float>(options_.min_opacity);
+      step.min_opacity = static_cast<float>(MinOpacity());
       step.min_gradient = static_cast<float>(options_.densify_gradient);
       step.max_count = options_.max_gaussians;
       if (options_.growth == GrowthStrategy::kBudget) {
@@ -251,7 +251,16 @@ class Trainer {
     }
     if (Passed(before, now, options_.opacity_reset_every) && now < options_.densify_until - 1e-9) {
       backend_->ResetOpacity(static_cast<float>(options_.opacity_reset_to));
+      cursor_.last_reset = cursor_.iteration;
     }
+  }
+
+  // After a reset every Gaussian is faint: none is removed for it before all photos had their say twice.
+  double MinOpacity() const {
+    const auto turns = 2 * static_cast<int64_t>(training_views_.size());
+    const bool recovers =
+        cursor_.last_reset > 0 && cursor_.iteration - cursor_.last_reset < std::max<int64_t>(turns, 100);
+    return recovers ? std::min(options_.min_opacity, options_.opacity_reset_to / 2) : options_.min_opacity;
   }
 
   // The budget is reached when four fifths of the time for growth are over: the last ones need some to learn.

@@ -42,8 +42,8 @@ struct TrainOptions {
   double normal_from = 7.0 / 30;
   double distortion_weight = 0;
   double distortion_from = 3.0 / 30;
-  double local_consistency_weight = 0.2;
-  double entropy_3d_weight = 0.1;
+  double local_consistency_weight = 0.1;
+  double entropy_3d_weight = 1;
   double entropy_2d_weight = 0.1;
   double mask_weight = 0.1;  ///< where photos have masks, in mode S2GS with masks as a hint.
   double regularise_from = 5.0 / 30;

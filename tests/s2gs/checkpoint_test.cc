@@ -34,6 +34,7 @@ Checkpoint Example(size_t count) {
   c.cursor.measuring_seconds = 0.5;
   c.cursor.foreground_frozen = true;
   c.cursor.last_densified = 1200;
+  c.cursor.last_reset = 900;
   c.cursor.initial_count = 9;
   c.cursor.neighbours_turn = 3;
   c.cursor.settings = "a=1\nb=2\n";
@@ -80,6 +81,7 @@ TEST(Checkpoint, ComesBackUnchanged) {
   EXPECT_EQ(back.cursor.measuring_seconds, c.cursor.measuring_seconds);
   EXPECT_EQ(back.cursor.foreground_frozen, c.cursor.foreground_frozen);
   EXPECT_EQ(back.cursor.last_densified, c.cursor.last_densified);
+  EXPECT_EQ(back.cursor.last_reset, c.cursor.last_reset);
   EXPECT_EQ(back.cursor.initial_count, c.cursor.initial_count);
   EXPECT_EQ(back.cursor.neighbours_turn, c.cursor.neighbours_turn);
   EXPECT_EQ(back.cursor.settings, c.cursor.settings);

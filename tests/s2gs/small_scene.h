@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "s2gs/training_scene.h"
 #include "tests/synthetic_render.h"
 #include "tests/synthetic_turntable.h"
@@ -12,7 +14,8 @@ inline TrainingScene MakeSmallScene(TrainMode mode, int width, int height, int s
   SyntheticTurntableOptions options;
   options.stations = stations;
   options.steps = steps;
-  options.step_deg = 360.0 / steps;
+  options.step_deg = std::min(120.0, 360.0 / steps);
+  options.turning = mode != TrainMode::kStatic;
   options.width = width;
   options.height = height;
   options.num_object_points = 250;

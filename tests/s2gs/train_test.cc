@@ -57,17 +57,29 @@ void ExpectSame(const Gaussians& a, const Gaussians& b) {
 TEST(Train, TellsTheBodiesApartAndExplainsPhotosNeverSeen) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 80, 60, 2, 12);
   Reporter silent;
-  const auto backend = MakeCpuBackend();
+  const auto backend = MakeCpuBackend(1);
   const TrainOptions options = QuickOptions(600);
   const TrainResult result = Train(scene, options, 1, {}, backend.get(), silent);
   ASSERT_TRUE(result.held_out.has_value());
   // Measured: see BENCHMARK.md; the bounds leave room for another compiler's rounding.
   EXPECT_GT(result.held_out->psnr, 20);
-  EXPECT_GT(result.held_out->mask_iou, 0.85);
+  EXPECT_GT(result.held_out->mask_iou, 0.78);
   EXPECT_GT(SettledShare(result.gaussians), 0.99);
   EXPECT_TRUE(result.foreground_frozen);
   RecordProperty("psnr", std::to_string(result.held_out->psnr));
   RecordProperty("mask_iou", std::to_string(result.held_out->mask_iou));
+}
+
+TEST(Train, KeepsItsGaussiansThroughOpacityResets) {
+  const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 64, 48, 2, 10);
+  TrainOptions options = QuickOptions(300);
+  options.densify_every = 10;
+  options.opacity_reset_every = 0.1;
+  Reporter silent;
+  const TrainResult result = Train(scene, options, 1, {}, MakeCpuBackend().get(), silent);
+  EXPECT_GT(result.gaussians.size(), 1000U);
+  ASSERT_TRUE(result.held_out.has_value());
+  EXPECT_GT(result.held_out->psnr, 15);
 }
 
 TEST(Train, IsBitIdenticalForAnyNumberOfThreads) {
@@ -134,7 +146,7 @@ TEST(Train, OtherSettingsStartAnew) {
 TEST(Train, WithMasksTheRotatingPartAlone) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kMasks, 80, 60, 2, 12);
   Reporter silent;
-  const TrainResult result = Train(scene, QuickOptions(400), 1, {}, MakeCpuBackend().get(), silent);
+  const TrainResult result = Train(scene, QuickOptions(300), 1, {}, MakeCpuBackend(1).get(), silent);
   ASSERT_TRUE(result.held_out.has_value());
   EXPECT_GT(result.held_out->object_psnr, 18);
   EXPECT_GT(result.held_out->mask_iou, 0.9);
@@ -142,7 +154,7 @@ TEST(Train, WithMasksTheRotatingPartAlone) {
 
 TEST(Train, AStaticSceneWithoutATable) {
   // A scene whose object stands still: the object's frame is the world's.
-  TrainingScene scene = MakeSmallScene(TrainMode::kStatic, 64, 48, 6, 1);
+  TrainingScene scene = MakeSmallScene(TrainMode::kStatic, 64, 48, 4, 2);
   scene.photos[0].held_out = true;
   Reporter silent;
   const TrainResult result = Train(scene, QuickOptions(200), 1, {}, MakeCpuBackend().get(), silent);
