@@ -24,6 +24,7 @@
 #include "s2gs/photos.h"
 #include "s2gs/render_pictures.h"
 #include "s2gs/training_scene.h"
+#include "s2gs/undistort.h"
 #include "sfm_split/colmap_maps.h"
 #include "sfm_split/file_io.h"
 
@@ -227,7 +228,8 @@ class Renderer {
   }
 
   Image8 Photo(const ScenePhoto& photo) {
-    return UndistortImage(PlanOf(photo), ReadImage(images_ / photo.name, 3));
+    const Undistortion& plan = PlanOf(photo);
+    return UndistortImage(ReadImage(images_ / photo.name, 3), plan.source, plan.pinhole);
   }
 
   void WriteStereo(const std::string& name, PinholeView view) {

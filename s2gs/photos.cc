@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "s2gs/undistort.h"
 #include "sfm_split/colmap_model.h"
 #include "sfm_split/error.h"
 
@@ -37,37 +38,6 @@ std::vector<Coverage> CoverAxis(int source, int target) {
 }
 
 uint8_t Round(float value) { return static_cast<uint8_t>(std::clamp(value + 0.5F, 0.0F, 255.0F)); }
-
-// The range of x/z (or y/z) that is seen along a whole border of the source image.
-struct Border {
-  double low = 0;
-  double high = 0;
-  bool any = false;
-  void Add(double value) {
-    low = any ? std::min(low, value) : value;
-    high = any ? std::max(high, value) : value;
-    any = true;
-  }
-};
-
-Border WalkBorder(const Camera& camera, int side) {
-  constexpr int kSamples = 256;
-  const auto width = static_cast<double>(camera.width);
-  const auto height = static_cast<double>(camera.height);
-  Border border;
-  for (int i = 0; i <= kSamples; ++i) {
-    const double t = static_cast<double>(i) / kSamples;
-    Eigen::Vector2d xy;
-    if (side < 2) {
-      xy = {side == 0 ? 0 : width, t * height};
-    } else {
-      xy = {t * width, side == 2 ? 0 : height};
-    }
-    const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(camera, xy);
-    if (ray) border.Add(side < 2 ? ray->x() : ray->y());
-  }
-  return border;
-}
 
 }  // namespace
 
@@ -101,68 +71,7 @@ Image8 ResizeByArea(const Image8& image, int width, int height) {
 }
 
 Undistortion PlanUndistortion(const Camera& camera, const std::filesystem::path& path) {
-  RequireProjection(camera, path);
-  const Eigen::Vector2d focal = FocalLengths(camera);
-  const Eigen::Vector2d principal = PrincipalPoint(camera);
-  Undistortion plan{camera, camera};
-  plan.pinhole.model = CameraModelId::kPinhole;
-  plan.pinhole.params = {focal.x(), focal.y(), principal.x(), principal.y()};
-  if (IsDistortionFree(camera)) return plan;
-
-  const Border left = WalkBorder(camera, 0);
-  const Border right = WalkBorder(camera, 1);
-  const Border top = WalkBorder(camera, 2);
-  const Border bottom = WalkBorder(camera, 3);
-  // Half of the largest size on either side of the principal point, where a border sees nothing at all.
-  const double max_x = static_cast<double>(camera.width) / focal.x();
-  const double max_y = static_cast<double>(camera.height) / focal.y();
-  const double x0 = std::max(left.any ? left.high : -max_x, -max_x);
-  const double x1 = std::min(right.any ? right.low : max_x, max_x);
-  const double y0 = std::max(top.any ? top.high : -max_y, -max_y);
-  const double y1 = std::min(bottom.any ? bottom.low : max_y, max_y);
-  const auto width = static_cast<int64_t>(std::floor((x1 - x0) * focal.x()));
-  const auto height = static_cast<int64_t>(std::floor((y1 - y0) * focal.y()));
-  if (width < 1 || height < 1) {
-    throw UserError(path, "camera " + std::to_string(camera.camera_id) + ": its distortion leaves no image",
-                    "Calibrate it again");
-  }
-  plan.pinhole.width = static_cast<uint64_t>(width);
-  plan.pinhole.height = static_cast<uint64_t>(height);
-  plan.pinhole.params[2] = -x0 * focal.x();
-  plan.pinhole.params[3] = -y0 * focal.y();
-  return plan;
-}
-
-Image8 UndistortImage(const Undistortion& plan, const Image8& image) {
-  if (IsDistortionFree(plan.source)) return image;
-  const int width = static_cast<int>(plan.pinhole.width);
-  const int height = static_cast<int>(plan.pinhole.height);
-  const int channels = image.channels;
-  Image8 result{width, height, channels, {}};
-  result.pixels.resize(static_cast<size_t>(width) * height * channels);
-  const std::vector<double>& p = plan.pinhole.params;
-#pragma omp parallel for schedule(static)
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const Eigen::Vector3d ray((x + 0.5 - p[2]) / p[0], (y + 0.5 - p[3]) / p[1], 1);
-      const std::optional<Eigen::Vector2d> xy = ProjectToImage(plan.source, ray);
-      if (!xy) continue;  // stays black
-      const double u = std::clamp(xy->x() - 0.5, 0.0, image.width - 1.0);
-      const double v = std::clamp(xy->y() - 0.5, 0.0, image.height - 1.0);
-      const int x0 = static_cast<int>(u);
-      const int y0 = static_cast<int>(v);
-      const int x1 = std::min(x0 + 1, image.width - 1);
-      const int y1 = std::min(y0 + 1, image.height - 1);
-      const auto a = static_cast<float>(u - x0);
-      const auto b = static_cast<float>(v - y0);
-      for (int c = 0; c < channels; ++c) {
-        const float above = (1 - a) * image.Pixel(x0, y0)[c] + a * image.Pixel(x1, y0)[c];
-        const float below = (1 - a) * image.Pixel(x0, y1)[c] + a * image.Pixel(x1, y1)[c];
-        result.Pixel(x, y)[c] = Round((1 - b) * above + b * below);
-      }
-    }
-  }
-  return result;
+  return {camera, UndistortedCamera(camera, path)};
 }
 
 std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder) {

@@ -19,17 +19,12 @@ Image8 ResizeByArea(const Image8& image, int width, int height);
 /// How a photo of a camera with distortion becomes one of a pinhole.
 struct Undistortion {
   Camera source;
-  Camera pinhole;  ///< PINHOLE with the source's focal lengths, as large as no pixel stays without light.
+  Camera pinhole;  ///< as UndistortedCamera makes it.
 };
 
-/// The pinhole for a camera: the largest upright rectangle of the ideal image that the source sees all of, at
-/// most twice as large as the source. A camera without distortion keeps its size and principal point.
-/// Throws UserError unless the camera can be projected here.
+/// Throws like UndistortedCamera (undistort.h).
 /// \param path  the file that the camera comes from, for the message.
 Undistortion PlanUndistortion(const Camera& camera, const std::filesystem::path& path);
-
-/// Resamples bilinearly. \param image  of the source camera's size, 1 or 3 channels.
-Image8 UndistortImage(const Undistortion& plan, const Image8& image);
 
 /// The plans of all photos of a model, by name. Throws like PlanUndistortion and ReadColmapModel.
 std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder);

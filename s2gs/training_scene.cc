@@ -12,6 +12,7 @@
 
 #include "s2gs/image_file.h"
 #include "s2gs/photos.h"
+#include "s2gs/undistort.h"
 #include "sfm_split/camera_model.h"
 #include "sfm_split/colmap_model.h"
 #include "sfm_split/file_io.h"
@@ -228,7 +229,8 @@ struct Loader {
           turned ? "It seems to be turned by its EXIF orientation: give the photos as COLMAP saw them"
                  : "Give the photos that the model was made from");
     }
-    return UndistortImage(Plan(camera), image);
+    const Undistortion& plan = Plan(camera);
+    return UndistortImage(image, plan.source, plan.pinhole);
   }
 
   void Load(const Camera& camera, bool with_mask, bool needs_mask, ScenePhoto* photo) {
