@@ -1,6 +1,7 @@
 #include "plugin/split_files.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>

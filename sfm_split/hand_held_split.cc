@@ -17,6 +17,7 @@ namespace {
 
 constexpr int kNeighbours = 4;
 constexpr int kSimilar = 12;
+constexpr size_t kMaxFeatures = 8192;   // of a photo: here all are matched with all
 constexpr double kOwnBand = 3;          // what lies within so many bounds of a motion is no second motion
 constexpr int kMinBodyKeypoints = 40;   // of an image that shows a body
 constexpr double kMinBodyImages = 0.7;  // share of the images that must show both bodies
@@ -221,7 +222,8 @@ void SplitWithoutStations(const SimilarityMatrix& similarity, bool expect_one_bo
                           MotionSplit* split) {
   const SplitSettings& settings = matching->settings();
   const std::vector<ImagePair> pairs = PlanPairs(similarity, split->stations, settings.split);
-  split->object_matches = matching->Match(pairs, matching->PackAll(), "match photos");
+  split->object_matches = matching->Match(
+      pairs, matching->PackLargest(kMaxFeatures, [](int, uint32_t) { return true; }), "match photos");
   const std::vector<VerifiedPair> motions =
       FindAllMotions(split->object_matches, expect_one_body ? 1 : settings.motion.max_motions, matching);
   std::vector<VerifiedPair> strongest;

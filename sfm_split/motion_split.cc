@@ -13,7 +13,7 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kCoarseFeatures = 400;    // that all images are compared by
+constexpr size_t kCoarseFeatures = 300;    // that all images are compared by
 constexpr double kMinStationImages = 0.5;  // share of the photos that must stand at a station with others
 constexpr double kNoiseLimit = 4;          // matches that moved by more bounds did move
 constexpr double kMinTurningPairs = 0.5;   // pairs of the rotating part per photo

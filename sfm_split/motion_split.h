@@ -37,7 +37,7 @@ struct MotionSplitOptions {
   /// Best partners of an image in every other station that it is matched with, with their neighbours.
   int station_partners = 2;
   /// Largest number of other stations that the images of a station are matched with.
-  int max_nearby_stations = 6;
+  int max_nearby_stations = 4;
   /// Verified matches that make a keypoint rotating.
   int min_rotating_matches = 2;
   /// Photos of one body are all matched with one another up to this number of pairs; beyond it neighbours and

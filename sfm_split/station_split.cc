@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kMinStaticShare = 0.25;   // of a station's photos that must show a background keypoint
 constexpr double kMinVerifiedShare = 0.2;  // below it, pairs still further apart are not worth matching
-constexpr size_t kCoarseFeatures = 500;    // that images of different stations are compared by
+constexpr size_t kCoarseFeatures = 300;    // that images of different stations are compared by
 constexpr uint32_t kMinCoarseMatches = 6;  // of a pair that is worth matching in full
 constexpr int kSimilarInStation = 3;
 constexpr int kCloseSteps = 3;         // between photos that show how the table turns

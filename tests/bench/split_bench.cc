@@ -4,6 +4,7 @@
 //   split_bench --synthetic STATIONS STEPS [SEED]
 //                                          a synthetic capture of STATIONS x STEPS images
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
