@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <numeric>
 #include <set>
@@ -20,6 +21,9 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
+constexpr double kDoubtfulShare = 0.5;   // of the median share of agreeing matches
+constexpr int kMaxDrops = 2;             // of one image
+constexpr double kMaxFocalChange = 1.4;  // of one adjustment; more: it is not observable
 constexpr float kMaxShakePx = 8;
 constexpr float kMaxUnmovedPx = 1.5F;
 constexpr int kMinObservationsPerImage = 80;
@@ -61,9 +65,11 @@ class Refiner {
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
   void Mend(double max_error_px);
+  void PlaceStations(double max_error_px);
   void MendStation(const std::vector<int>& images, double max_error_px);
-  bool MendImage(int image, const Rigid3& cam_from_world, int station, const std::string& how,
-                 double max_error_px);
+  bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
+  void DropDoubtful(double max_error_px);
   void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
                double angle_rad);
   void AddCamera(uint32_t camera_id);
@@ -74,6 +80,7 @@ class Refiner {
                          bool of_object) const;
   std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
   JointReport Adjust(JointModel model, bool covariance);
+  JointReport AdjustWith(JointOptions options);
   void Relabel(double max_error_px);
   void WriteModels();
 
@@ -88,6 +95,8 @@ class Refiner {
   std::vector<int> view_of_image_;
   std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
   bool has_background_ = false;
+  bool holds_cameras_ = false;
+  std::map<std::string, int> drops_;
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
   std::map<int, std::map<int, std::map<uint32_t, uint32_t>>> unmoved_;
   std::vector<TrackPoint> object_points_;
@@ -196,10 +205,11 @@ void Refiner::AddView(int image, int station, const Rigid3& cam_from_world, cons
 
 // The image's keypoints that match a keypoint of a known point.
 std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
+                                       const std::vector<ImagePairMatches>& pairs,
                                        const std::vector<TrackPoint>& points) {
   std::map<std::pair<int, uint32_t>, int> point_of_keypoint;
   std::set<int> partners;
-  for (const ImagePairMatches& pair : features.object_pairs) {
+  for (const ImagePairMatches& pair : pairs) {
     if (pair.image1 == image) partners.insert(pair.image2);
     if (pair.image2 == image) partners.insert(pair.image1);
   }
@@ -211,7 +221,7 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
     }
   }
   std::set<std::pair<uint32_t, int>> seen;  // keypoint, point
-  for (const ImagePairMatches& pair : features.object_pairs) {
+  for (const ImagePairMatches& pair : pairs) {
     if (pair.image1 != image && pair.image2 != image) continue;
     const bool is_first = pair.image1 == image;
     for (const FeatureMatch& match : pair.matches) {
@@ -231,22 +241,103 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
   return result;
 }
 
-bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, const std::string& how,
-                        double max_error_px) {
-  const std::vector<PointInImage> points = PointsSeenBy(image, features_, object_points_);
-  const TurntableAxis& axis = aligned_->scene.axis;
-  const TableAngleFit fit =
-      FitTableAngle(CameraOf(image), cam_from_world, axis, points, max_error_px, options_.min_mend_inliers);
-  if (!fit.found || fit.inliers < options_.min_mend_share * static_cast<double>(points.size()) ||
-      fit.margin < kClearMargin) {
-    return false;
+std::vector<MatchInPosedImage> Refiner::MatchesWithPosed(int image) const {
+  const std::vector<PosedImage> posed = Posed(true);
+  std::vector<MatchInPosedImage> result;
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    if (pair.image1 != image && pair.image2 != image) continue;
+    const bool is_first = pair.image1 == image;
+    const auto other = static_cast<size_t>(is_first ? pair.image2 : pair.image1);
+    if (!posed[other].is_posed) continue;
+    for (const FeatureMatch& match : pair.matches) {
+      const uint32_t mine = is_first ? match.point2D_idx1 : match.point2D_idx2;
+      const uint32_t theirs = is_first ? match.point2D_idx2 : match.point2D_idx1;
+      result.push_back({keypoints_[static_cast<size_t>(image)][mine].cast<double>(), posed[other].camera,
+                        posed[other].cam_from_body, keypoints_[other][theirs].cast<double>()});
+    }
   }
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
-  AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
-          fit.angle_rad);
-  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
-                            static_cast<int>(points.size()), fit.margin});
-  return true;
+  return result;
+}
+
+bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const auto accept = [&](const TableAngleFit& fit, size_t candidates, double min_share, const char* how) {
+    if (!fit.found || fit.margin < kClearMargin ||
+        fit.inliers < min_share * static_cast<double>(candidates)) {
+      return false;
+    }
+    const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
+    AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
+            fit.angle_rad);
+    report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
+                              static_cast<int>(candidates), fit.margin});
+    return true;
+  };
+  const std::vector<PointInImage> points =
+      PointsSeenBy(image, features_, features_.object_pairs, object_points_);
+  if (accept(FitTableAngle(CameraOf(image), cam_from_world, axis, points, max_error_px,
+                           options_.min_mend_inliers),
+             points.size(), options_.min_mend_share,
+             "camera from the station, table angle from the object's points")) {
+    return true;
+  }
+  // Matches say less than points: more of them have to agree.
+  const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
+  return accept(FitTableAngle(CameraOf(image), cam_from_world, axis, matches, 0.5 * max_error_px,
+                              options_.min_mend_inliers + 1),
+                matches.size(), std::max(0.4, options_.min_mend_share),
+                "camera from the station, table angle from matches");
+}
+
+// Images whose matches contradict their pose, against what the others reach, are taken out; mending may place
+// them anew.
+void Refiner::DropDoubtful(double max_error_px) {
+  const std::vector<PosedImage> posed = Posed(true);
+  std::vector<int> agree(posed.size(), 0);
+  std::vector<int> all(posed.size(), 0);
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    for (const FeatureMatch& match : pair.matches) {
+      const bool agrees = MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
+                                       keypoints_[j][match.point2D_idx2].cast<double>()) <= max_error_px;
+      agree[i] += agrees ? 1 : 0;
+      agree[j] += agrees ? 1 : 0;
+      ++all[i];
+      ++all[j];
+    }
+  }
+  std::vector<double> shares;
+  for (size_t i = 0; i < posed.size(); ++i) {
+    if (posed[i].is_posed && all[i] > 0) shares.push_back(agree[i] / static_cast<double>(all[i]));
+  }
+  if (shares.empty()) return;
+  const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
+  std::nth_element(shares.begin(), middle, shares.end());
+  std::vector<View>& views = aligned_->scene.views;
+  std::set<std::string> gone;
+  for (size_t i = 0; i < posed.size(); ++i) {
+    // An image without matches is where SfM put it for reasons of its own; nothing contradicts it.
+    if (!posed[i].is_posed || all[i] < options_.min_mend_inliers) continue;
+    if (agree[i] >= kDoubtfulShare * *middle * all[i]) continue;
+    const std::string& name = features_.images[i].name;
+    gone.insert(name);
+  }
+  if (gone.empty() || gone.size() * 2 > views.size()) return;
+  // The reference image stays: the object's frame is the world's there.
+  for (const View& view : views) {
+    if (view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12)) {
+      gone.erase(view.name);
+      break;
+    }
+  }
+  views.erase(
+      std::remove_if(views.begin(), views.end(), [&](const View& view) { return gone.count(view.name) > 0; }),
+      views.end());
+  for (const std::string& name : gone) ++drops_[name];
+  report_.doubted.insert(report_.doubted.end(), gone.begin(), gone.end());
+  IndexViews();
 }
 
 // A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
@@ -267,7 +358,8 @@ void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
     Rigid3 cam_from_object;
     cam_from_object.rotation = (given.rotation * to_aligned.rotation.conjugate()).normalized();
     cam_from_object.translation = -(cam_from_object.rotation * (to_aligned * CameraCentre(given)));
-    const std::vector<PointInImage> points = PointsSeenBy(base, features_, object_points_);
+    const std::vector<PointInImage> points =
+        PointsSeenBy(base, features_, features_.object_pairs, object_points_);
     PosedImage posed;
     posed.is_posed = true;
     posed.camera = &CameraOf(base);
@@ -315,12 +407,50 @@ void Refiner::Mend(double max_error_px) {
     if (known == view_of_station.end()) continue;
     for (const int image : images) {
       if (view_of_image_[static_cast<size_t>(image)] >= 0) continue;
+      if (drops_[features_.images[static_cast<size_t>(image)].name] >= kMaxDrops) continue;
       const View station_view = aligned_->scene.views[static_cast<size_t>(known->second)];
-      MendImage(image, station_view.cam_from_world, station_view.station,
-                "table angle from the object's points, camera from its station", max_error_px);
+      MendImage(image, station_view.cam_from_world, station_view.station, max_error_px);
     }
   }
   SortViews();
+}
+
+// Stations that the object alone placed may stand anywhere around the axis: the background's points say
+// where.
+void Refiner::PlaceStations(double max_error_px) {
+  std::map<int, std::vector<size_t>> views_of_station;  // in the features' numbers
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    const int station = StationOf(static_cast<int>(i));
+    if (view_of_image_[i] >= 0 && placed_stations_.count(station) == 0) {
+      views_of_station[station].push_back(static_cast<size_t>(view_of_image_[i]));
+    }
+  }
+  for (const auto& [station, views] : views_of_station) {
+    for (size_t i = 0; i < view_of_image_.size(); ++i) {
+      if (StationOf(static_cast<int>(i)) != station) continue;
+      const std::vector<PointInImage> points =
+          PointsSeenBy(static_cast<int>(i), features_, features_.static_pairs, background_points_);
+      if (points.empty()) continue;
+      const TurntableAxis& axis = aligned_->scene.axis;
+      const TableAngleFit fit =
+          FitTableAngle(CameraOf(static_cast<int>(i)), aligned_->scene.views[views[0]].cam_from_world, axis,
+                        points, max_error_px, options_.min_mend_inliers);
+      if (!fit.found || fit.inliers < options_.min_mend_share * static_cast<double>(points.size())) continue;
+      const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
+      const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+      for (const size_t v : views) {
+        View& view = aligned_->scene.views[v];
+        view.cam_from_world = view.cam_from_world * turned_from_world;
+        view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
+        view.angle_deg = WrapAngle(view.angle_deg * kDegree - fit.angle_rad) / kDegree;
+      }
+      placed_stations_.insert(station);
+      report_.placed_stations.push_back({features_.images[i].name,
+                                         "its station was placed by the background's points", fit.inliers,
+                                         static_cast<int>(points.size()), fit.margin});
+      break;
+    }
+  }
 }
 
 // The points with the longest tracks, and more where an image would have few.
@@ -408,8 +538,25 @@ JointReport Refiner::Adjust(JointModel model, bool covariance) {
   JointOptions options = joint_options_;
   options.model = model;
   options.compute_covariance = covariance;
+  return AdjustWith(options);
+}
+
+JointReport Refiner::AdjustWith(JointOptions options) {
+  options.refine_focal_length &= !holds_cameras_;
+  options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
   JointReport report = AdjustJointly(options, reporter_, &problem);
+  bool ran_away = false;
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    const double before = FocalLengths(aligned_->scene.cameras[c]).x();
+    const double after = FocalLengths(problem.cameras[c]).x();
+    ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange);
+  }
+  if (ran_away && !holds_cameras_) {
+    reporter_.Warn("the focal length cannot be observed: cameras are held as they were");
+    holds_cameras_ = true;
+    return AdjustWith(options);
+  }
   ApplyJointProblem(problem, aligned_);
   return report;
 }
@@ -490,9 +637,7 @@ RefineReport Refiner::Run() {
     options.max_rounds = 1;
     options.function_tolerance = 1e-5;
     options.compute_covariance = false;
-    JointProblem problem = MakeJointProblem(*aligned_);
-    AdjustJointly(options, reporter_, &problem);
-    ApplyJointProblem(problem, aligned_);
+    AdjustWith(options);
     reporter_.Debug("adjusted both reconstructions to common cameras");
   }
   if (has_background_) FindUnmoved();
@@ -504,14 +649,19 @@ RefineReport Refiner::Run() {
   for (int round = 0; round < options_.max_rounds; ++round) {
     if (reporter_.StopRequested()) throw Interrupted();
     const auto start = std::chrono::steady_clock::now();
+    if (round > 0) DropDoubtful(max_error_px);
     object_points_ = Triangulate(true, max_error_px);
+    if (has_background_) background_points_ = Triangulate(false, max_error_px);
     for (size_t before = 0; before != aligned_->scene.views.size();) {
       before = aligned_->scene.views.size();
       if (before == features_.images.size()) break;
       Mend(max_error_px);
       if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
     }
-    if (has_background_) background_points_ = Triangulate(false, max_error_px);
+    if (has_background_) {
+      PlaceStations(2 * options_.max_error_px);
+      background_points_ = Triangulate(false, max_error_px);
+    }
     aligned_->object = BuildModel(
         object_points_,
         PointsToAdjust(object_points_, options_.max_adjusted_observations, std::numeric_limits<int>::max()),

@@ -137,9 +137,11 @@ TEST(ScanRefinement, AStationThatTheBackgroundLacksIsPlacedByTheObject) {
   const RefineReport report = RefineScan(features, &object, {}, {}, reporter, &aligned);
   EXPECT_EQ(aligned.scene.views.size(), 36U);
   EXPECT_EQ(aligned.scene.num_stations, 3);
+  EXPECT_EQ(report.placed_stations.size(), 1U);  // around the axis, by the static matches
   const Figures figures = Measure(turntable, aligned);
   EXPECT_LT(figures.composition, 1e-9);
   EXPECT_LT(figures.rotation_max_deg, 0.1);
+  EXPECT_LT(figures.angle_max_deg, 0.1);
 }
 
 TEST(ScanRefinement, TheSingleAxisPlacesWhatFreeSfmCannot) {
@@ -276,7 +278,7 @@ TEST(TableAngle, IsFoundAmongOutliers) {
     ASSERT_TRUE(fit.found);
     EXPECT_GE(fit.inliers, 30);
     EXPECT_LT(std::abs(WrapAngle(fit.angle_rad - angle)), 2e-3);
-    EXPECT_FALSE(FitTableAngle(camera, cam_from_world, axis, {}, 2, 8).found);
+    EXPECT_FALSE(FitTableAngle(camera, cam_from_world, axis, std::vector<PointInImage>(), 2, 8).found);
   }
 }
 
