@@ -282,6 +282,34 @@ TEST(TableAngle, IsFoundAmongOutliers) {
   }
 }
 
+TEST(TableAngle, IsFoundFromMatchesWithoutPoints) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  for (const int image : {1, 17, 30}) {
+    std::vector<MatchInPosedImage> matches;
+    for (const ImagePairMatches& pair : features.object_pairs) {
+      if (pair.image2 != image) continue;
+      for (const FeatureMatch& match : pair.matches) {
+        const auto i = static_cast<size_t>(pair.image1);
+        const auto j = static_cast<size_t>(pair.image2);
+        MatchInPosedImage in_image;
+        in_image.xy = features.images[j].keypoints[match.point2D_idx2].cast<double>();
+        in_image.other_camera = &turntable.CameraOf(pair.image1);
+        in_image.other_cam_from_object = turntable.scene.views[i].CamFromObject();
+        in_image.other_xy = features.images[i].keypoints[match.point2D_idx1].cast<double>();
+        if (matches.size() % 3 == 0) in_image.xy = 640 * Vector2d(0.2, 0.3) - 0.4 * in_image.xy;  // wrong
+        matches.push_back(in_image);
+      }
+    }
+    const View& view = turntable.scene.views[static_cast<size_t>(image)];
+    const TableAngleFit fit =
+        FitTableAngle(turntable.CameraOf(image), view.cam_from_world, turntable.scene.axis, matches, 2, 8);
+    ASSERT_TRUE(fit.found);
+    EXPECT_LT(std::abs(WrapAngle(fit.angle_rad - view.angle_deg * 3.14159265358979 / 180)), 3e-3);
+    EXPECT_GT(fit.margin, 1.5);
+  }
+}
+
 TEST(UnmovedKeypoints, FollowTheCommonShift) {
   Keypoints first;
   Keypoints second;
