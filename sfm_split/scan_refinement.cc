@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 
 #include "sfm_split/joint_problem.h"
@@ -21,9 +22,11 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr double kDoubtfulShare = 0.5;   // of the median share of agreeing matches
-constexpr int kMaxDrops = 2;             // of one image
-constexpr double kMaxFocalChange = 1.4;  // of one adjustment; more: it is not observable
+constexpr int kMinEqualSteps = 4;                  // images that tell a station's step
+constexpr double kEqualStepBound = 0.7 * kDegree;  // of an angle from the line of equal steps
+constexpr double kDoubtfulShare = 0.5;             // of the median share of agreeing matches
+constexpr int kMaxDrops = 2;                       // of one image
+constexpr double kMaxFocalChange = 1.4;            // of one adjustment; more: it is not observable
 constexpr float kMaxShakePx = 8;
 constexpr float kMaxUnmovedPx = 1.5F;
 constexpr int kMinObservationsPerImage = 80;
@@ -69,6 +72,8 @@ class Refiner {
   void MendStation(const std::vector<int>& images, double max_error_px);
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
+  std::optional<double> AngleByEqualSteps(int image) const;
+  bool MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   void DropDoubtful(double max_error_px);
   void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
                double angle_rad);
@@ -97,6 +102,7 @@ class Refiner {
   bool has_background_ = false;
   bool holds_cameras_ = false;
   std::map<std::string, int> drops_;
+  std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
   std::map<int, std::map<int, std::map<uint32_t, uint32_t>>> unmoved_;
   std::vector<TrackPoint> object_points_;
@@ -289,6 +295,88 @@ bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, do
                 "camera from the station, table angle from matches");
 }
 
+// The table angle that a station's equal steps give an image, where its other images do lie on a line in the
+// order of names.
+std::optional<double> Refiner::AngleByEqualSteps(int image) const {
+  std::vector<std::pair<int, double>> known;  // place in the order, angle
+  int place = 0;
+  int place_of_image = 0;
+  for (size_t i = 0; i < features_.images.size(); ++i) {
+    if (StationOf(static_cast<int>(i)) != StationOf(image)) continue;
+    if (static_cast<int>(i) == image) place_of_image = place;
+    if (view_of_image_[i] >= 0 && by_steps_.count(static_cast<int>(i)) == 0) {
+      known.emplace_back(place,
+                         aligned_->scene.views[static_cast<size_t>(view_of_image_[i])].angle_deg * kDegree);
+    }
+    ++place;
+  }
+  if (static_cast<int>(known.size()) < kMinEqualSteps) return std::nullopt;
+  // Every pair of neighbours proposes a step.
+  double best_step = 0;
+  double best_offset = 0;
+  int best_at = 0;
+  size_t most = 0;
+  for (size_t k = 1; k < known.size(); ++k) {
+    if (known[k].first != known[k - 1].first + 1) continue;
+    const double step = WrapAngle(known[k].second - known[k - 1].second);
+    const double offset = known[k].second - step * known[k].first;
+    size_t agree = 0;
+    for (const auto& [at, angle] : known) {
+      // The step's own error grows with the distance.
+      const double bound = kEqualStepBound * (1 + std::abs(at - known[k].first));
+      agree += std::abs(WrapAngle(angle - offset - step * at)) < bound ? 1 : 0;
+    }
+    if (agree <= most) continue;
+    most = agree;
+    best_step = step;
+    best_offset = offset;
+    best_at = known[k].first;
+  }
+  if (most < 0.8 * static_cast<double>(known.size()) || static_cast<int>(most) < kMinEqualSteps)
+    return std::nullopt;
+  // A line through what agrees.
+  double n = 0;
+  double sum_k = 0;
+  double sum_kk = 0;
+  double sum_r = 0;
+  double sum_kr = 0;
+  for (const auto& [at, angle] : known) {
+    const double r = WrapAngle(angle - best_offset - best_step * at);
+    if (std::abs(r) > kEqualStepBound * (1 + std::abs(at - best_at))) continue;
+    n += 1;
+    sum_k += at;
+    sum_kk += at * at;
+    sum_r += r;
+    sum_kr += at * r;
+  }
+  const double determinant = n * sum_kk - sum_k * sum_k;
+  if (!(determinant > 0)) return std::nullopt;
+  const double slope = (n * sum_kr - sum_k * sum_r) / determinant;
+  return WrapAngle(best_offset + (sum_r - slope * sum_k) / n + (best_step + slope) * place_of_image);
+}
+
+bool Refiner::MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
+  const std::optional<double> angle = AngleByEqualSteps(image);
+  if (!angle) return false;
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, *angle);
+  const Rigid3 world_from_object{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  const PosedImage posed{true, &CameraOf(image), cam_from_world * world_from_object};
+  const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
+  int inliers = 0;
+  for (const MatchInPosedImage& match : matches) {
+    const PosedImage other{true, match.other_camera, match.other_cam_from_object};
+    inliers += MatchErrorPx(posed, other, match.xy, match.other_xy) <= max_error_px ? 1 : 0;
+  }
+  if (inliers < 2 || 2 * inliers < static_cast<int>(matches.size())) return false;
+  AddView(image, station, cam_from_world, world_from_object, *angle);
+  by_steps_.insert(image);
+  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
+                            "camera from the station, table angle from its equal steps and few matches",
+                            inliers, static_cast<int>(matches.size()), 0});
+  return true;
+}
+
 // Images whose matches contradict their pose, against what the others reach, are taken out; mending may place
 // them anew.
 void Refiner::DropDoubtful(double max_error_px) {
@@ -409,7 +497,9 @@ void Refiner::Mend(double max_error_px) {
       if (view_of_image_[static_cast<size_t>(image)] >= 0) continue;
       if (drops_[features_.images[static_cast<size_t>(image)].name] >= kMaxDrops) continue;
       const View station_view = aligned_->scene.views[static_cast<size_t>(known->second)];
-      MendImage(image, station_view.cam_from_world, station_view.station, max_error_px);
+      if (!MendImage(image, station_view.cam_from_world, station_view.station, max_error_px)) {
+        MendBySteps(image, station_view.cam_from_world, station_view.station, max_error_px);
+      }
     }
   }
   SortViews();
