@@ -53,10 +53,10 @@ __global__ __launch_bounds__(kThreads) void EmitKernel(EmitInput in, Key* keys, 
       reach.tiles = {rect.x, rect.y, rect.z, rect.w};
       reach.id = id;
       reach.offset = end - num_tiles;
+      reach.end = end < in.bound ? end : in.bound;
     }
   }
   ForEachTile(reach, in.width, in.height, [&](uint32_t id, uint64_t position, int tile) {
-    if (position >= in.bound) return;
     keys[position] = static_cast<Key>(tile);
     ids[position] = id;
   });
@@ -70,9 +70,10 @@ __global__ void FindRangesKernel(const Key* keys, uint64_t bound, int num_tiles,
   const uint64_t i = static_cast<uint64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
   const uint64_t count = min(report->num_intersections, bound);
   if (i >= count) return;
-  const auto tile = static_cast<int>(keys[i]);
-  if (i == 0 || static_cast<int>(keys[i - 1]) != tile) begin[tile] = static_cast<uint32_t>(i);
-  if (i == count - 1 || static_cast<int>(keys[i + 1]) != tile) end[tile] = static_cast<uint32_t>(i + 1);
+  const auto tile = static_cast<int64_t>(keys[i]);
+  if (tile >= num_tiles) return;
+  if (i == 0 || static_cast<int64_t>(keys[i - 1]) != tile) begin[tile] = static_cast<uint32_t>(i);
+  if (i == count - 1 || static_cast<int64_t>(keys[i + 1]) != tile) end[tile] = static_cast<uint32_t>(i + 1);
 }
 
 int BitsFor(uint64_t value) {

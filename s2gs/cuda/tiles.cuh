@@ -10,7 +10,8 @@ struct TileReach {
   float cutoff2;
   PixelRect tiles;  ///< candidates; empty for splats that are not drawn.
   uint32_t id;
-  uint64_t offset;  ///< of its first entry in the list of all pairs.
+  uint64_t offset;  ///< of its first entry in the list of all pairs,
+  uint64_t end;     ///< and one past its last.
 };
 
 __device__ inline bool ReachesTile(const TileReach& splat, int tile_x, int tile_y, int width, int height) {
@@ -24,6 +25,8 @@ __device__ inline bool ReachesTile(const TileReach& splat, int tile_x, int tile_
 /// Calls emit(id, position, tile) for each tile that the splats of the warp's lanes reach, position counting
 /// each splat's tiles from its offset, and returns the number of tiles of the calling lane's splat. Small
 /// splats are left to their lanes, large ones are shared by the whole warp. All lanes must call it.
+/// Positions from `end` on are left out: two kernels may round a tile on a splat's border to different sides,
+/// so the second to look may find one more tile than the first, or leave one place unfilled.
 template <typename Emit>
 __device__ int ForEachTile(const TileReach& splat, int width, int height, const Emit& emit) {
   constexpr int kAlone = 12;
@@ -37,7 +40,8 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
     for (int i = 0; i < area; ++i) {
       const int tile_x = splat.tiles.x_begin + i % columns, tile_y = splat.tiles.y_begin + i / columns;
       if (area > 1 && !ReachesTile(splat, tile_x, tile_y, width, height)) continue;
-      emit(splat.id, splat.offset + static_cast<uint64_t>(count), tile_y * tiles_in_row + tile_x);
+      const uint64_t position = splat.offset + static_cast<uint64_t>(count);
+      if (position < splat.end) emit(splat.id, position, tile_y * tiles_in_row + tile_x);
       ++count;
     }
   }
@@ -56,6 +60,7 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
     const int its_columns = of_source(columns), its_area = of_source(area);
     one.id = of_source(splat.id);
     one.offset = of_source(splat.offset);
+    one.end = of_source(splat.end);
     int found = 0;
     for (int base = 0; base < its_area; base += 32) {
       const int i = base + lane;
@@ -63,8 +68,9 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
       const bool reaches = i < its_area && ReachesTile(one, tile_x, tile_y, width, height);
       const unsigned hits = __ballot_sync(kAll, reaches);
       if (reaches) {
-        const int rank = found + __popc(hits & ((1U << lane) - 1));
-        emit(one.id, one.offset + static_cast<uint64_t>(rank), tile_y * tiles_in_row + tile_x);
+        const uint64_t position =
+            one.offset + static_cast<uint64_t>(found + __popc(hits & ((1U << lane) - 1)));
+        if (position < one.end) emit(one.id, position, tile_y * tiles_in_row + tile_x);
       }
       found += __popc(hits);
     }

@@ -334,7 +334,8 @@ TEST_P(BackendTest, DiscsThroughTheCameraPlane) {
 
 TEST_P(BackendTest, ManyLayersKeepTheirTransmittance) {
   constexpr int kLayers = 2000;
-  for (const double opacity : {1.001 / 255, 0.5, 0.99}) {
+  // Not .99: two such layers end on the transmittance 1e-4 that stops compositing, on either side of it.
+  for (const double opacity : {1.001 / 255, 0.5, 0.985}) {
     std::vector<ReferenceGaussian> scene;
     for (int i = 0; i < kLayers; ++i) {
       ReferenceGaussian g{};
