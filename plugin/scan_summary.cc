@@ -106,7 +106,7 @@ void AddFiles(const Workspace& workspace, ScanSummary* summary) {
       {"rotating part", workspace.ObjectModel()},
       {"background", workspace.StaticModel()},
       {"table", workspace.Turntable()},
-      {"top view", workspace.ObjectDatabase().parent_path() / "top_view.svg"},
+      {"top view", workspace.TopView()},
       {"this summary", workspace.ReportJson()},
   };
   for (const auto& [what, path] : candidates) {

@@ -24,6 +24,8 @@ struct Workspace {
   Path SplitLabels() const { return root / "split" / "labels.json"; }
   Path SplitOverlays() const { return root / "split" / "overlays"; }
 
+  Path TopView() const { return root / "split" / "top_view.svg"; }
+
   Path ObjectModel() const { return root / "sparse" / "0"; }       ///< poses are cam_from_object.
   Path StaticModel() const { return root / "sparse" / "static"; }  ///< poses are cam_from_world.
   Path Turntable() const { return root / "turntable.json"; }
