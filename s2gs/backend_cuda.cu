@@ -293,6 +293,7 @@ class CudaBackend : public Backend {
     optimise.splats = input.splats;
     optimise.d_splats = d_splats_.get();
     optimise.d_normal_z = d_normal_z_.get();
+    optimise.d_colors = d_colors_.get();
     optimise.has_geometry = channels.geometry;
     optimise.learns_foreground = learns_foreground;
     optimise.adam = MakeAdamStep<float>(step.iteration);
@@ -428,6 +429,7 @@ class CudaBackend : public Backend {
       CheckCuda(cudaMemsetAsync(d_normal_z_.get(), 0, sizeof(float) * stride_, stream_), "gradients");
     }
     d_logits_.Reserve(stride_);
+    d_colors_.Reserve(6 * stride_);
     gradient_sum_.Reserve(stride_);
     view_count_.Reserve(stride_);
     sorter_.Reserve(static_cast<int64_t>(stride_), 1, 1);
