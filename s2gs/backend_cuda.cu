@@ -640,7 +640,7 @@ class CudaBackend : public Backend {
   DeviceBuffer<float> map_planes_{&memory_}, foreground_plane_{&memory_}, geometry_planes_{&memory_};
   DeviceBuffer<uint32_t> last_{&memory_};
   DeviceBuffer<float> partials_{&memory_}, d_color_{&memory_}, d_foreground_{&memory_}, d_geometry_{&memory_};
-  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_},
+  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, d_colors_{&memory_},
       peak_weights_{&memory_};
 
   DeviceBuffer<LossSums> sums_{&memory_};
