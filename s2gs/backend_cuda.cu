@@ -293,6 +293,7 @@ class CudaBackend : public Backend {
     optimise.splats = input.splats;
     optimise.d_splats = d_splats_.get();
     optimise.d_normal_z = d_normal_z_.get();
+    optimise.d_colors = d_colors_.get();
     optimise.has_geometry = channels.geometry;
     optimise.learns_foreground = learns_foreground;
     optimise.adam = MakeAdamStep<float>(step.iteration);
@@ -428,6 +429,7 @@ class CudaBackend : public Backend {
       CheckCuda(cudaMemsetAsync(d_normal_z_.get(), 0, sizeof(float) * stride_, stream_), "gradients");
     }
     d_logits_.Reserve(stride_);
+    d_colors_.Reserve(6 * stride_);
     gradient_sum_.Reserve(stride_);
     view_count_.Reserve(stride_);
     sorter_.Reserve(static_cast<int64_t>(stride_), 1, 1);
@@ -638,7 +640,7 @@ class CudaBackend : public Backend {
   DeviceBuffer<float> map_planes_{&memory_}, foreground_plane_{&memory_}, geometry_planes_{&memory_};
   DeviceBuffer<uint32_t> last_{&memory_};
   DeviceBuffer<float> partials_{&memory_}, d_color_{&memory_}, d_foreground_{&memory_}, d_geometry_{&memory_};
-  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_},
+  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, d_colors_{&memory_},
       peak_weights_{&memory_};
 
   DeviceBuffer<LossSums> sums_{&memory_};

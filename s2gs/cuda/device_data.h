@@ -72,9 +72,13 @@ __device__ inline Splat<float> Unpack(const float4& a, const float4& b, const fl
   return s;
 }
 
-/// Side of a tile [px]; a block of threads draws one tile, a warp 8 x 4 pixels of it.
+/// Side of a tile [px].
 constexpr int kTile = 16;
 constexpr int kTileThreads = kTile * kTile;
+/// Threads of a block that draws; a warp draws 8 x 4 pixels. Several small blocks share a tile, because a
+/// block ends with the slowest of its warps.
+constexpr int kDrawThreads = 128;
+constexpr int kDrawBlocks = kTileThreads / kDrawThreads;
 
 inline __host__ __device__ int NumTiles(int size) { return (size + kTile - 1) / kTile; }
 

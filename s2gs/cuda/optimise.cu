@@ -60,7 +60,7 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
   SurfelParameters<float> gradient{};
   Vec3<float> d_dc = {0, 0, 0};
   Vec3<float> d_color = {0, 0, 0};
-  float basis[kShRestPerChannel] = {};
+  Vec3<float> direction = {0, 0, 1};
   if (is_drawn) {
     const SurfelParameters<float> g = LoadSurfel(in.parameters, i);
     const SplatCamera<float>& camera = in.view.camera;
@@ -77,7 +77,7 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
     d_surfel.view_direction = ShColorAdjoint(
         kDegree, [&](int k, int channel) { return in.parameters.At(kShRest + 3 * k + channel)[i]; },
         surfel.view_direction, color, d.color, &d_dc, [](int /*k*/, const Vec3<float>& /*d_rest*/) {});
-    ShRestBasis(kDegree, surfel.view_direction, basis);
+    direction = surfel.view_direction;
     ComputeFootprintAdjoint(surfel, camera, footprint, d.footprint, &d_surfel);
     if (in.gradient_sum != nullptr) {
       // By the centre's movement across the image, in 2DGS's units: half the image's size.
@@ -113,43 +113,68 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
   const float dc_rates[3] = {r.sh_dc, r.sh_dc, r.sh_dc};
   UpdatePlanes(in, kShDc, i, dc, dc_rates);
   if constexpr (kDegree > 0) {
-    // In equal parts that the registers hold: 3; 4 + 4; 5 + 5 + 5 coefficients.
-    constexpr int kCount = (kDegree + 1) * (kDegree + 1) - 1;
-    constexpr int kPart = 2 + kDegree;
-    static_assert(kCount % kPart == 0);
-    float rates[3 * kPart];
+    const float shared[6] = {d_color.x, d_color.y, d_color.z, direction.x, direction.y, direction.z};
 #pragma unroll
-    for (float& rate : rates) rate = r.sh_rest;
+    for (int k = 0; k < 6; ++k) in.d_colors[static_cast<size_t>(k) * in.count + i] = shared[k];
+  }
+}
+
+// Three quarters of all parameters are bands 1 to 3 of SH. A thread updates three coefficients in all
+// channels: few registers, and enough threads to keep the memory busy. Coefficients from 3 blockIdx.y on.
+template <int kDegree>
+__global__ __launch_bounds__(kThreads) void OptimiseShRestKernel(OptimiseInput in) {
+  constexpr int kCount = (kDegree + 1) * (kDegree + 1) - 1;
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  const int first = 3 * static_cast<int>(blockIdx.y);
+  if (i >= in.count || in.report->overflow != 0) return;
+  const auto shared = [&](int k) { return in.d_colors[static_cast<size_t>(k) * in.count + i]; };
+  const float d_color[3] = {shared(0), shared(1), shared(2)};
+  float basis[kShRestPerChannel];
+  ShRestBasis(kDegree, Vec3<float>{shared(3), shared(4), shared(5)}, basis);
+  float gradient[9], rates[9];
 #pragma unroll
-    for (int first = 0; first < kCount; first += kPart) {
-      float rest[3 * kPart];
+  for (int k = 0; k < 3; ++k) {
+    float value = 0;
+    // Constant indices keep the basis in registers.
 #pragma unroll
-      for (int k = 0; k < kPart; ++k) {
-        rest[3 * k] = basis[first + k] * d_color.x;
-        rest[3 * k + 1] = basis[first + k] * d_color.y;
-        rest[3 * k + 2] = basis[first + k] * d_color.z;
-      }
-      UpdatePlanes(in, kShRest + 3 * first, i, rest, rates);
+    for (int j = 0; j < kCount; ++j) {
+      if (j == first + k) value = basis[j];
     }
+#pragma unroll
+    for (int channel = 0; channel < 3; ++channel) {
+      gradient[3 * k + channel] = value * d_color[channel];
+      rates[3 * k + channel] = in.rates.sh_rest;
+    }
+  }
+  UpdatePlanes(in, kShRest + 3 * first, i, gradient, rates);
+}
+
+template <int kDegree>
+void Launch(const OptimiseInput& input, cudaStream_t stream) {
+  const unsigned blocks = NumBlocks(input.count, kThreads);
+  OptimiseKernel<kDegree><<<blocks, kThreads, 0, stream>>>(input);
+  if constexpr (kDegree > 0) {
+    // 3, 8 and 15 coefficients; the ninth of degree 2 has no gradient and no moments.
+    constexpr unsigned kParts = ((kDegree + 1) * (kDegree + 1) + 1) / 3;
+    OptimiseShRestKernel<kDegree><<<dim3(blocks, kParts), kThreads, 0, stream>>>(input);
   }
 }
 
 }  // namespace
 
 void Optimise(const OptimiseInput& input, cudaStream_t stream) {
-  const unsigned blocks = NumBlocks(input.count, kThreads);
   switch (input.view.sh_degree) {
     case 0:
-      OptimiseKernel<0><<<blocks, kThreads, 0, stream>>>(input);
+      Launch<0>(input, stream);
       break;
     case 1:
-      OptimiseKernel<1><<<blocks, kThreads, 0, stream>>>(input);
+      Launch<1>(input, stream);
       break;
     case 2:
-      OptimiseKernel<2><<<blocks, kThreads, 0, stream>>>(input);
+      Launch<2>(input, stream);
       break;
     default:
-      OptimiseKernel<3><<<blocks, kThreads, 0, stream>>>(input);
+      Launch<3>(input, stream);
       break;
   }
   CheckCuda(cudaGetLastError(), "optimiser");

@@ -15,6 +15,7 @@ struct OptimiseInput {
   float* d_splats = nullptr;  ///< read, and set to zero for the next step.
   float* d_normal_z = nullptr;
   const float* d_logits = nullptr;  ///< loss of the model by the foreground logits; null: none.
+  float* d_colors = nullptr;  ///< scratch: 6 planes of `count`, loss by the colours and the view directions.
   bool has_geometry = false;
   bool learns_foreground = false;
   AdamStep<float> adam;
@@ -25,8 +26,8 @@ struct OptimiseInput {
   LossSums* sums = nullptr;
 };
 
-/// Gradient by the splats -> gradient by the parameters -> Adam, in one pass over the model. Changes nothing
-/// when the report says overflow.
+/// Gradient by the splats -> gradient by the parameters -> Adam, without a gradient of the model in memory.
+/// Changes nothing when the report says overflow.
 void Optimise(const OptimiseInput& input, cudaStream_t stream);
 
 }  // namespace s2gs::cuda

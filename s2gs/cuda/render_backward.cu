@@ -28,7 +28,7 @@ __device__ float WarpSum16(float (&v)[kPackedFloats]) {
 }
 
 template <typename C>
-__global__ __launch_bounds__(kTileThreads) void RenderBackwardKernel(RenderInput in, Maps maps,
+__global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput in, Maps maps,
                                                                      MapGradients d_maps,
                                                                      Vec3<float> background, float* d_splats,
                                                                      float* d_normal_z) {
@@ -70,7 +70,7 @@ __global__ __launch_bounds__(kTileThreads) void RenderBackwardKernel(RenderInput
 
   // Batches from the back; slot 0 is the hindmost of its batch.
   for (uint32_t left = block_last; left > 0;) {
-    const int count = static_cast<int>(min(left, static_cast<uint32_t>(kTileThreads)));
+    const int count = static_cast<int>(min(left, static_cast<uint32_t>(kDrawThreads)));
     __syncthreads();
     if (static_cast<int>(threadIdx.x) < count) {
       batch.Load(static_cast<int>(threadIdx.x), in.splats, in.tiles.ids[begin + left - 1 - threadIdx.x],
@@ -131,10 +131,10 @@ __global__ __launch_bounds__(kTileThreads) void RenderBackwardKernel(RenderInput
 void RenderBackward(const RenderInput& input, RenderChannels channels, const Maps& maps,
                     const MapGradients& gradients, const Vec3<float>& background, float* d_splats,
                     float* d_normal_z, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.width), NumTiles(input.height));
+  const dim3 grid(NumTiles(input.width), NumTiles(input.height), kDrawBlocks);
   const auto run = [&](auto of) {
     RenderBackwardKernel<decltype(of)>
-        <<<grid, kTileThreads, 0, stream>>>(input, maps, gradients, background, d_splats, d_normal_z);
+        <<<grid, kDrawThreads, 0, stream>>>(input, maps, gradients, background, d_splats, d_normal_z);
   };
   if (channels.geometry) {
     channels.foreground ? run(Channels<true, true>()) : run(Channels<true, false>());

@@ -6,7 +6,7 @@ namespace s2gs::cuda {
 namespace {
 
 template <typename C>
-__global__ __launch_bounds__(kTileThreads) void RenderForwardKernel(RenderInput in, Maps maps) {
+__global__ __launch_bounds__(kDrawThreads) void RenderForwardKernel(RenderInput in, Maps maps) {
   __shared__ SplatBatch batch;
   const TilePixel where = FindTilePixel(in.width, in.height);
   const float pixel_x = static_cast<float>(where.x) + 0.5F, pixel_y = static_cast<float>(where.y) + 0.5F;
@@ -16,9 +16,9 @@ __global__ __launch_bounds__(kTileThreads) void RenderForwardKernel(RenderInput 
   Pixel<float> pixel = EmptyPixel<float>();
   bool is_done = !where.is_inside;
   uint32_t last = 0;
-  for (uint32_t first = begin; first < end; first += kTileThreads) {
+  for (uint32_t first = begin; first < end; first += kDrawThreads) {
     if (__syncthreads_and(is_done) != 0) break;
-    const int count = static_cast<int>(min(end - first, static_cast<uint32_t>(kTileThreads)));
+    const int count = static_cast<int>(min(end - first, static_cast<uint32_t>(kDrawThreads)));
     if (static_cast<int>(threadIdx.x) < count) {
       batch.Load(static_cast<int>(threadIdx.x), in.splats, in.tiles.ids[first + threadIdx.x], C::kGeometry);
     }
@@ -64,7 +64,7 @@ __global__ __launch_bounds__(kTileThreads) void RenderForwardKernel(RenderInput 
 }
 
 // The loop of RenderForwardKernel, for the weights alone.
-__global__ __launch_bounds__(kTileThreads) void PeakWeightsKernel(RenderInput in, uint32_t* peak_bits) {
+__global__ __launch_bounds__(kDrawThreads) void PeakWeightsKernel(RenderInput in, uint32_t* peak_bits) {
   __shared__ SplatBatch batch;
   using C = Channels<false, false>;
   const TilePixel where = FindTilePixel(in.width, in.height);
@@ -73,9 +73,9 @@ __global__ __launch_bounds__(kTileThreads) void PeakWeightsKernel(RenderInput in
   const uint32_t begin = in.tiles.begin[tile], end = in.tiles.end[tile];
   Pixel<float> pixel = EmptyPixel<float>();
   bool is_done = !where.is_inside;
-  for (uint32_t first = begin; first < end; first += kTileThreads) {
+  for (uint32_t first = begin; first < end; first += kDrawThreads) {
     if (__syncthreads_and(is_done) != 0) break;
-    const int count = static_cast<int>(min(end - first, static_cast<uint32_t>(kTileThreads)));
+    const int count = static_cast<int>(min(end - first, static_cast<uint32_t>(kDrawThreads)));
     if (static_cast<int>(threadIdx.x) < count) {
       batch.Load(static_cast<int>(threadIdx.x), in.splats, in.tiles.ids[first + threadIdx.x], false);
     }
@@ -101,15 +101,15 @@ __global__ __launch_bounds__(kTileThreads) void PeakWeightsKernel(RenderInput in
 }  // namespace
 
 void RenderPeakWeights(const RenderInput& input, float* peak_weights, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.width), NumTiles(input.height));
-  PeakWeightsKernel<<<grid, kTileThreads, 0, stream>>>(input, reinterpret_cast<uint32_t*>(peak_weights));
+  const dim3 grid(NumTiles(input.width), NumTiles(input.height), kDrawBlocks);
+  PeakWeightsKernel<<<grid, kDrawThreads, 0, stream>>>(input, reinterpret_cast<uint32_t*>(peak_weights));
   CheckCuda(cudaGetLastError(), "peak weights");
 }
 
 void RenderForward(const RenderInput& input, RenderChannels channels, const Maps& maps, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.width), NumTiles(input.height));
+  const dim3 grid(NumTiles(input.width), NumTiles(input.height), kDrawBlocks);
   const auto run = [&](auto of) {
-    RenderForwardKernel<decltype(of)><<<grid, kTileThreads, 0, stream>>>(input, maps);
+    RenderForwardKernel<decltype(of)><<<grid, kDrawThreads, 0, stream>>>(input, maps);
   };
   if (channels.geometry) {
     channels.foreground ? run(Channels<true, true>()) : run(Channels<true, false>());

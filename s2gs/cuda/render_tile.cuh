@@ -4,7 +4,7 @@
 
 namespace s2gs::cuda {
 
-/// The pixel of the calling thread: a block has 256 threads for a tile of 16 x 16, a warp draws 8 x 4 pixels.
+/// The pixel of the calling thread.
 struct TilePixel {
   int x, y;
   bool is_inside;
@@ -12,7 +12,8 @@ struct TilePixel {
 };
 
 __device__ inline TilePixel FindTilePixel(int width, int height) {
-  const int warp = static_cast<int>(threadIdx.x) / 32, lane = static_cast<int>(threadIdx.x) % 32;
+  const int warp = static_cast<int>(blockIdx.z * kDrawThreads + threadIdx.x) / 32,
+            lane = static_cast<int>(threadIdx.x) % 32;
   const int x0 = static_cast<int>(blockIdx.x) * kTile + (warp % 2) * 8;
   const int y0 = static_cast<int>(blockIdx.y) * kTile + (warp / 2) * 4;
   TilePixel pixel;
@@ -28,9 +29,9 @@ __device__ inline TilePixel FindTilePixel(int width, int height) {
 
 /// A batch of splats in shared memory.
 struct SplatBatch {
-  float4 a[kTileThreads], b[kTileThreads], c[kTileThreads], d[kTileThreads];
-  float normal_z[kTileThreads];
-  uint32_t id[kTileThreads];
+  float4 a[kDrawThreads], b[kDrawThreads], c[kDrawThreads], d[kDrawThreads];
+  float normal_z[kDrawThreads];
+  uint32_t id[kDrawThreads];
 
   __device__ void Load(int slot, const ProjectedSplats& splats, uint32_t which, bool with_normal) {
     const PackedSplat& splat = splats.splats[which];
