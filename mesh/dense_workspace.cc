@@ -74,10 +74,11 @@ ColmapModel WriteDenseWorkspace(const fs::path& folder, const ColmapModel& model
     patch_match += name + "\n__auto__, 20\n";
     reporter.Progress("write dense images", ++count, static_cast<int64_t>(by_name.size()));
   }
-  CreateFolder(folder / "sparse");
-  WriteColmapModel(folder / "sparse", dense, ColmapFormat::kBinary);
   WriteFilesTogether({{stereo / "patch-match.cfg", [&](std::ostream& stream) { stream << patch_match; }},
                       {stereo / "fusion.cfg", [&](std::ostream& stream) { stream << names; }}});
+  // Last: its presence says that the rest is complete.
+  CreateFolder(folder / "sparse");
+  WriteColmapModel(folder / "sparse", dense, ColmapFormat::kBinary);
   return dense;
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "mesh/object_view.h"
@@ -40,15 +42,17 @@ class DepthViewSource {
   virtual int size() const = 0;
   /// Gives the same view for the same index every time. Called from several threads at once, perhaps more
   /// than once for each view. May throw.
-  virtual DepthView Load(int index) const = 0;
+  virtual std::shared_ptr<const DepthView> Load(int index) const = 0;
 };
 
-/// Depth views in memory.
+/// Depth views in memory. It must outlive what Load returns.
 class DepthViewList : public DepthViewSource {
  public:
   explicit DepthViewList(std::vector<DepthView> views) : views_(std::move(views)) {}
   int size() const override { return static_cast<int>(views_.size()); }
-  DepthView Load(int index) const override { return views_[index]; }
+  std::shared_ptr<const DepthView> Load(int index) const override {
+    return {std::shared_ptr<const DepthView>(), &views_[index]};  // not owned
+  }
 
  private:
   std::vector<DepthView> views_;

@@ -1,7 +1,6 @@
 #include "mesh/marching_cubes.h"
 
 #include <algorithm>
-#include <bitset>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -38,8 +37,9 @@ struct BlockVertices {
   uint32_t num_triangles = 0;
 
   uint32_t Vertex(int voxel, int axis) const {
-    const std::bitset<3> lower(axes[voxel] & ((1U << static_cast<unsigned>(axis)) - 1));
-    return first + before[voxel] + static_cast<uint32_t>(lower.count());
+    // Bits below the axis; of two bits, each counts one.
+    const unsigned lower = axes[voxel] & ((1U << static_cast<unsigned>(axis)) - 1);
+    return first + before[voxel] + (lower & 1U) + (lower >> 1U);
   }
 };
 

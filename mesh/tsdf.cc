@@ -4,13 +4,16 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <iterator>
 #include <utility>
 
 #include "mesh/marching_cubes.h"
+#include "mesh/tsdf_cull.h"
 #include "mesh/tsdf_integrate.h"
+#include "mesh/tsdf_kernel_cpu.h"
 #include "mesh/tsdf_view.h"
 #include "mesh/tsdf_view_cache.h"
 
@@ -136,7 +139,8 @@ void TsdfFusion::PlanGrid() {
         "Choose one near that, or 0",
         voxel, pixel));
   }
-  views_->SetReferenceDepth(depth);
+  voxel_params_ = {static_cast<float>(1 / voxel), static_cast<float>(options_.truncation_voxels),
+                   static_cast<float>(depth * depth)};
 }
 
 uint64_t TsdfFusion::BytesNeeded(uint64_t num_blocks) const {
@@ -210,8 +214,9 @@ TsdfVolume TsdfFusion::Fuse() {
     }
   }
   if (integrator == nullptr) integrator = MakeCpuIntegrator(NumThreads(options_), &volume);
-  views_->ForEachBatch("fuse depth maps", reporter_,
-                       [&](const std::vector<const TsdfView*>& views) { integrator->Add(views); });
+  views_->ForEachBatch("fuse depth maps", reporter_, [&](const std::vector<const TsdfView*>& views) {
+    integrator->Add(views, voxel_params_);
+  });
   integrator->Finish();
   summary_.backend = integrator->backend();
   summary_.device = integrator->device();
@@ -219,38 +224,62 @@ TsdfVolume TsdfFusion::Fuse() {
   return volume;
 }
 
+// Neighbours in the mesh are near each other in space, too: they are culled together.
+void TsdfFusion::AddColors(const std::vector<const TsdfView*>& views,
+                           const std::vector<TsdfViewParams>& params,
+                           const std::vector<TsdfDepthTiles>& tiles, const Eigen::Vector3f* vertices,
+                           int size, Eigen::Array4f* sums) const {
+  const TsdfCpuKernel& kernel = BestTsdfCpuKernel();
+  std::array<Eigen::Vector3d, kPointGroup> points;  // in the grid [voxels]
+  Eigen::AlignedBox3d box;
+  for (int i = 0; i < kPointGroup; ++i) {
+    points[i] = (vertices[std::min(i, size - 1)].cast<double>() - origin_) / summary_.voxel_size;
+    box.extend(points[i]);
+  }
+  const auto radius = static_cast<float>(0.505 * box.diagonal().norm() * summary_.voxel_size);
+  for (size_t v = 0; v < views.size(); ++v) {
+    if (views[v]->colors.empty()) continue;
+    const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> rotation(params[v].rotation);
+    const Eigen::Map<const Eigen::Vector3d> translation(params[v].translation);
+    const Eigen::Vector3f middle = (rotation * box.center() + translation).cast<float>();
+    if (!MayMatter(params[v], tiles[v], middle.data(), radius)) continue;
+    alignas(64) float x[3][kPointGroup];
+    alignas(64) int32_t index[kPointGroup];
+    alignas(64) float distance[kPointGroup];
+    alignas(64) float weight[kPointGroup];
+    for (int i = 0; i < kPointGroup; ++i) {
+      const Eigen::Vector3d x_in_cam = rotation * points[i] + translation;
+      for (int axis = 0; axis < 3; ++axis) x[axis][i] = static_cast<float>(x_in_cam[axis]);
+    }
+    kernel.sample_points(params[v], voxel_params_, x[0], x[1], x[2], index, distance, weight);
+    for (int i = 0; i < size; ++i) {
+      if (index[i] < kFirstPixel || !(weight[i] > 0) || std::abs(distance[i]) > kColorDistance) continue;
+      const uint32_t rgb = views[v]->colors[index[i] - kFirstPixel];
+      sums[i] +=
+          weight[i] * Eigen::Array4f(static_cast<float>(rgb & 255U), static_cast<float>(rgb >> 8U & 255U),
+                                     static_cast<float>(rgb >> 16U), 1);
+    }
+  }
+}
+
 void TsdfFusion::ColorVertices(TriangleMesh* mesh) const {
   if (!views_->has_colors() || mesh->vertices.empty()) return;
   const auto count = static_cast<int64_t>(mesh->vertices.size());
   std::vector<Eigen::Array4f> sums(mesh->vertices.size(), Eigen::Array4f::Zero());
-  const TsdfVoxelParams voxel = {static_cast<float>(1 / summary_.voxel_size),
-                                 static_cast<float>(options_.truncation_voxels)};
+  const int64_t num_groups = (count + kPointGroup - 1) / kPointGroup;
   views_->ForEachBatch("colour the mesh", reporter_, [&](const std::vector<const TsdfView*>& views) {
-    std::vector<TsdfViewParams> params;
-    params.reserve(views.size());
-    for (const TsdfView* view : views) params.push_back(ViewParams(*view, origin_, summary_.voxel_size));
-#pragma omp parallel for schedule(dynamic, 1024) num_threads(NumThreads(options_))
-    for (int64_t i = 0; i < count; ++i) {
-      const Eigen::Vector3f x =
-          ((mesh->vertices[i].cast<double>() - origin_) / summary_.voxel_size).cast<float>();
-      for (size_t v = 0; v < views.size(); ++v) {
-        if (views[v]->colors.empty()) continue;
-        float x_in_cam[3];
-        for (int axis = 0; axis < 3; ++axis) {
-          const double* row = params[v].rotation + 3 * axis;
-          x_in_cam[axis] =
-              static_cast<float>(row[0] * x[0] + row[1] * x[1] + row[2] * x[2] + params[v].translation[axis]);
-        }
-        const int index = PlaneIndex(params[v], x_in_cam[0], x_in_cam[1], x_in_cam[2]);
-        if (index < kFirstPixel || !(views[v]->planes[index].weight > 0)) continue;
-        const TsdfSample sample =
-            SampleView(params[v], voxel, views[v]->planes[index], x_in_cam[0], x_in_cam[1], x_in_cam[2]);
-        if (!(sample.weight > 0) || std::abs(sample.distance) > kColorDistance) continue;
-        const uint32_t rgb = views[v]->colors[index - kFirstPixel];
-        sums[i] += sample.weight * Eigen::Array4f(static_cast<float>(rgb & 255U),
-                                                  static_cast<float>(rgb >> 8U & 255U),
-                                                  static_cast<float>(rgb >> 16U), 1);
-      }
+    std::vector<TsdfViewParams> params(views.size());
+    std::vector<TsdfDepthTiles> tiles(views.size());
+#pragma omp parallel for schedule(dynamic) num_threads(NumThreads(options_))
+    for (size_t i = 0; i < views.size(); ++i) {
+      params[i] = ViewParams(*views[i], origin_, summary_.voxel_size);
+      tiles[i] = MakeTsdfDepthTiles(*views[i], summary_.truncation, summary_.voxel_size);
+    }
+#pragma omp parallel for schedule(dynamic, 16) num_threads(NumThreads(options_))
+    for (int64_t group = 0; group < num_groups; ++group) {
+      const int64_t first = group * kPointGroup;
+      const auto size = static_cast<int>(std::min<int64_t>(kPointGroup, count - first));
+      AddColors(views, params, tiles, &mesh->vertices[first], size, &sums[first]);
     }
   });
   mesh->colors.assign(mesh->vertices.size(), Eigen::Matrix<uint8_t, 3, 1>::Zero());

@@ -86,6 +86,8 @@ struct TsdfSummary {
 };
 
 class TsdfViewCache;
+struct TsdfView;
+struct TsdfDepthTiles;
 
 /// Depth maps fused into a surface. The CPU's result is bit-identical for any number of threads.
 class TsdfFusion {
@@ -110,6 +112,9 @@ class TsdfFusion {
  private:
   void PlanGrid();
   void FindBlocks();
+  void AddColors(const std::vector<const TsdfView*>& views, const std::vector<TsdfViewParams>& params,
+                 const std::vector<TsdfDepthTiles>& tiles, const Eigen::Vector3f* vertices, int size,
+                 Eigen::Array4f* sums) const;
   uint64_t BytesNeeded(uint64_t num_blocks) const;
   [[noreturn]] void FailMemory(uint64_t num_blocks) const;
 
@@ -119,6 +124,7 @@ class TsdfFusion {
   Eigen::AlignedBox3d region_;  // in the object's frame: what lies outside are outliers
   Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   TsdfBlockIndex blocks_;
+  TsdfVoxelParams voxel_params_{};
   TsdfSummary summary_;
 };
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,7 @@ class TsdfIntegrator {
   virtual TsdfBackend backend() const = 0;
   virtual std::string device() const = 0;
   /// Views of several calls are added in their order.
-  virtual void Add(const std::vector<const TsdfView*>& views) = 0;
+  virtual void Add(const std::vector<const TsdfView*>& views, const TsdfVoxelParams& params) = 0;
   virtual void Finish() = 0;
 };
 

@@ -1,14 +1,13 @@
 #include "mesh/tsdf_view.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <string>
 #include <utility>
 
 #include "mesh/key_set.h"
+#include "mesh/tsdf_kernel_cpu.h"
 #include "sfm_split/error.h"
 
 namespace s2gs {
@@ -16,7 +15,12 @@ namespace {
 
 // How far around the object the distance to it is kept [px].
 constexpr int kMargin = 40;
+// Values that the slope of a depth map looks at on either side.
+constexpr int kPadding = 2;
 constexpr float kFar = 1e18F;
+// Squares of depths must fit into floats.
+constexpr float kMinDepth = 1e-15F;
+constexpr float kMaxDepth = 1e15F;
 
 void Require(bool condition, const std::string& problem) {
   if (!condition) throw UserError("A depth view cannot be fused: " + problem);
@@ -94,7 +98,7 @@ class ViewBuilder {
         const size_t i = static_cast<size_t>(y) * width_ + x;
         if (HasMask() && MaskAt(x, y) < threshold) continue;
         const float depth = in_.depths[i];
-        const bool has_depth = depth > 1e-30F && depth < 1e30F;
+        const bool has_depth = depth > kMinDepth && depth < kMaxDepth;
         if (!HasMask() && !has_depth) continue;
         states_[i] = has_depth ? kDepth : kObject;
         used_.x0 = std::min(used_.x0, x);
@@ -138,76 +142,71 @@ class ViewBuilder {
     for (size_t i = 0; i < distances.size(); ++i) out_.planes[kFirstPixel + i].weight = -distances[i];
   }
 
-  // 1 / depth, or 0 where there is none. Affine along a plane.
-  float InverseDepth(int x, int y) const {
-    if (x < 0 || y < 0 || x >= width_ || y >= height_ || StateAt(x, y) != kDepth) return 0;
-    return 1.0F / in_.depths[static_cast<size_t>(y) * width_ + x];
-  }
-
-  // Slope of five values in a row at the middle one; nothing when it stands alone. Across an edge or a jump
-  // the side is taken whose continuation meets the middle.
-  static std::optional<float> Slope(const std::array<float, 5>& values, float pixel) {
-    const auto [left2, left, middle, right, right2] = values;
-    const bool has_left = left > 0;
-    const bool has_right = right > 0;
-    if (!has_left && !has_right) return std::nullopt;
-    if (has_left && has_right) {
-      if (std::abs(left + right - 2 * middle) < 0.5F * pixel) return (right - left) / 2;
-      const float left_error = left2 > 0 ? std::abs(2 * left - left2 - middle) : kFar;
-      const float right_error = right2 > 0 ? std::abs(2 * right - right2 - middle) : kFar;
-      const bool take_left = left_error != right_error ? left_error < right_error
-                                                       : std::abs(middle - left) < std::abs(right - middle);
-      return take_left ? middle - left : right - middle;
+  // 1 / depth, or 0 where there is none: affine along a plane. Two values of padding on all sides.
+  std::vector<float> PaddedInverseDepths() const {
+    const int stride = out_.map_width + 2 * kPadding;
+    std::vector<float> padded(static_cast<size_t>(stride) * (out_.map_height + 2 * kPadding));
+    for (int row = 0; row < out_.map_height; ++row) {
+      const size_t first = static_cast<size_t>(out_.map_y + row) * width_ + out_.map_x;
+      float* target = &padded[static_cast<size_t>(row + kPadding) * stride + kPadding];
+      for (int column = 0; column < out_.map_width; ++column) {
+        const float inverse = 1.0F / in_.depths[first + column];
+        target[column] = states_[first + column] == kDepth ? inverse : 0.0F;
+      }
     }
-    return has_left ? middle - left : right - middle;
+    return padded;
   }
 
-  std::optional<Eigen::Vector3f> PlaneFromDepths(int x, int y, const Eigen::Vector3f& ray) const {
-    const float middle = InverseDepth(x, y);
-    const auto fx = static_cast<float>(in_.camera.fx);
-    const auto fy = static_cast<float>(in_.camera.fy);
-    const std::optional<float> slope_x = Slope({InverseDepth(x - 2, y), InverseDepth(x - 1, y), middle,
-                                                InverseDepth(x + 1, y), InverseDepth(x + 2, y)},
-                                               middle / fx);
-    const std::optional<float> slope_y = Slope({InverseDepth(x, y - 2), InverseDepth(x, y - 1), middle,
-                                                InverseDepth(x, y + 1), InverseDepth(x, y + 2)},
-                                               middle / fy);
-    if (!slope_x || !slope_y) return std::nullopt;
-    const float a = *slope_x * fx;
-    const float b = *slope_y * fy;
-    return Eigen::Vector3f(a, b, middle - a * ray.x() - b * ray.y());
-  }
-
-  std::optional<Eigen::Vector3f> PlaneFromNormals(int x, int y, const Eigen::Vector3f& ray) const {
-    if (in_.normals.empty()) return std::nullopt;
+  // Replaces the plane of a pixel where there is a normal.
+  void UseNormal(int x, int y, const Eigen::Vector3f& ray, float min_cosine, PixelPlane* plane) const {
     const size_t pixel = static_cast<size_t>(y) * width_ + x;
     const size_t num_pixels = in_.depths.size();
     const Eigen::Vector3f normal(in_.normals[pixel], in_.normals[num_pixels + pixel],
                                  in_.normals[2 * num_pixels + pixel]);
     const float norm = normal.norm();
-    const float cosine = normal.dot(ray);
-    if (!(norm > 0.5F) || !(norm < 2.0F) || !(cosine < 0)) return std::nullopt;
-    return normal / (cosine * in_.depths[pixel]);
+    const float along_ray = normal.dot(ray);
+    if (!(norm > 0.5F) || !(norm < 2.0F) || !(along_ray < 0)) return;
+    const float depth = in_.depths[pixel];
+    const Eigen::Vector3f abc = normal / (along_ray * depth);
+    const float cosine = -along_ray / (norm * ray.norm());
+    *plane = {abc.x(), abc.y(), abc.z(), cosine >= min_cosine ? cosine / (depth * depth) : 0};
   }
 
   void AddPlanes() {
+    if (out_.map_width == 0) return;
     const auto min_cosine = static_cast<float>(std::cos(options_.max_view_angle_deg * M_PI / 180));
+    const std::vector<float> inverse_depths = PaddedInverseDepths();
+    const int stride = out_.map_width + 2 * kPadding;
+    const TsdfCpuKernel& kernel = BestTsdfCpuKernel();
     std::vector<float> depths;
     for (int row = 0; row < out_.map_height; ++row) {
       PixelPlane* planes = PlaneRow(row);
       const int y = out_.map_y + row;
+      const uint8_t* states = &states_[static_cast<size_t>(y) * width_ + out_.map_x];
       for (int column = 0; column < out_.map_width; ++column) {
+        if (states[column] == kObject) planes[column].weight = 0;
+      }
+      TsdfRowJob job;
+      for (int i = 0; i < 5; ++i) {
+        job.inverse_depths[i] = &inverse_depths[static_cast<size_t>(row + i) * stride + kPadding];
+      }
+      const Eigen::Vector3d first_ray = out_.Ray(0, row);
+      job.count = out_.map_width;
+      job.fx = static_cast<float>(in_.camera.fx);
+      job.fy = static_cast<float>(in_.camera.fy);
+      job.first_ray_x = static_cast<float>(first_ray.x());
+      job.ray_y = static_cast<float>(first_ray.y());
+      job.min_cosine = min_cosine;
+      job.planes = planes;
+      kernel.planes_of_row(job);
+      for (int column = 0; column < out_.map_width; ++column) {
+        if (states[column] != kDepth) continue;
         const int x = out_.map_x + column;
-        if (StateAt(x, y) == kBlank) continue;
-        planes[column].weight = 0;
-        if (StateAt(x, y) != kDepth) continue;
-        const Eigen::Vector3f ray = out_.Ray(column, row).cast<float>();
-        std::optional<Eigen::Vector3f> plane = PlaneFromNormals(x, y, ray);
-        if (!plane) plane = PlaneFromDepths(x, y, ray);
-        if (!plane) continue;
-        const float cosine = InverseDepth(x, y) / (plane->norm() * ray.norm());
-        if (!(cosine >= min_cosine)) continue;
-        planes[column] = {plane->x(), plane->y(), plane->z(), HasMask() ? cosine * MaskAt(x, y) : cosine};
+        if (!in_.normals.empty()) {
+          UseNormal(x, y, out_.Ray(column, row).cast<float>(), min_cosine, &planes[column]);
+        }
+        if (HasMask()) planes[column].weight *= MaskAt(x, y);
+        if (!(planes[column].weight > 0)) continue;
         if (out_.num_depths++ % 16 == 0) depths.push_back(in_.depths[static_cast<size_t>(y) * width_ + x]);
       }
     }
@@ -220,13 +219,17 @@ class ViewBuilder {
   void AddColors() {
     if (in_.colors.pixels.empty()) return;
     out_.colors.resize(out_.planes.size() - kFirstPixel);
-    size_t i = 0;
+    std::vector<int> columns;
+    columns.reserve(out_.map_width);
+    for (int column = 0; column < out_.map_width; ++column) {
+      columns.push_back(Resample(out_.map_x + column + in_.first_position.x(), width_, in_.colors.width));
+    }
+    uint32_t* color = out_.colors.data();
     for (int row = 0; row < out_.map_height; ++row) {
       const int y = Resample(out_.map_y + row + in_.first_position.y(), height_, in_.colors.height);
-      for (int column = 0; column < out_.map_width; ++column) {
-        const int x = Resample(out_.map_x + column + in_.first_position.x(), width_, in_.colors.width);
+      for (const int x : columns) {
         const uint8_t* rgb = in_.colors.Pixel(x, y);
-        out_.colors[i++] = rgb[0] | rgb[1] << 8U | static_cast<uint32_t>(rgb[2]) << 16U;
+        *color++ = rgb[0] | rgb[1] << 8U | static_cast<uint32_t>(rgb[2]) << 16U;
       }
     }
   }
@@ -300,20 +303,6 @@ TsdfView PrepareTsdfView(const DepthView& view, const TsdfOptions& options) {
   return ViewBuilder(view, options).Build();
 }
 
-void WeightByDistance(double reference_depth, TsdfView* view) {
-  for (int row = 0; row < view->map_height; ++row) {
-    PixelPlane* planes = &view->planes[kFirstPixel + static_cast<size_t>(row) * view->map_width];
-    for (int column = 0; column < view->map_width; ++column) {
-      PixelPlane& plane = planes[column];
-      if (!(plane.weight > 0)) continue;
-      const Eigen::Vector3f ray = view->Ray(column, row).cast<float>();
-      const float inverse_depth = plane.a * ray.x() + plane.b * ray.y() + plane.c;
-      const float ratio = static_cast<float>(reference_depth) * inverse_depth;
-      plane.weight *= std::clamp(ratio * ratio, 1e-4F, 1e4F);
-    }
-  }
-}
-
 TsdfViewParams ViewParams(const TsdfView& view, const Eigen::Vector3d& origin_in_object, double voxel_size) {
   TsdfViewParams params{};
   const Eigen::Matrix3d rotation = view.camera.cam_from_object.rotation.toRotationMatrix() * voxel_size;
@@ -324,6 +313,7 @@ TsdfViewParams ViewParams(const TsdfView& view, const Eigen::Vector3d& origin_in
   }
   params.fx = static_cast<float>(view.camera.fx);
   params.fy = static_cast<float>(view.camera.fy);
+  params.focal = std::max(params.fx, params.fy);
   params.cx = static_cast<float>(view.camera.cx - view.first_position.x() + 0.5);
   params.cy = static_cast<float>(view.camera.cy - view.first_position.y() + 0.5);
   params.width = static_cast<float>(view.camera.width);
@@ -362,17 +352,19 @@ std::vector<uint64_t> FindViewBlocks(const TsdfView& view, const TsdfBlockReques
                                      int64_t* num_outliers) {
   KeySet keys;
   const double pixel = view.median_depth / std::sqrt(view.camera.fx * view.camera.fy);
-  // Rays every one or two voxels: closer than the band is thick, so that no block slips through.
-  const int stride = std::clamp(static_cast<int>(request.voxel_size / pixel), 1, 64);
+  // Rays every two voxels: closer than the band is thick, so that no block slips through.
+  const int stride = std::clamp(static_cast<int>(std::lround(2 * request.voxel_size / pixel)), 1, 64);
   const int rays_per_pixel = std::clamp(static_cast<int>(std::ceil(pixel / (2 * request.voxel_size))), 1, 64);
   const int num_steps = static_cast<int>(std::ceil(request.truncation_voxels)) + 1;
   const Rigid3 object_from_cam = view.camera.cam_from_object.Inverse();
   const Eigen::Matrix3d rotation = object_from_cam.rotation.toRotationMatrix() / request.voxel_size;
   const Eigen::Vector3d start =
       (object_from_cam.translation - request.origin) / request.voxel_size + Eigen::Vector3d::Constant(0.5);
+  // Keeps coordinates positive, where a cast rounds down.
+  const Eigen::Vector3d bias = Eigen::Vector3d::Constant(TsdfBlockIndex::kMaxCoordinate);
   const Eigen::AlignedBox3d region((request.region.min() - request.origin) / request.voxel_size,
                                    (request.region.max() - request.origin) / request.voxel_size);
-  std::vector<uint64_t> last(num_steps, ~uint64_t{0});
+  std::vector<Eigen::Array3i> last(num_steps, Eigen::Array3i::Constant(-1));
   for (int row = 0; row < view.map_height; row += stride) {
     const PixelPlane* planes = &view.planes[kFirstPixel + static_cast<size_t>(row) * view.map_width];
     for (int column = 0; column < view.map_width; column += stride) {
@@ -393,13 +385,11 @@ std::vector<uint64_t> FindViewBlocks(const TsdfView& view, const TsdfBlockReques
         const Eigen::Vector3d unit = direction.normalized();
         for (int step = 0; step < num_steps; ++step) {
           const double t = request.truncation_voxels * (2.0 * step / (num_steps - 1) - 1);
-          const Eigen::Vector3d x = (middle + t * unit) / kBlockSide;
-          const uint64_t key = TsdfBlockIndex::BlockKey({static_cast<int>(std::floor(x.x())),
-                                                         static_cast<int>(std::floor(x.y())),
-                                                         static_cast<int>(std::floor(x.z()))});
-          if (key == last[step]) continue;
-          last[step] = key;
-          keys.Insert(key);
+          const Eigen::Array3i biased = ((middle + t * unit) / kBlockSide + bias).array().cast<int>();
+          if ((biased == last[step]).all()) continue;
+          last[step] = biased;
+          keys.Insert(TsdfBlockIndex::BlockKey(biased.matrix() -
+                                               Eigen::Vector3i::Constant(TsdfBlockIndex::kMaxCoordinate)));
         }
       }
     }

@@ -30,12 +30,9 @@ struct TsdfView {
   }
 };
 
-/// Weights are cosines of the viewing angle times the mask; `WeightByDistance` completes them.
-/// Throws UserError when sizes do not fit together or the camera cannot be used.
+/// Weights are cosines of the viewing angle, times the mask, over the square of the depth: a depth's error
+/// grows with it. Throws UserError when sizes do not fit together or the camera cannot be used.
 TsdfView PrepareTsdfView(const DepthView& view, const TsdfOptions& options);
-
-/// A depth's error grows with its square: weights are divided by (depth / reference)^2.
-void WeightByDistance(double reference_depth, TsdfView* view);
 
 TsdfViewParams ViewParams(const TsdfView& view, const Eigen::Vector3d& origin_in_object, double voxel_size);
 

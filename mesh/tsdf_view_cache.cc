@@ -20,16 +20,9 @@ TsdfViewCache::TsdfViewCache(const DepthViewSource& source, const TsdfOptions& o
 std::vector<TsdfView> TsdfViewCache::Prepare(int begin, int end) const {
   std::vector<TsdfView> views(end - begin);
   ParallelFor(end - begin, num_threads_, [&](int64_t i) {
-    views[i] = PrepareTsdfView(source_.Load(begin + static_cast<int>(i)), options_);
-    if (reference_depth_) WeightByDistance(*reference_depth_, &views[i]);
+    views[i] = PrepareTsdfView(*source_.Load(begin + static_cast<int>(i)), options_);
   });
   return views;
-}
-
-void TsdfViewCache::SetReferenceDepth(double depth) {
-  reference_depth_ = depth;
-  ParallelFor(static_cast<int64_t>(kept_.size()), num_threads_,
-              [&](int64_t i) { WeightByDistance(depth, &kept_[i]); });
 }
 
 void TsdfViewCache::ForEachBatch(const char* task, Reporter& reporter, const BatchWork& work) {

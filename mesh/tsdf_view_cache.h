@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <vector>
 
 #include "mesh/depth_view.h"
@@ -24,9 +23,6 @@ class TsdfViewCache {
   /// Batches of all views in their order. Throws what the source and the preparation throw, and Interrupted.
   void ForEachBatch(const char* task, Reporter& reporter, const BatchWork& work);
 
-  /// From now on views' weights fall with the square of their depth over this one.
-  void SetReferenceDepth(double depth);
-
   /// Of the largest batch so far.
   uint64_t peak_bytes() const { return peak_bytes_; }
   bool has_colors() const { return has_colors_; }
@@ -38,7 +34,6 @@ class TsdfViewCache {
   const TsdfOptions& options_;
   const int num_threads_;
   const uint64_t max_bytes_;
-  std::optional<double> reference_depth_;
   bool is_complete_ = false;  // all views are in `kept_`
   std::vector<TsdfView> kept_;
   int batch_size_;

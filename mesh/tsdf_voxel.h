@@ -25,6 +25,7 @@ struct TsdfViewParams {
   double rotation[9];     ///< row-major: camera from object, times the voxel size.
   double translation[3];  ///< of the grid's voxel (0, 0, 0) in the camera's frame.
   float fx, fy;           ///< [px]
+  float focal;            ///< the larger of the two.
   float cx, cy;           ///< principal point, in cells: an integer part is the column or row of a pixel.
   float width, height;    ///< of the whole view [px]
   float map_x, map_y;     ///< first column and row of the map.
@@ -54,13 +55,8 @@ S2GS_HD inline void BlockInCamera(const TsdfViewParams& view, int block_x, int b
 
 struct TsdfVoxelParams {
   float inverse_voxel_size;
-  float truncation;  ///< [voxels]
-};
-
-/// What one view says of one voxel.
-struct TsdfSample {
-  float distance;  ///< signed, positive outside, at most the truncation [voxels].
-  float weight;    ///< 0 when it says nothing.
+  float truncation;    ///< [voxels]
+  float weight_scale;  ///< of pixels: those at the median depth come to about 1, as empty space does.
 };
 
 /// The entry of the view's planes that a point of the camera's frame falls on. Branch-free.
@@ -80,30 +76,37 @@ S2GS_HD inline int PlaneIndex(const TsdfViewParams& view, float x, float y, floa
   return in_map ? pixel : (in_image ? kOutsideMap : kOutsideImage);
 }
 
-/// Signed distance of a voxel to the plane that its pixel sees, rather than the distance along the ray, which
-/// is too long by the cosine of the viewing angle and biases the mean of many views. Behind the surface the
-/// weight falls to zero (Curless and Levoy, SIGGRAPH 1996), and soon: such voxels are hidden, perhaps by an
-/// edge beyond which they lie outside, and only the one next to the surface is needed. Where no object is
+/// What one view says of one voxel: a signed distance, positive outside, at most the truncation [voxels], and
+/// its weight, 0 when it says nothing.
+/// The distance is that to the plane that the voxel's pixel sees, rather than the distance along the ray,
+/// which is too long by the cosine of the viewing angle and biases the mean of many views. Behind the surface
+/// the weight falls to zero (Curless and Levoy, SIGGRAPH 1996), and soon: such voxels are hidden, perhaps by
+/// an edge beyond which they lie outside, and only the one next to the surface is needed. Where no object is
 /// seen the space is empty: it counts once the nearest pixel of the object is further than the truncation,
 /// because only there is the truncated distance known. Branch-free.
-S2GS_HD inline TsdfSample SampleView(const TsdfViewParams& view, const TsdfVoxelParams& params,
-                                     const PixelPlane& plane, float x, float y, float z) {
-  const float dot = plane.a * x + plane.b * y + plane.c * z;  // depth of the voxel over that of the surface
-  const float norm2 = plane.a * plane.a + plane.b * plane.b + plane.c * plane.c;
+/// \param focal  of the view [px]. \param a, b, c, plane_weight  of the voxel's PixelPlane; plain numbers, or
+/// compilers do not vectorise.
+S2GS_HD inline void SamplePlane(const TsdfVoxelParams& params, float focal, float a, float b, float c,
+                                float plane_weight, float x, float y, float z, float* out_distance,
+                                float* out_weight) {
+  const float dot = a * x + b * y + c * z;  // depth of the voxel over that of the surface
+  const float norm2 = a * a + b * b + c * c;
   const float scale = params.inverse_voxel_size / sqrtf(norm2 + 1e-30F);
   const float distance = (1.0F - dot) * scale;
   const float truncation = params.truncation;
   const float behind = truncation < kMaxBehind ? truncation : kMaxBehind;
   // Along the ray the far side of a steep surface is seen through more of it.
   const bool near_ray = z * params.inverse_voxel_size * (dot - 1.0F) <= 2.0F * behind * dot;
-  const bool seen = (plane.weight > 0.0F) & (distance > -behind) & (dot > 0.0F) & near_ray;
+  const bool seen = (plane_weight > 0.0F) & (distance > -behind) & (dot > 0.0F) & near_ray;
   const float fall = (distance + behind) / (behind - 1.0F);
   const float drop = fall < 1.0F ? fall : 1.0F;
   // Pixels times depth over focal length is a length.
-  const bool empty =
-      -plane.weight * z * params.inverse_voxel_size > truncation * (view.fx > view.fy ? view.fx : view.fy);
+  const bool empty = -plane_weight * z * params.inverse_voxel_size > truncation * focal;
   const float clipped = distance < truncation ? distance : truncation;
-  return {seen ? clipped : truncation, seen ? plane.weight * drop : (empty ? 1.0F : 0.0F)};
+  const float seen_weight = plane_weight * params.weight_scale * drop;
+  const float empty_weight = empty ? 1.0F : 0.0F;
+  *out_distance = seen ? clipped : truncation;
+  *out_weight = seen ? seen_weight : empty_weight;
 }
 
 }  // namespace s2gs

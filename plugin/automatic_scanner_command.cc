@@ -110,8 +110,8 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   add("gaussian_renderer", "Masks, depth and normal maps",
       {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu});
   add("tsdf_mesher", "The mesh",
-      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Mesh.keep_disc",
-       settings.keep_disc ? "1" : "0"});
+      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
+       settings.keep_disc ? "0" : "1"});
   return steps;
 }
 

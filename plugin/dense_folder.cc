@@ -13,22 +13,35 @@ namespace {
 
 namespace fs = std::filesystem;
 
-ColmapModel ReadOrWrite(const Workspace& workspace, const fs::path& image_path, Reporter& reporter) {
-  std::error_code ec;
-  if (fs::exists(workspace.DenseModel(), ec)) return ReadColmapModel(workspace.DenseModel());
-  reporter.Info("writing undistorted photos and cameras to " + workspace.Dense().string());
-  return WriteDenseWorkspace(workspace.Dense(), ReadColmapModel(workspace.ObjectModel()),
-                             {workspace.ObjectModel(), image_path, workspace.Masks()}, reporter);
+// Poses that differ by more are not those that the folder was made from.
+constexpr double kSamePose = 1e-9;
+
+bool HasPosesOf(const ColmapModel& model, const fs::path& dense_model) {
+  const ColmapModel dense = ReadColmapModel(dense_model);
+  if (dense.images.size() != model.images.size()) return false;
+  for (const auto& [id, image] : model.images) {
+    const auto found = dense.images.find(id);
+    if (found == dense.images.end() || found->second.name != image.name) return false;
+    const Eigen::Matrix4d difference = found->second.cam_from_world.Matrix() - image.cam_from_world.Matrix();
+    if (!(difference.cwiseAbs().maxCoeff() <= kSamePose)) return false;
+  }
+  return true;
 }
 
 }  // namespace
 
 std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace, const fs::path& image_path,
                                                       Reporter& reporter) {
-  const ColmapModel model = ReadOrWrite(workspace, image_path, reporter);
+  const ColmapModel model = ReadColmapModel(workspace.ObjectModel());
+  std::error_code ec;
+  if (!fs::exists(workspace.DenseModel(), ec) || !HasPosesOf(model, workspace.DenseModel())) {
+    reporter.Info("writing undistorted photos and cameras to " + workspace.Dense().string());
+    WriteDenseWorkspace(workspace.Dense(), model, {workspace.ObjectModel(), image_path, {}}, reporter);
+  }
+  const ColmapModel dense = ReadColmapModel(workspace.DenseModel());
   std::map<std::string, PinholeView> views;
-  for (const auto& [id, image] : model.images) {
-    const Camera& camera = model.cameras.at(image.camera_id);
+  for (const auto& [id, image] : dense.images) {
+    const Camera& camera = dense.cameras.at(image.camera_id);
     if (!IsDistortionFree(camera)) {
       throw UserError(workspace.DenseModel(),
                       "camera " + std::to_string(camera.camera_id) + " has distortion",

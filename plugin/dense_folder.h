@@ -11,7 +11,8 @@
 namespace s2gs {
 
 /// Makes sure that dense/0 is there as colmap image_undistorter leaves it: undistorted photos, their cameras
-/// and poses, stereo/patch-match.cfg and fusion.cfg. An existing one is left as it is.
+/// and poses, stereo/patch-match.cfg and fusion.cfg. An existing one with the poses of sparse/0 is left as it
+/// is.
 /// \return  the intrinsics of every photo of dense/0/sparse, by name, without poses.
 /// Throws UserError when photos are missing or an existing dense/0 has cameras with distortion.
 std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace,

@@ -31,13 +31,13 @@ bool IsPhoto(const fs::path& path) {
 std::vector<fs::path> Photos(const fs::path& image_path) {
   std::vector<fs::path> photos;
   std::error_code ec;
-  for (fs::recursive_directory_iterator entry(image_path, ec), end; !ec && entry != end; entry.increment(ec)) {
+  for (fs::recursive_directory_iterator entry(image_path, ec), end; !ec && entry != end;
+       entry.increment(ec)) {
     if (entry->is_regular_file() && IsPhoto(entry->path())) photos.push_back(entry->path());
   }
   if (ec) throw UserError(image_path, "cannot be listed (" + ec.message() + ")", "Check --image_path");
   std::sort(photos.begin(), photos.end());
-  if (photos.empty())
-    throw UserError(image_path, "has no photos (.jpg, .jpeg, .png)", "Check --image_path");
+  if (photos.empty()) throw UserError(image_path, "has no photos (.jpg, .jpeg, .png)", "Check --image_path");
   return photos;
 }
 
@@ -89,8 +89,7 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
 }  // namespace
 
 OptionCheck SiftExtractionOptions::Check() const {
-  if (max_num_features < 1)
-    return OptionFault{"max_num_features", std::to_string(max_num_features), ">= 1"};
+  if (max_num_features < 1) return OptionFault{"max_num_features", std::to_string(max_num_features), ">= 1"};
   return std::nullopt;
 }
 
@@ -100,12 +99,14 @@ void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction
   auto sift = options.Group("SiftExtraction", &extraction->sift);
   sift.Add("max_num_features", &Sift::max_num_features,
            "features kept of a photo; COLMAP's own 8192 keeps the largest, which lie on the background");
-  sift.Add("max_image_size", &Sift::max_image_size, "longest side to which photos are reduced; empty: COLMAP's");
+  sift.Add("max_image_size", &Sift::max_image_size,
+           "longest side to which photos are reduced; empty: COLMAP's");
   sift.Add("first_octave", &Sift::first_octave, "-1 doubles the photo's size; empty: COLMAP's");
   sift.Add("peak_threshold", &Sift::peak_threshold, "least contrast of a feature; empty: COLMAP's");
   sift.Add("edge_threshold", &Sift::edge_threshold, "bound that keeps edges out; empty: COLMAP's");
   sift.Add("estimate_affine_shape", &Sift::estimate_affine_shape, "affine features; empty: COLMAP's");
-  sift.Add("domain_size_pooling", &Sift::domain_size_pooling, "descriptors of several sizes; empty: COLMAP's");
+  sift.Add("domain_size_pooling", &Sift::domain_size_pooling,
+           "descriptors of several sizes; empty: COLMAP's");
   sift.Add("num_threads", &Sift::num_threads, "threads; empty: COLMAP's");
   sift.Add("use_gpu", &Sift::use_gpu, "extract on the GPU; empty: where COLMAP can");
 }

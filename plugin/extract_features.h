@@ -1,12 +1,14 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 
 #include "plugin/colmap_process.h"
 #include "plugin/options.h"
 #include "plugin/stage.h"
+#include "plugin/workspace.h"
 #include "sfm_split/error.h"
 #include "sfm_split/reporter.h"
 

@@ -34,6 +34,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
+constexpr int kNumOverviewPhotos = 4;
+constexpr int kOverviewWidth = 1600;
+constexpr int kOverviewJpegQuality = 85;
 
 enum class DepthKind : uint8_t { kMedian, kExpected };
 const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};
@@ -50,6 +53,7 @@ struct Arguments {
   bool stereo = true;
   bool pictures = false;
   bool comparison = false;
+  bool overview = true;
   DepthKind depth = DepthKind::kMedian;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
@@ -66,9 +70,11 @@ void AddOptions(Options* options, Arguments* a) {
   options->Add("image_list", &a->image_list,
                "file with the names of the photos to render, one a line; empty: all");
   options->Add("masks", &a->masks, "masks of the rotating part: masks/NAME.png in the workspace, 255 inside");
-  options->Add("stereo", &a->stereo,
-               "depth and normal maps of the rotating part alone: dense/0/stereo/*/NAME.geometric.bin, for "
-               "tsdf_mesher and colmap stereo_fusion; makes dense/0 when there is none");
+  options->Add(
+      "stereo", &a->stereo,
+      "depth maps, normal maps and silhouettes of the rotating part alone: dense/0/stereo/*/"
+      "NAME.geometric.bin and dense/0/masks, for tsdf_mesher and colmap stereo_fusion; makes dense/0 "
+      "when there is none");
   options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
   options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
@@ -119,6 +125,14 @@ RenderRequest WholeScene(const PinholeView& view) {
   return request;
 }
 
+// Half transparent is outside.
+PixelMask OpaqueMask(const RenderedView& view) {
+  PixelMask mask{view.width, view.height, {}};
+  mask.inside.reserve(view.alpha.size());
+  for (const float alpha : view.alpha) mask.inside.push_back(alpha >= 0.5F ? 1 : 0);
+  return mask;
+}
+
 RenderRequest ForegroundAlone(const PinholeView& view) {
   RenderRequest request;
   request.view = view;
@@ -156,6 +170,24 @@ class Renderer {
       WriteImage(InFolder(output_ / "normal" / file), NormalPicture(view));
     }
     if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
+  }
+
+  // Comparisons of a few photos below each other.
+  void WriteOverview(const std::vector<const ScenePhoto*>& photos) {
+    std::vector<Image8> rows;
+    rows.reserve(photos.size());
+    Image8 overview{kOverviewWidth, 0, 3, {}};
+    for (const ScenePhoto* photo : photos) {
+      const RenderedView view = backend_->Render(WholeScene(photo->view));
+      const Image8 row = ComparisonPicture(Photo(*photo), ToImage8(view), MaskImage(RotatingMask(view)));
+      const int height = std::max(1, row.height * kOverviewWidth / row.width);
+      rows.push_back(ResizeByArea(row, kOverviewWidth, height));
+      overview.height += height;
+    }
+    for (const Image8& row : rows) {
+      overview.pixels.insert(overview.pixels.end(), row.pixels.begin(), row.pixels.end());
+    }
+    WriteImage(InFolder(workspace_.Overview()), overview, kOverviewJpegQuality);
   }
 
   // One turn of the table before a camera that stands still.
@@ -201,6 +233,9 @@ class Renderer {
   }
 
   void WriteStereo(const std::string& name, PinholeView view) {
+    RenderRequest silhouette = ForegroundAlone(view);
+    silhouette.geometry = false;
+    WriteImage(InFolder(workspace_.DenseMask(name)), MaskImage(OpaqueMask(backend_->Render(silhouette))));
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
@@ -213,7 +248,6 @@ class Renderer {
     depth_map.values.assign(count, 0);
     normal_map.values.assign(3 * count, 0);
     for (size_t i = 0; i < count; ++i) {
-      // Half transparent is outside.
       if (!(depth[i] > 0) || rendered.alpha[i] < 0.5F) continue;
       const Eigen::Vector3f normal(rendered.normal[3 * i], rendered.normal[3 * i + 1],
                                    rendered.normal[3 * i + 2]);
@@ -284,6 +318,14 @@ void RunGaussianRenderer(CommandContext& context) {
     }
     renderer.RenderPhoto(photo, dense != dense_views.end() ? &dense_view : nullptr);
     reporter.Progress("render", ++done, static_cast<int64_t>(names.size()));
+  }
+  if (a.overview && !renderer.scene().photos.empty()) {
+    const std::vector<ScenePhoto>& all = renderer.scene().photos;
+    const size_t count = std::min<size_t>(kNumOverviewPhotos, all.size());
+    std::vector<const ScenePhoto*> chosen;
+    chosen.reserve(count);
+    for (size_t i = 0; i < count; ++i) chosen.push_back(&all[i * all.size() / count]);
+    renderer.WriteOverview(chosen);
   }
   if (a.num_frames > 0) {
     const auto& photos = renderer.scene().photos;

@@ -77,8 +77,9 @@ void AddOptions(Options& options, Settings* settings) {
             "photos of its station that must show a keypoint unmoved before it is background");
   split.Add("min_moved_px", &MotionSplitOptions::min_moved_px, "smallest move that shows the table turning")
       .Unit("px");
-  split.Add("max_object_steps", &MotionSplitOptions::max_object_steps,
-            "steps of the table up to which all pairs within a station are matched; beyond, ever more sparsely");
+  split.Add(
+      "max_object_steps", &MotionSplitOptions::max_object_steps,
+      "steps of the table up to which all pairs within a station are matched; beyond, ever more sparsely");
   split.Add("station_partners", &MotionSplitOptions::station_partners,
             "best partners of a photo in every other station that it is matched with, with their neighbours");
   split.Add("max_nearby_stations", &MotionSplitOptions::max_nearby_stations,
@@ -122,7 +123,8 @@ void PrintSummary(const MotionSplit& split, const SplitFeatures& features, std::
   out << "case                " << CaptureCaseName(split.capture_case) << '\n'
       << "because             " << split.reason << '\n'
       << "photos              " << features.images.size() << '\n'
-      << "stations            " << split.stations.images.size() << ", the largest of " << largest << " photos\n"
+      << "stations            " << split.stations.images.size() << ", the largest of " << largest
+      << " photos\n"
       << "pairs matched       " << split.num_pairs_matched << " of "
       << features.images.size() * (features.images.size() - 1) / 2 << '\n'
       << "object pairs        " << split.object_pairs.size() << '\n'
@@ -137,7 +139,8 @@ void PrintSummary(const MotionSplit& split, const SplitFeatures& features, std::
 
 void Split(const Settings& settings, const Paths& paths, std::ostream& out, Reporter& reporter) {
   SplitFeatures features = ReadSplitFeatures(settings.database_path);
-  reporter.Info(std::to_string(features.images.size()) + " photos read from " + settings.database_path.string());
+  reporter.Info(std::to_string(features.images.size()) + " photos read from " +
+                settings.database_path.string());
   if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
   const MotionSplit split = SplitMotion(features.images, settings.split, &reporter);
   for (const std::string& warning : split.warnings) reporter.Warn(warning);
@@ -162,8 +165,10 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
 void RunMotionSplitter(CommandContext& context) {
   Settings settings;
   Options& options = context.Declare(
-      "Splits the features of turntable photos into what stands still and what turns, without masks: extracts "
-      "features with `colmap` if that was not done, matches the photos by itself and writes two databases for "
+      "Splits the features of turntable photos into what stands still and what turns, without masks: "
+      "extracts "
+      "features with `colmap` if that was not done, matches the photos by itself and writes two databases "
+      "for "
       "`colmap mapper`, one for each part. Keypoint indices stay those of the database given.",
       "--database_path scan/database.db --image_path scan/images");
   AddOptions(options, &settings);

@@ -40,7 +40,7 @@ Json ReadJson(const fs::path& path) {
 }
 
 void AddSplit(const Workspace& workspace, ScanSummary* summary) {
-  const Json labels = ReadJson(workspace.ObjectDatabase().parent_path() / "labels.json");
+  const Json labels = ReadJson(workspace.SplitLabels());
   if (!labels.is_object()) return;
   const std::string scene_case = labels.value("case", "");
   const std::string reason = labels.value("reason", "");
@@ -101,12 +101,12 @@ void AddFiles(const Workspace& workspace, ScanSummary* summary) {
       {"mesh", workspace.TsdfMesh()},
       {"masks", workspace.Masks()},
       {"Gaussians", workspace.PointCloud()},
-      {"picture", workspace.Own() / "comparison.jpg"},
+      {"picture", workspace.Overview()},
       {"training log", workspace.Log()},
       {"rotating part", workspace.ObjectModel()},
       {"background", workspace.StaticModel()},
       {"table", workspace.Turntable()},
-      {"top view", workspace.ObjectDatabase().parent_path() / "top_view.svg"},
+      {"top view", workspace.TopView()},
       {"this summary", workspace.ReportJson()},
   };
   for (const auto& [what, path] : candidates) {

@@ -1,6 +1,7 @@
 #include "plugin/split_files.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -55,7 +56,8 @@ SplitFeatures ReadSplitFeatures(const fs::path& database_path) {
       throw UserError(database_path, "image " + row.name + " refers to a camera that is not there",
                       "Run `colmap feature_extractor` again on a new database");
     }
-    image.size = Eigen::Vector2i(static_cast<int>(camera->second.width), static_cast<int>(camera->second.height));
+    image.size =
+        Eigen::Vector2i(static_cast<int>(camera->second.width), static_cast<int>(camera->second.height));
     const KeypointMatrix keypoints = database.ReadKeypoints(row.image_id);
     image.keypoints.reserve(keypoints.rows());
     image.scales.reserve(keypoints.rows());

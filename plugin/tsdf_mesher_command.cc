@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <map>
+#include <memory>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -39,10 +40,11 @@ class WorkspaceViews : public DepthViewSource {
 
   int size() const override { return static_cast<int>(files_.size()); }
 
-  DepthView Load(int index) const override {
+  std::shared_ptr<const DepthView> Load(int index) const override {
     const ViewFiles& files = files_[index];
     ColmapMap depths = ReadColmapMap(files.depth, 1);
-    DepthView view;
+    const auto loaded = std::make_shared<DepthView>();
+    DepthView& view = *loaded;
     view.camera = files.camera;
     // Maps of a smaller size show the whole image all the same.
     const double scale_x = static_cast<double>(depths.width) / files.camera.width;
@@ -67,7 +69,7 @@ class WorkspaceViews : public DepthViewSource {
     }
     if (!files.image.empty()) view.colors = ReadImage(files.image, 3);
     if (!files.mask.empty()) view.mask = ReadImage(files.mask, 1);
-    return view;
+    return loaded;
   }
 
  private:

@@ -23,6 +23,7 @@
 #include "sfm_split/file_io.h"
 #include "sfm_split/scan_refinement.h"
 #include "sfm_split/single_axis_scene.h"
+#include "sfm_split/top_view.h"
 #include "sfm_split/turntable_file.h"
 
 namespace s2gs {
@@ -302,6 +303,7 @@ void TurntableMapper::WriteScene(Candidate* candidate, json report) {
     fs::remove_all(workspace_.StaticModel(), ec);
   }
   WriteTurntableFile(workspace_.Turntable(), ToTurntableFile(aligned.scene));
+  WriteTopView(workspace_.TopView(), aligned.scene, aligned.object, aligned.background);
   WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
   report.update(DescribeScene(aligned, candidate->refined));
   seconds_["write"] = watch.Lap();

@@ -4,12 +4,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 
 namespace s2gs {
 namespace {
 
 using nlohmann::json;
+
+constexpr size_t kMaxNamed = 5;
 
 double Median(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -77,6 +80,14 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
                                 {"candidates", image.candidates},
                                 {"margin", image.margin}});
   }
+  report["doubted"] = refined.doubted;
+  report["placed_stations"] = json::array();
+  for (const MendedImage& image : refined.placed_stations) {
+    report["placed_stations"].push_back({{"image", image.name},
+                                         {"inliers", image.inliers},
+                                         {"candidates", image.candidates},
+                                         {"margin", image.margin}});
+  }
   report["stations"] = aligned.scene.num_stations;
   report["scale_observable"] = aligned.scene.scale_observable;
   report["object_placements"] = json::array();
@@ -134,10 +145,16 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
       fmt::format("{} of {}", report.at("registered").get<int>(), report.at("images").get<int>()));
   for (const auto& name : report.at("missing")) row("  missing", name.get<std::string>());
   if (!report.contains("sigma")) return;
+  std::map<std::string, std::vector<std::string>> mended;
   for (const auto& image : report.at("mended")) {
-    row("  mended", fmt::format("{} ({}, {} of {} keypoints)", image.at("name").get<std::string>(),
-                                image.at("how").get<std::string>(), image.at("inliers").get<int>(),
-                                image.at("candidates").get<int>()));
+    mended[image.at("how").get<std::string>()].push_back(
+        fmt::format("{} ({} of {} keypoints)", image.at("name").get<std::string>(),
+                    image.at("inliers").get<int>(), image.at("candidates").get<int>()));
+  }
+  for (const auto& [how, images] : mended) {
+    row("  mended", fmt::format("{} images: {}", images.size(), how));
+    for (size_t k = 0; k < std::min(images.size(), kMaxNamed); ++k) row("", images[k]);
+    if (images.size() > kMaxNamed) row("", fmt::format("and {} more", images.size() - kMaxNamed));
   }
   row("stations", std::to_string(report.at("stations").get<int>()));
   if (report.at("object_placements").size() > 1) {

@@ -24,6 +24,8 @@ struct Workspace {
   Path SplitLabels() const { return root / "split" / "labels.json"; }
   Path SplitOverlays() const { return root / "split" / "overlays"; }
 
+  Path TopView() const { return root / "split" / "top_view.svg"; }
+
   Path ObjectModel() const { return root / "sparse" / "0"; }       ///< poses are cam_from_object.
   Path StaticModel() const { return root / "sparse" / "static"; }  ///< poses are cam_from_world.
   Path Turntable() const { return root / "turntable.json"; }
@@ -39,6 +41,8 @@ struct Workspace {
   Path DenseModel() const { return Dense() / "sparse"; }
   Path DepthMaps() const { return Dense() / "stereo" / "depth_maps"; }
   Path NormalMaps() const { return Dense() / "stereo" / "normal_maps"; }
+  /// Silhouettes of the rotating part alone for DenseImages(), as if nothing stood in front of it.
+  Path DenseMask(const std::string& image_name) const { return Dense() / "masks" / (image_name + ".png"); }
   Path DepthMap(const std::string& image_name) const { return DepthMaps() / (image_name + ".geometric.bin"); }
   Path NormalMap(const std::string& image_name) const {
     return NormalMaps() / (image_name + ".geometric.bin");
@@ -52,6 +56,7 @@ struct Workspace {
   // What only s2gs reads.
   Path Own() const { return root / "s2gs"; }
   Path PointCloud() const { return Own() / "point_cloud.ply"; }
+  Path Overview() const { return Own() / "comparison.jpg"; }
   Path Checkpoints() const { return Own() / "checkpoints"; }
   Path Plan() const { return Own() / "plan.json"; }
   Path Log() const { return Own() / "log.jsonl"; }

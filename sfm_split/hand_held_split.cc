@@ -17,12 +17,13 @@ namespace {
 
 constexpr int kNeighbours = 4;
 constexpr int kSimilar = 12;
-constexpr double kOwnBand = 3;            // what lies within so many bounds of a motion is no second motion
-constexpr int kMinBodyKeypoints = 40;     // of an image that shows a body
-constexpr double kMinBodyImages = 0.7;    // share of the images that must show both bodies
-constexpr double kMaxConflicts = 0.05;    // share of the keypoints that were seen moving with both
-constexpr double kMinVotes = 2;           // motions that a keypoint of a body belongs to
-constexpr int kClearMajority = 3;         // votes for the one body for each vote for the other
+constexpr size_t kMaxFeatures = 8192;   // of a photo: here all are matched with all
+constexpr double kOwnBand = 3;          // what lies within so many bounds of a motion is no second motion
+constexpr int kMinBodyKeypoints = 40;   // of an image that shows a body
+constexpr double kMinBodyImages = 0.7;  // share of the images that must show both bodies
+constexpr double kMaxConflicts = 0.05;  // share of the keypoints that were seen moving with both
+constexpr double kMinVotes = 2;         // motions that a keypoint of a body belongs to
+constexpr int kClearMajority = 3;       // votes for the one body for each vote for the other
 constexpr int kGridSize = 8;
 
 std::vector<ImagePair> PlanPairs(const SimilarityMatrix& similarity, const Stations& stations,
@@ -48,8 +49,8 @@ std::vector<ImagePair> PlanPairs(const SimilarityMatrix& similarity, const Stati
 std::vector<VerifiedPair> FindMotions(const SplitMatching& matching, const ImagePairMatches& pair,
                                       int max_motions) {
   std::vector<VerifiedPair> motions;
-  // Matches that stay at their pixel between photos from different places are dust, a watermark, or what little
-  // stands still where everything else turns; any epipole suits them.
+  // Matches that stay at their pixel between photos from different places are dust, a watermark, or what
+  // little stands still where everything else turns; any epipole suits them.
   std::vector<int> left;
   left.reserve(pair.matches.size());
   for (size_t m = 0; m < pair.matches.size(); ++m) {
@@ -143,8 +144,7 @@ BodyVotes CountVotes(const SplitMatching& matching, const std::vector<VerifiedPa
     if (count[0] >= kMinBodyKeypoints && count[1] >= kMinBodyKeypoints)
       result.images_with_both += 1.0 / num_images;
   }
-  result.conflicts =
-      num_voted == 0 ? 0 : static_cast<double>(num_conflicts) / static_cast<double>(num_voted);
+  result.conflicts = num_voted == 0 ? 0 : static_cast<double>(num_conflicts) / static_cast<double>(num_voted);
   return result;
 }
 
@@ -178,7 +178,8 @@ void BecomeTwoBodies(const SplitMatching& matching, const std::vector<VerifiedPa
     split->labels[i].assign(votes.votes[i].size(), KeypointLabel::kUnknown);
     for (size_t k = 0; k < votes.votes[i].size(); ++k) {
       const auto& of_body = votes.votes[i][k];
-      if (of_body[background] >= kMinVotes && of_body[background] > of_body[1 - background] && IsClear(of_body))
+      if (of_body[background] >= kMinVotes && of_body[background] > of_body[1 - background] &&
+          IsClear(of_body))
         split->labels[i][k] = KeypointLabel::kStatic;
     }
   }
@@ -221,7 +222,8 @@ void SplitWithoutStations(const SimilarityMatrix& similarity, bool expect_one_bo
                           MotionSplit* split) {
   const SplitSettings& settings = matching->settings();
   const std::vector<ImagePair> pairs = PlanPairs(similarity, split->stations, settings.split);
-  split->object_matches = matching->Match(pairs, matching->PackAll(), "match photos");
+  split->object_matches = matching->Match(
+      pairs, matching->PackLargest(kMaxFeatures, [](int, uint32_t) { return true; }), "match photos");
   const std::vector<VerifiedPair> motions =
       FindAllMotions(split->object_matches, expect_one_body ? 1 : settings.motion.max_motions, matching);
   std::vector<VerifiedPair> strongest;
@@ -236,8 +238,10 @@ void SplitWithoutStations(const SimilarityMatrix& similarity, bool expect_one_bo
   const std::string measured = Percent(votes.images_with_both) + " of the photos show two motions, " +
                                Percent(votes.conflicts) + " of the keypoints move with both";
   if (votes.images_with_both < kMinBodyImages || votes.conflicts > kMaxConflicts) {
-    split->reason = "no two photos were taken from one camera position, and no second body shows apart from the "
-                    "first: " + measured + ". What can be matched is taken for one body";
+    split->reason =
+        "no two photos were taken from one camera position, and no second body shows apart from the "
+        "first: " +
+        measured + ". What can be matched is taken for one body";
     return BecomeOneBody(*matching, std::move(strongest), split);
   }
   // The background reaches further over the photos than what stands on the table.

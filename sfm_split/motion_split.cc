@@ -13,7 +13,7 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kCoarseFeatures = 400;    // that all images are compared by
+constexpr size_t kCoarseFeatures = 300;    // that all images are compared by
 constexpr double kMinStationImages = 0.5;  // share of the photos that must stand at a station with others
 constexpr double kNoiseLimit = 4;          // matches that moved by more bounds did move
 constexpr double kMinTurningPairs = 0.5;   // pairs of the rotating part per photo
@@ -135,8 +135,9 @@ void Split(SplitMatching* matching, MotionSplit* split) {
                   std::to_string(split->object_pairs.size()) + " pairs of photos show the rest turning";
   if (has_masks) split->reason += "; labels come from the masks";
   if (split->capture_case == CaptureCase::kTurntable && split->static_pairs.empty()) {
-    split->warnings.emplace_back("the background is not recognised from one station to another: each "
-                                 "station's camera position remains unknown");
+    split->warnings.emplace_back(
+        "the background is not recognised from one station to another: each "
+        "station's camera position remains unknown");
   }
 }
 
@@ -156,12 +157,13 @@ const char* CaptureCaseName(CaptureCase capture_case) {
 }
 
 OptionCheck MotionSplitOptions::Check() const {
-  const std::array<std::pair<const char*, int>, 6> positive = {{{"min_static_support", min_static_support},
-                                                                {"max_object_steps", max_object_steps},
-                                                                {"station_partners", station_partners},
-                                                                {"max_nearby_stations", max_nearby_stations},
-                                                                {"min_rotating_matches", min_rotating_matches},
-                                                                {"max_exhaustive_pairs", max_exhaustive_pairs}}};
+  const std::array<std::pair<const char*, int>, 6> positive = {
+      {{"min_static_support", min_static_support},
+       {"max_object_steps", max_object_steps},
+       {"station_partners", station_partners},
+       {"max_nearby_stations", max_nearby_stations},
+       {"min_rotating_matches", min_rotating_matches},
+       {"max_exhaustive_pairs", max_exhaustive_pairs}}};
   for (const auto& [name, value] : positive) {
     if (value < 1) return OptionFault{name, std::to_string(value), ">= 1"};
   }

@@ -31,12 +31,13 @@ struct MotionSplitOptions {
   int min_static_support = 3;
   /// Matches inside a station that move by no more are not evidence of the table's turn [px].
   double min_moved_px = 3;
-  /// Pairs inside a station are all matched up to this many steps of the table apart, then ever more sparsely.
+  /// Pairs inside a station are all matched up to this many steps of the table apart, then ever more
+  /// sparsely.
   int max_object_steps = 6;
   /// Best partners of an image in every other station that it is matched with, with their neighbours.
   int station_partners = 2;
   /// Largest number of other stations that the images of a station are matched with.
-  int max_nearby_stations = 6;
+  int max_nearby_stations = 4;
   /// Verified matches that make a keypoint rotating.
   int min_rotating_matches = 2;
   /// Photos of one body are all matched with one another up to this number of pairs; beyond it neighbours and
@@ -70,15 +71,15 @@ struct VerifiedPair {
 /// The photos taken apart into what stands still and what turns.
 struct MotionSplit {
   CaptureCase capture_case = CaptureCase::kTurntable;
-  std::string reason;                              ///< the measurement behind the case, for people.
-  std::vector<std::string> warnings;               ///< what else was noticed, for people.
+  std::string reason;                 ///< the measurement behind the case, for people.
+  std::vector<std::string> warnings;  ///< what else was noticed, for people.
   Stations stations;
   std::vector<int> representative;                 ///< per station: the image that stands for its background.
   std::vector<std::vector<KeypointLabel>> labels;  ///< per image, per keypoint.
   std::vector<VerifiedPair> object_pairs;
-  std::vector<VerifiedPair> static_pairs;          ///< between representatives of different stations.
-  std::vector<ImagePairMatches> object_matches;    ///< raw matches behind object_pairs.
-  std::vector<ImagePairMatches> static_matches;    ///< raw matches behind static_pairs.
+  std::vector<VerifiedPair> static_pairs;        ///< between representatives of different stations.
+  std::vector<ImagePairMatches> object_matches;  ///< raw matches behind object_pairs.
+  std::vector<ImagePairMatches> static_matches;  ///< raw matches behind static_pairs.
   int64_t num_pairs_matched = 0;
 };
 

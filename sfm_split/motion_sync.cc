@@ -7,7 +7,7 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxIterations = 300;
+constexpr int kMaxIterations = 3000;  // a long chain of photos converges slowly
 constexpr int kMaxSweeps = 50;
 
 // The signed graph as a linear map. Shared keypoints are not expanded into edges: a keypoint seen by d

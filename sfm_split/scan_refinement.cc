@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 
 #include "sfm_split/joint_problem.h"
@@ -20,6 +22,11 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
+constexpr int kMinEqualSteps = 4;                  // images that tell a station's step
+constexpr double kEqualStepBound = 0.7 * kDegree;  // of an angle from the line of equal steps
+constexpr double kDoubtfulShare = 0.5;             // of the median share of agreeing matches
+constexpr int kMaxDrops = 2;                       // of one image
+constexpr double kMaxFocalChange = 1.4;            // of one adjustment; more: it is not observable
 constexpr float kMaxShakePx = 8;
 constexpr float kMaxUnmovedPx = 1.5F;
 constexpr int kMinObservationsPerImage = 80;
@@ -61,9 +68,13 @@ class Refiner {
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
   void Mend(double max_error_px);
+  void PlaceStations(double max_error_px);
   void MendStation(const std::vector<int>& images, double max_error_px);
-  bool MendImage(int image, const Rigid3& cam_from_world, int station, const std::string& how,
-                 double max_error_px);
+  bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
+  std::optional<double> AngleByEqualSteps(int image) const;
+  bool MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  void DropDoubtful(double max_error_px);
   void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
                double angle_rad);
   void AddCamera(uint32_t camera_id);
@@ -74,6 +85,7 @@ class Refiner {
                          bool of_object) const;
   std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
   JointReport Adjust(JointModel model, bool covariance);
+  JointReport AdjustWith(JointOptions options);
   void Relabel(double max_error_px);
   void WriteModels();
 
@@ -88,6 +100,9 @@ class Refiner {
   std::vector<int> view_of_image_;
   std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
   bool has_background_ = false;
+  bool holds_cameras_ = false;
+  std::map<std::string, int> drops_;
+  std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
   std::map<int, std::map<int, std::map<uint32_t, uint32_t>>> unmoved_;
   std::vector<TrackPoint> object_points_;
@@ -196,10 +211,11 @@ void Refiner::AddView(int image, int station, const Rigid3& cam_from_world, cons
 
 // The image's keypoints that match a keypoint of a known point.
 std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
+                                       const std::vector<ImagePairMatches>& pairs,
                                        const std::vector<TrackPoint>& points) {
   std::map<std::pair<int, uint32_t>, int> point_of_keypoint;
   std::set<int> partners;
-  for (const ImagePairMatches& pair : features.object_pairs) {
+  for (const ImagePairMatches& pair : pairs) {
     if (pair.image1 == image) partners.insert(pair.image2);
     if (pair.image2 == image) partners.insert(pair.image1);
   }
@@ -211,7 +227,7 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
     }
   }
   std::set<std::pair<uint32_t, int>> seen;  // keypoint, point
-  for (const ImagePairMatches& pair : features.object_pairs) {
+  for (const ImagePairMatches& pair : pairs) {
     if (pair.image1 != image && pair.image2 != image) continue;
     const bool is_first = pair.image1 == image;
     for (const FeatureMatch& match : pair.matches) {
@@ -231,22 +247,185 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
   return result;
 }
 
-bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, const std::string& how,
-                        double max_error_px) {
-  const std::vector<PointInImage> points = PointsSeenBy(image, features_, object_points_);
-  const TurntableAxis& axis = aligned_->scene.axis;
-  const TableAngleFit fit =
-      FitTableAngle(CameraOf(image), cam_from_world, axis, points, max_error_px, options_.min_mend_inliers);
-  if (!fit.found || fit.inliers < options_.min_mend_share * static_cast<double>(points.size()) ||
-      fit.margin < kClearMargin) {
-    return false;
+std::vector<MatchInPosedImage> Refiner::MatchesWithPosed(int image) const {
+  const std::vector<PosedImage> posed = Posed(true);
+  std::vector<MatchInPosedImage> result;
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    if (pair.image1 != image && pair.image2 != image) continue;
+    const bool is_first = pair.image1 == image;
+    const auto other = static_cast<size_t>(is_first ? pair.image2 : pair.image1);
+    if (!posed[other].is_posed) continue;
+    for (const FeatureMatch& match : pair.matches) {
+      const uint32_t mine = is_first ? match.point2D_idx1 : match.point2D_idx2;
+      const uint32_t theirs = is_first ? match.point2D_idx2 : match.point2D_idx1;
+      result.push_back({keypoints_[static_cast<size_t>(image)][mine].cast<double>(), posed[other].camera,
+                        posed[other].cam_from_body, keypoints_[other][theirs].cast<double>()});
+    }
   }
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
-  AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
-          fit.angle_rad);
-  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
-                            static_cast<int>(points.size()), fit.margin});
+  return result;
+}
+
+bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const auto accept = [&](const TableAngleFit& fit, size_t candidates, double min_share, const char* how) {
+    if (!fit.found || fit.margin < kClearMargin ||
+        fit.inliers < min_share * static_cast<double>(candidates)) {
+      return false;
+    }
+    const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
+    AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
+            fit.angle_rad);
+    report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
+                              static_cast<int>(candidates), fit.margin});
+    return true;
+  };
+  const std::vector<PointInImage> points =
+      PointsSeenBy(image, features_, features_.object_pairs, object_points_);
+  if (accept(FitTableAngle(CameraOf(image), cam_from_world, axis, points, max_error_px,
+                           options_.min_mend_inliers),
+             points.size(), options_.min_mend_share,
+             "camera from the station, table angle from the object's points")) {
+    return true;
+  }
+  // Matches say less than points: more of them have to agree.
+  const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
+  return accept(FitTableAngle(CameraOf(image), cam_from_world, axis, matches, 0.5 * max_error_px,
+                              options_.min_mend_inliers + 1),
+                matches.size(), std::max(0.4, options_.min_mend_share),
+                "camera from the station, table angle from matches");
+}
+
+// The table angle that a station's equal steps give an image, where its other images do lie on a line in the
+// order of names.
+std::optional<double> Refiner::AngleByEqualSteps(int image) const {
+  std::vector<std::pair<int, double>> known;  // place in the order, angle
+  int place = 0;
+  int place_of_image = 0;
+  for (size_t i = 0; i < features_.images.size(); ++i) {
+    if (StationOf(static_cast<int>(i)) != StationOf(image)) continue;
+    if (static_cast<int>(i) == image) place_of_image = place;
+    if (view_of_image_[i] >= 0 && by_steps_.count(static_cast<int>(i)) == 0) {
+      known.emplace_back(place,
+                         aligned_->scene.views[static_cast<size_t>(view_of_image_[i])].angle_deg * kDegree);
+    }
+    ++place;
+  }
+  if (static_cast<int>(known.size()) < kMinEqualSteps) return std::nullopt;
+  // Every pair of neighbours proposes a step.
+  double best_step = 0;
+  double best_offset = 0;
+  int best_at = 0;
+  size_t most = 0;
+  for (size_t k = 1; k < known.size(); ++k) {
+    if (known[k].first != known[k - 1].first + 1) continue;
+    const double step = WrapAngle(known[k].second - known[k - 1].second);
+    const double offset = known[k].second - step * known[k].first;
+    size_t agree = 0;
+    for (const auto& [at, angle] : known) {
+      // The step's own error grows with the distance.
+      const double bound = kEqualStepBound * (1 + std::abs(at - known[k].first));
+      agree += std::abs(WrapAngle(angle - offset - step * at)) < bound ? 1 : 0;
+    }
+    if (agree <= most) continue;
+    most = agree;
+    best_step = step;
+    best_offset = offset;
+    best_at = known[k].first;
+  }
+  if (most < 0.8 * static_cast<double>(known.size()) || static_cast<int>(most) < kMinEqualSteps)
+    return std::nullopt;
+  // A line through what agrees.
+  double n = 0;
+  double sum_k = 0;
+  double sum_kk = 0;
+  double sum_r = 0;
+  double sum_kr = 0;
+  for (const auto& [at, angle] : known) {
+    const double r = WrapAngle(angle - best_offset - best_step * at);
+    if (std::abs(r) > kEqualStepBound * (1 + std::abs(at - best_at))) continue;
+    n += 1;
+    sum_k += at;
+    sum_kk += at * at;
+    sum_r += r;
+    sum_kr += at * r;
+  }
+  const double determinant = n * sum_kk - sum_k * sum_k;
+  if (!(determinant > 0)) return std::nullopt;
+  const double slope = (n * sum_kr - sum_k * sum_r) / determinant;
+  return WrapAngle(best_offset + (sum_r - slope * sum_k) / n + (best_step + slope) * place_of_image);
+}
+
+bool Refiner::MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
+  const std::optional<double> angle = AngleByEqualSteps(image);
+  if (!angle) return false;
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, *angle);
+  const Rigid3 world_from_object{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  const PosedImage posed{true, &CameraOf(image), cam_from_world * world_from_object};
+  const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
+  int inliers = 0;
+  for (const MatchInPosedImage& match : matches) {
+    const PosedImage other{true, match.other_camera, match.other_cam_from_object};
+    inliers += MatchErrorPx(posed, other, match.xy, match.other_xy) <= max_error_px ? 1 : 0;
+  }
+  if (inliers < 2 || 2 * inliers < static_cast<int>(matches.size())) return false;
+  AddView(image, station, cam_from_world, world_from_object, *angle);
+  by_steps_.insert(image);
+  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
+                            "camera from the station, table angle from its equal steps and few matches",
+                            inliers, static_cast<int>(matches.size()), 0});
   return true;
+}
+
+// Images whose matches contradict their pose, against what the others reach, are taken out; mending may place
+// them anew.
+void Refiner::DropDoubtful(double max_error_px) {
+  const std::vector<PosedImage> posed = Posed(true);
+  std::vector<int> agree(posed.size(), 0);
+  std::vector<int> all(posed.size(), 0);
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    for (const FeatureMatch& match : pair.matches) {
+      const bool agrees = MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
+                                       keypoints_[j][match.point2D_idx2].cast<double>()) <= max_error_px;
+      agree[i] += agrees ? 1 : 0;
+      agree[j] += agrees ? 1 : 0;
+      ++all[i];
+      ++all[j];
+    }
+  }
+  std::vector<double> shares;
+  for (size_t i = 0; i < posed.size(); ++i) {
+    if (posed[i].is_posed && all[i] > 0) shares.push_back(agree[i] / static_cast<double>(all[i]));
+  }
+  if (shares.empty()) return;
+  const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
+  std::nth_element(shares.begin(), middle, shares.end());
+  std::vector<View>& views = aligned_->scene.views;
+  std::set<std::string> gone;
+  for (size_t i = 0; i < posed.size(); ++i) {
+    // An image without matches is where SfM put it for reasons of its own; nothing contradicts it.
+    if (!posed[i].is_posed || all[i] < options_.min_mend_inliers) continue;
+    if (agree[i] >= kDoubtfulShare * *middle * all[i]) continue;
+    const std::string& name = features_.images[i].name;
+    gone.insert(name);
+  }
+  if (gone.empty() || gone.size() * 2 > views.size()) return;
+  // The reference image stays: the object's frame is the world's there.
+  for (const View& view : views) {
+    if (view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12)) {
+      gone.erase(view.name);
+      break;
+    }
+  }
+  views.erase(
+      std::remove_if(views.begin(), views.end(), [&](const View& view) { return gone.count(view.name) > 0; }),
+      views.end());
+  for (const std::string& name : gone) ++drops_[name];
+  report_.doubted.insert(report_.doubted.end(), gone.begin(), gone.end());
+  IndexViews();
 }
 
 // A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
@@ -267,7 +446,8 @@ void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
     Rigid3 cam_from_object;
     cam_from_object.rotation = (given.rotation * to_aligned.rotation.conjugate()).normalized();
     cam_from_object.translation = -(cam_from_object.rotation * (to_aligned * CameraCentre(given)));
-    const std::vector<PointInImage> points = PointsSeenBy(base, features_, object_points_);
+    const std::vector<PointInImage> points =
+        PointsSeenBy(base, features_, features_.object_pairs, object_points_);
     PosedImage posed;
     posed.is_posed = true;
     posed.camera = &CameraOf(base);
@@ -315,12 +495,52 @@ void Refiner::Mend(double max_error_px) {
     if (known == view_of_station.end()) continue;
     for (const int image : images) {
       if (view_of_image_[static_cast<size_t>(image)] >= 0) continue;
+      if (drops_[features_.images[static_cast<size_t>(image)].name] >= kMaxDrops) continue;
       const View station_view = aligned_->scene.views[static_cast<size_t>(known->second)];
-      MendImage(image, station_view.cam_from_world, station_view.station,
-                "table angle from the object's points, camera from its station", max_error_px);
+      if (!MendImage(image, station_view.cam_from_world, station_view.station, max_error_px)) {
+        MendBySteps(image, station_view.cam_from_world, station_view.station, max_error_px);
+      }
     }
   }
   SortViews();
+}
+
+// Stations that the object alone placed may stand anywhere around the axis: the background's points say
+// where.
+void Refiner::PlaceStations(double max_error_px) {
+  std::map<int, std::vector<size_t>> views_of_station;  // in the features' numbers
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    const int station = StationOf(static_cast<int>(i));
+    if (view_of_image_[i] >= 0 && placed_stations_.count(station) == 0) {
+      views_of_station[station].push_back(static_cast<size_t>(view_of_image_[i]));
+    }
+  }
+  for (const auto& [station, views] : views_of_station) {
+    for (size_t i = 0; i < view_of_image_.size(); ++i) {
+      if (StationOf(static_cast<int>(i)) != station) continue;
+      const std::vector<PointInImage> points =
+          PointsSeenBy(static_cast<int>(i), features_, features_.static_pairs, background_points_);
+      if (points.empty()) continue;
+      const TurntableAxis& axis = aligned_->scene.axis;
+      const TableAngleFit fit =
+          FitTableAngle(CameraOf(static_cast<int>(i)), aligned_->scene.views[views[0]].cam_from_world, axis,
+                        points, max_error_px, options_.min_mend_inliers);
+      if (!fit.found || fit.inliers < options_.min_mend_share * static_cast<double>(points.size())) continue;
+      const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
+      const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+      for (const size_t v : views) {
+        View& view = aligned_->scene.views[v];
+        view.cam_from_world = view.cam_from_world * turned_from_world;
+        view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
+        view.angle_deg = WrapAngle(view.angle_deg * kDegree - fit.angle_rad) / kDegree;
+      }
+      placed_stations_.insert(station);
+      report_.placed_stations.push_back({features_.images[i].name,
+                                         "its station was placed by the background's points", fit.inliers,
+                                         static_cast<int>(points.size()), fit.margin});
+      break;
+    }
+  }
 }
 
 // The points with the longest tracks, and more where an image would have few.
@@ -408,8 +628,25 @@ JointReport Refiner::Adjust(JointModel model, bool covariance) {
   JointOptions options = joint_options_;
   options.model = model;
   options.compute_covariance = covariance;
+  return AdjustWith(options);
+}
+
+JointReport Refiner::AdjustWith(JointOptions options) {
+  options.refine_focal_length &= !holds_cameras_;
+  options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
   JointReport report = AdjustJointly(options, reporter_, &problem);
+  bool ran_away = false;
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    const double before = FocalLengths(aligned_->scene.cameras[c]).x();
+    const double after = FocalLengths(problem.cameras[c]).x();
+    ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange);
+  }
+  if (ran_away && !holds_cameras_) {
+    reporter_.Warn("the focal length cannot be observed: cameras are held as they were");
+    holds_cameras_ = true;
+    return AdjustWith(options);
+  }
   ApplyJointProblem(problem, aligned_);
   return report;
 }
@@ -490,9 +727,7 @@ RefineReport Refiner::Run() {
     options.max_rounds = 1;
     options.function_tolerance = 1e-5;
     options.compute_covariance = false;
-    JointProblem problem = MakeJointProblem(*aligned_);
-    AdjustJointly(options, reporter_, &problem);
-    ApplyJointProblem(problem, aligned_);
+    AdjustWith(options);
     reporter_.Debug("adjusted both reconstructions to common cameras");
   }
   if (has_background_) FindUnmoved();
@@ -504,14 +739,19 @@ RefineReport Refiner::Run() {
   for (int round = 0; round < options_.max_rounds; ++round) {
     if (reporter_.StopRequested()) throw Interrupted();
     const auto start = std::chrono::steady_clock::now();
+    if (round > 0) DropDoubtful(max_error_px);
     object_points_ = Triangulate(true, max_error_px);
+    if (has_background_) background_points_ = Triangulate(false, max_error_px);
     for (size_t before = 0; before != aligned_->scene.views.size();) {
       before = aligned_->scene.views.size();
       if (before == features_.images.size()) break;
       Mend(max_error_px);
       if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
     }
-    if (has_background_) background_points_ = Triangulate(false, max_error_px);
+    if (has_background_) {
+      PlaceStations(2 * options_.max_error_px);
+      background_points_ = Triangulate(false, max_error_px);
+    }
     aligned_->object = BuildModel(
         object_points_,
         PointsToAdjust(object_points_, options_.max_adjusted_observations, std::numeric_limits<int>::max()),

@@ -15,7 +15,7 @@ struct RefineOptions {
   int max_rounds = 5;                      ///< of triangulating, mending, adjusting and labelling.
   double max_error_px = 4;                 ///< reprojection error of a keypoint that belongs to a point.
   double min_triangulation_deg = 1.5;      ///< points whose rays all meet at less are left out.
-  int min_mend_inliers = 8;                ///< keypoints that must agree before an image is taken back.
+  int min_mend_inliers = 5;                ///< keypoints that must agree before an image is taken back.
   double min_mend_share = 0.25;            ///< their share of those that could.
   int max_adjusted_observations = 150000;  ///< of the object; more are left out of the adjustment.
   int max_adjusted_background = 1200;      ///< background points in the adjustment.
@@ -46,6 +46,9 @@ struct RefineReport {
   std::vector<ModelTest> model_tests;  ///< of the round that chose the model.
   JointModel model = JointModel::kSharedStations;
   std::vector<MendedImage> mended;
+  std::vector<MendedImage> placed_stations;  ///< by the background, after the object had placed them alone.
+  std::vector<std::string>
+      doubted;  ///< images that were taken out for a while: their matches contradicted them.
   std::vector<std::string> missing;  ///< images with no place in the scene.
   std::vector<RefineRound> rounds;
   bool is_stable = false;                          ///< false: the last round still changed something.

@@ -45,7 +45,8 @@ void SplitMatching::AdaptToNoise(double unmoved_px) {
 PackedImages SplitMatching::PackAll() const {
   PackedImages packed;
   packed.reserve(images_.size());
-  for (const SplitImage& image : images_) packed.emplace_back(image.descriptors.data(), image.keypoints.size());
+  for (const SplitImage& image : images_)
+    packed.emplace_back(image.descriptors.data(), image.keypoints.size());
   return packed;
 }
 
@@ -99,10 +100,10 @@ VerifiedPair SplitMatching::Verify(const ImagePairMatches& pair, const std::vect
   verified.F = motion.F;
   verified.H = motion.H;
   verified.is_planar = motion.is_planar;
-  const double probability = EpipolarInlierProbability(keypoints1, keypoints2, pair.matches, subset,
-                                                       settings_.motion.max_error_px);
-  verified.log_false_alarms = LogFalseAlarms(static_cast<int>(motion.inliers.size()),
-                                             static_cast<int>(subset.size()), probability);
+  const double probability =
+      EpipolarInlierProbability(keypoints1, keypoints2, pair.matches, subset, settings_.motion.max_error_px);
+  verified.log_false_alarms =
+      LogFalseAlarms(static_cast<int>(motion.inliers.size()), static_cast<int>(subset.size()), probability);
   verified.matches.reserve(motion.inliers.size());
   for (const int m : motion.inliers) verified.matches.push_back(pair.matches[m]);
   return verified;

@@ -17,8 +17,8 @@ namespace {
 
 constexpr double kMinStaticShare = 0.25;   // of a station's photos that must show a background keypoint
 constexpr double kMinVerifiedShare = 0.2;  // below it, pairs still further apart are not worth matching
-constexpr size_t kCoarseFeatures = 500;    // that images of different stations are compared by
-constexpr uint32_t kMinCoarseMatches = 6;       // of a pair that is worth matching in full
+constexpr size_t kCoarseFeatures = 300;    // that images of different stations are compared by
+constexpr uint32_t kMinCoarseMatches = 6;  // of a pair that is worth matching in full
 constexpr int kSimilarInStation = 3;
 constexpr int kCloseSteps = 3;         // between photos that show how the table turns
 constexpr double kMinTurnShare = 0.7;  // of their matches that must follow one turn
@@ -57,7 +57,8 @@ class StationSplitter {
   KeypointLabel& Label(int image, uint32_t keypoint) { return split_.labels[image][keypoint]; }
 
   void LabelStaticKeypoints() {
-    still_ = FindStillSupport(matching_.images(), split_.stations, matching_.settings().station.max_unmoved_px);
+    still_ =
+        FindStillSupport(matching_.images(), split_.stations, matching_.settings().station.max_unmoved_px);
     split_.labels.resize(matching_.images().size());
     for (int i = 0; i < matching_.NumImages(); ++i) {
       const SplitImage& image = matching_.images()[i];
@@ -163,8 +164,9 @@ class StationSplitter {
         for (int i = 0; i < n; ++i) pairs.insert(Ordered(station[i], station[(i + step) % n]));
       }
       if (pairs.empty()) break;
-      const double share = static_cast<double>(AddObjectPairs({pairs.begin(), pairs.end()}, "match in stations")) /
-                           static_cast<double>(pairs.size());
+      const double share =
+          static_cast<double>(AddObjectPairs({pairs.begin(), pairs.end()}, "match in stations")) /
+          static_cast<double>(pairs.size());
       if (has_seen_turn && share < kMinVerifiedShare) break;
       has_seen_turn = has_seen_turn || share >= kMinVerifiedShare;
     }
@@ -187,7 +189,8 @@ class StationSplitter {
       for (size_t p = 0; p < station.size(); ++p) place[station[p]] = static_cast<int>(p);
     }
     std::vector<std::vector<const VerifiedPair*>> pairs_of_station(split_.stations.images.size());
-    for (const VerifiedPair& pair : split_.object_pairs) pairs_of_station[StationOf(pair.image1)].push_back(&pair);
+    for (const VerifiedPair& pair : split_.object_pairs)
+      pairs_of_station[StationOf(pair.image1)].push_back(&pair);
     const auto to_turn = [&](const VerifiedPair& pair) {
       TurnMatches matches;
       matches.steps = place[pair.image2] - place[pair.image1];
@@ -206,14 +209,15 @@ class StationSplitter {
     for (size_t s = 0; s < pairs_of_station.size(); ++s) {
       std::vector<TurnMatches> close;
       for (const VerifiedPair* pair : pairs_of_station[s]) {
-        if (std::abs(place[pair->image2] - place[pair->image1]) <= kCloseSteps) close.push_back(to_turn(*pair));
+        if (std::abs(place[pair->image2] - place[pair->image1]) <= kCloseSteps)
+          close.push_back(to_turn(*pair));
       }
       const auto turn = FitStationTurn(close, matching_.sizes()[split_.stations.images[s].front()],
                                        matching_.settings().motion.max_error_px, kMinTurnShare);
       if (!turn) continue;
       for (const VerifiedPair* pair : pairs_of_station[s]) {
         if (FitsItsAngle(*turn, to_turn(*pair), matching_.settings().motion.max_error_px)) continue;
-        // Elements of vector<bool> share bytes: each station's thread must not write at once.
+          // Elements of vector<bool> share bytes: each station's thread must not write at once.
 #pragma omp critical
         is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = true;
       }
@@ -232,8 +236,8 @@ class StationSplitter {
 
   // Photos whose names do not tell the order of capture, and tables turned to and fro.
   void AddSimilarPairs() {
-    const PackedImages largest = matching_.PackLargest(
-        kCoarseFeatures, [&](int i, uint32_t k) { return IsCandidate(i, k); });
+    const PackedImages largest =
+        matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) { return IsCandidate(i, k); });
     std::vector<ImagePair> candidates;
     for (const std::vector<int>& station : split_.stations.images) {
       if (station.size() < 4) continue;
@@ -268,7 +272,8 @@ class StationSplitter {
     const PackedImages packed = matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) {
       return num_rotating[i] >= kEnough ? rotating_[i][k] : IsCandidate(i, k);
     });
-    const SimilarityMatrix similarity = CountMatchesOfAllPairs(packed, matching_.matcher(), matching_.reporter());
+    const SimilarityMatrix similarity =
+        CountMatchesOfAllPairs(packed, matching_.matcher(), matching_.reporter());
 
     std::vector<ImagePair> pairs;
     for (size_t a = 0; a < stations.size(); ++a) {
@@ -370,11 +375,11 @@ class StationSplitter {
 
   // Where the station's representative, between which backgrounds were matched, would show the same ray.
   Eigen::Vector2f ToRepresentative(int image, const Eigen::Vector2f& xy) const {
-    return xy - split_.stations.shift[image] +
-           split_.stations.shift[split_.representative[StationOf(image)]];
+    return xy - split_.stations.shift[image] + split_.stations.shift[split_.representative[StationOf(image)]];
   }
 
-  bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1, const Eigen::Vector2f& xy2) const {
+  bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1,
+               const Eigen::Vector2f& xy2) const {
     if (!background.is_planar)
       return SampsonError(background.F, xy1, xy2) <= matching_.settings().motion.max_error_px;
     const Eigen::Vector3d mapped = background.H * xy1.cast<double>().homogeneous();
@@ -387,8 +392,8 @@ class StationSplitter {
   const MotionSplitOptions& options_;
   MotionSplit& split_;
   StillSupport still_;
-  PackedImages packed_;         // what may turn
-  PackedImages packed_static_;  // what stands still
+  PackedImages packed_;                      // what may turn
+  PackedImages packed_static_;               // what stands still
   std::vector<std::vector<bool>> rotating_;  // with a verified match inside its station
   std::vector<ImagePair> done_;
   std::map<IndexPair, BackgroundMotion> background_;  // from one station to another

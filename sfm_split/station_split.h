@@ -5,8 +5,8 @@
 
 namespace s2gs {
 
-/// The split of photos from stations. `split` comes with its stations, and leaves with labels, representatives
-/// and pairs. Images with given labels keep them.
+/// The split of photos from stations. `split` comes with its stations, and leaves with labels,
+/// representatives and pairs. Images with given labels keep them.
 void SplitByStations(SplitMatching* matching, MotionSplit* split);
 
 /// Final labels and object pairs from the verified pairs and what stood still: a keypoint rotates when enough

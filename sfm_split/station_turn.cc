@@ -13,15 +13,15 @@ namespace s2gs {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr size_t kSearchMatches = 240;   // that rank the starting points
-constexpr size_t kFitMatches = 3000;     // that the fit uses
-constexpr int kNumRefined = 12;          // starting points that are refined
+constexpr size_t kSearchMatches = 240;  // that rank the starting points
+constexpr size_t kFitMatches = 3000;    // that the fit uses
+constexpr int kNumRefined = 12;         // starting points that are refined
 constexpr int kMaxIterations = 40;
-constexpr double kSlack = 2;             // errors of a family fitted to many pairs, over those of one pair's fit
+constexpr double kSlack = 2;  // errors of a family fitted to many pairs, over those of one pair's fit
 constexpr double kAngleSlackRad = 8 * kPi / 180;
 constexpr double kAngleSlackShare = 0.1;
-constexpr double kFitsShare = 0.5;       // of a pair's matches that must follow its angle
-constexpr double kFitsOverBest = 0.8;    // or of the matches that follow the best angle
+constexpr double kFitsShare = 0.5;     // of a pair's matches that must follow its angle
+constexpr double kFitsOverBest = 0.8;  // or of the matches that follow the best angle
 
 // log(focal / longest side), elevation, roll, offset of the foot, step.
 using Parameters = Eigen::Matrix<double, 5, 1>;
@@ -184,10 +184,9 @@ std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs,
     Refine(size, few, 4 * max_error_px, &p);
     cost = Refine(size, few, max_error_px, &p);
   }
-  Parameters best =
-      std::min_element(starts.begin(), starts.end(), [](const auto& a, const auto& b) {
-        return a.first < b.first;
-      })->second;
+  Parameters best = std::min_element(starts.begin(), starts.end(), [](const auto& a, const auto& b) {
+                      return a.first < b.first;
+                    })->second;
   Refine(size, many, max_error_px, &best);
   StationTurn turn = ToTurn(best, size);
   Errors(best, size, many, kSlack * max_error_px, &errors);
@@ -211,7 +210,8 @@ bool FitsItsAngle(const StationTurn& turn, const TurnMatches& pair, double max_e
     if (std::abs(std::remainder(theta - expected, 2 * kPi)) <= slack)
       at_expected = std::max(at_expected, count);
   }
-  return at_expected >= kFitsShare * static_cast<double>(pair.xy1.size()) && at_expected >= kFitsOverBest * best;
+  return at_expected >= kFitsShare * static_cast<double>(pair.xy1.size()) &&
+         at_expected >= kFitsOverBest * best;
 }
 
 }  // namespace s2gs

@@ -23,7 +23,8 @@ class KeypointGrid {
     std::vector<uint32_t> cell(image.keypoints.size());
     begin_.assign(static_cast<size_t>(columns_) * rows_ + 1, 0);
     for (size_t k = 0; k < cell.size(); ++k) {
-      cell[k] = static_cast<uint32_t>(Row(image.keypoints[k].y()) * columns_ + Column(image.keypoints[k].x()));
+      cell[k] =
+          static_cast<uint32_t>(Row(image.keypoints[k].y()) * columns_ + Column(image.keypoints[k].x()));
       ++begin_[cell[k] + 1];
     }
     for (size_t c = 1; c < begin_.size(); ++c) begin_[c] += begin_[c - 1];
@@ -88,8 +89,8 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
   for (size_t i = 0; i < images.size(); ++i) {
     const std::vector<int>& station = stations.images[stations.station_of_image[i]];
     const auto num = static_cast<int>(station.size());
-    const auto place = static_cast<int>(
-        std::find(station.begin(), station.end(), static_cast<int>(i)) - station.begin());
+    const auto place =
+        static_cast<int>(std::find(station.begin(), station.end(), static_cast<int>(i)) - station.begin());
     const int num_partners = std::min(num - 1, kMaxPartners);
     result.num_partners[i] = num_partners;
     for (int p = 0; p < num_partners; ++p) {
@@ -103,8 +104,8 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
         grids[j].ForEachNear(xy, radius, [&](uint32_t other) {
           if (is_still || (images[j].keypoints[other] - xy).norm() > radius) return;
           const int32_t dot = Dot(descriptor, images[j].descriptors.data() + size_t{other} * kDescriptorSize);
-          is_still = static_cast<double>(dot) >= kMinCosine * static_cast<double>(norms[i][k]) *
-                                                     static_cast<double>(norms[j][other]);
+          is_still = static_cast<double>(dot) >=
+                     kMinCosine * static_cast<double>(norms[i][k]) * static_cast<double>(norms[j][other]);
         });
         result.support[i][k] += is_still ? 1 : 0;
       }

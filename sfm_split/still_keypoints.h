@@ -13,9 +13,9 @@ struct StillSupport {
 };
 
 /// Looks every keypoint up at its own pixel (moved on by the stations' shake) in the other photos of its
-/// station, up to 32 of them spread evenly: unmoved means a keypoint within max_unmoved_px whose descriptor is
-/// close. Unlike matching by descriptors alone this takes no time to speak of, and repeated texture does not
-/// disturb it.
+/// station, up to 32 of them spread evenly: unmoved means a keypoint within max_unmoved_px whose descriptor
+/// is close. Unlike matching by descriptors alone this takes no time to speak of, and repeated texture does
+/// not disturb it.
 StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stations& stations,
                               double max_unmoved_px);
 

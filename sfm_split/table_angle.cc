@@ -113,4 +113,104 @@ TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, 
   return fit;
 }
 
+TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
+                            const std::vector<MatchInPosedImage>& matches, double max_error_px,
+                            int min_inliers) {
+  struct Rays {
+    Vector3d in_cam;        // of the image, z = 1
+    Vector3d other_in_cam;  // of the other one
+    double focal;
+    const MatchInPosedImage* match;
+  };
+  std::vector<Rays> rays;
+  rays.reserve(matches.size());
+  for (const MatchInPosedImage& match : matches) {
+    const std::optional<Vector3d> u = UnprojectFromImage(camera, match.xy);
+    const std::optional<Vector3d> v = UnprojectFromImage(*match.other_camera, match.other_xy);
+    if (!u || !v) continue;
+    rays.push_back(
+        {*u, *v, 0.25 * (FocalLengths(camera).sum() + FocalLengths(*match.other_camera).sum()), &match});
+  }
+  const auto support = [&](double angle, int* inliers) {
+    const Matrix3d turn = RotationAbout<double>(axis.direction, angle);
+    const Rigid3 cam_from_object =
+        cam_from_world * Rigid3{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+    double score = 0;
+    int count = 0;
+    for (const Rays& ray : rays) {
+      const Rigid3 cam_from_other = cam_from_object * ray.match->other_cam_from_object.Inverse();
+      const Vector3d u = cam_from_other.rotation * ray.other_in_cam;  // the other's ray, in this camera
+      const Vector3d line = cam_from_other.translation.cross(u);
+      const Vector3d other_line =
+          -(cam_from_other.rotation.conjugate() * cam_from_other.translation.cross(ray.in_cam));
+      const double squared = line.head<2>().squaredNorm() + other_line.head<2>().squaredNorm();
+      if (!(squared > 0)) continue;
+      const double error = ray.focal * ray.in_cam.dot(line);
+      const double gain = 1 - error * error / (squared * max_error_px * max_error_px);
+      if (!(gain > 0)) continue;
+      // In front of both: s in_cam = t u + translation with s, t > 0.
+      const double uu = u.squaredNorm();
+      const double vv = ray.in_cam.squaredNorm();
+      const double uv = u.dot(ray.in_cam);
+      const Vector3d& gap = cam_from_other.translation;
+      if (!(uu * ray.in_cam.dot(gap) - uv * u.dot(gap) > 0) ||
+          !(uv * ray.in_cam.dot(gap) - vv * u.dot(gap) > 0)) {
+        continue;
+      }
+      score += gain;
+      ++count;
+    }
+    if (inliers != nullptr) *inliers = count;
+    return score;
+  };
+
+  const Vector3d& n = axis.direction;
+  const Vector3d centre = CameraCentre(cam_from_world);
+  const size_t stride = std::max<size_t>(1, rays.size() / kMaxProposals);
+  std::vector<std::pair<double, double>> votes;  // support, angle
+  for (size_t k = 0; k < rays.size(); k += stride) {
+    // The object's ray d1 turned by the angle meets the image's ray d2: alpha + beta cos + gamma sin = 0 for
+    // the moments about the axis' point (single_axis.h).
+    const Rigid3& other = rays[k].match->other_cam_from_object;
+    const Vector3d d1 = (other.rotation.conjugate() * rays[k].other_in_cam).normalized();
+    const Vector3d d2 = (cam_from_world.rotation.conjugate() * rays[k].in_cam).normalized();
+    const Vector3d m1 = (CameraCentre(other) - axis.point).cross(d1);
+    const Vector3d m2 = (centre - axis.point).cross(d2);
+    const double alpha = d2.dot(n) * n.dot(m1) + m2.dot(n) * n.dot(d1);
+    const double beta = d2.dot(m1) + m2.dot(d1) - alpha;
+    const double gamma = n.dot(m1.cross(d2)) + n.dot(d1.cross(m2));
+    const double phase = std::atan2(gamma, beta);
+    const double amplitude = std::hypot(beta, gamma);
+    if (amplitude == 0) continue;
+    const double cosine = std::clamp(-alpha / amplitude, -1.0, 1.0);
+    for (const double sign : {1.0, -1.0}) {
+      const double angle = phase + sign * std::acos(cosine);
+      votes.emplace_back(support(angle, nullptr), angle);
+    }
+  }
+  TableAngleFit fit;
+  if (votes.empty()) return fit;
+  std::sort(votes.rbegin(), votes.rend());
+  double other = 0;
+  for (const auto& [score, candidate] : votes) {
+    if (std::abs(WrapAngle(candidate - votes[0].second)) > kDistinctAngles) other = std::max(other, score);
+  }
+  // Uphill from the best proposal, in steps that shrink.
+  double angle = votes[0].second;
+  double best = votes[0].first;
+  for (double step = kDegree; step > 1e-5 * kDegree; step *= 0.5) {
+    for (const double candidate : {angle - step, angle + step}) {
+      const double score = support(candidate, nullptr);
+      if (score <= best) continue;
+      best = score;
+      angle = candidate;
+    }
+  }
+  best = support(angle, &fit.inliers);
+  fit.angle_rad = WrapAngle(angle);
+  fit.margin = other > 0 ? best / other : std::numeric_limits<double>::infinity();
+  fit.found = fit.inliers >= min_inliers;
+  return fit;
+}
+
 }  // namespace s2gs

@@ -29,4 +29,19 @@ struct TableAngleFit {
 TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
                             const std::vector<PointInImage>& points, double max_error_px, int min_inliers);
 
+/// A keypoint of the image and its match in another image whose pose is known.
+struct MatchInPosedImage {
+  Eigen::Vector2d xy = Eigen::Vector2d::Zero();  ///< [px]
+  const Camera* other_camera = nullptr;
+  Rigid3 other_cam_from_object;
+  Eigen::Vector2d other_xy = Eigen::Vector2d::Zero();  ///< [px]
+};
+
+/// The same from matches alone, where too few of them see points yet: each proposes the two angles at which
+/// its rays meet, all vote by Sampson's error. Matches with an image of the same camera place propose one
+/// angle only.
+TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
+                            const std::vector<MatchInPosedImage>& matches, double max_error_px,
+                            int min_inliers);
+
 }  // namespace s2gs

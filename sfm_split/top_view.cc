@@ -30,7 +30,8 @@ struct Panel {
 
   Eigen::Vector2d At(const Eigen::Vector3d& x) const {
     const Eigen::Vector3d d = x - middle;
-    return {left_px + kPanelPx / 2 + px_per_unit * d.dot(u), kMarginPx + kPanelPx / 2 - px_per_unit * d.dot(v)};
+    return {left_px + kPanelPx / 2 + px_per_unit * d.dot(u),
+            kMarginPx + kPanelPx / 2 - px_per_unit * d.dot(v)};
   }
 };
 
@@ -78,7 +79,8 @@ void DrawPanel(std::ostream& out, const Panel& panel, const std::string& title, 
   Line(out, panel.At(scene.axis.point - half), panel.At(scene.axis.point + half),
        "stroke=\"#000000\" stroke-width=\"1.5\" stroke-dasharray=\"6 4\"");
   const Eigen::Vector2d foot = panel.At(scene.axis.point);
-  out << "<circle cx=\"" << foot.x() << "\" cy=\"" << foot.y() << "\" r=\"4\" fill=\"none\" stroke=\"#000000\"/>\n";
+  out << "<circle cx=\"" << foot.x() << "\" cy=\"" << foot.y()
+      << "\" r=\"4\" fill=\"none\" stroke=\"#000000\"/>\n";
 
   std::set<int> named;
   for (const View& view : scene.views) {
@@ -92,8 +94,8 @@ void DrawPanel(std::ostream& out, const Panel& panel, const std::string& title, 
     // Where the camera stands in the object's frame: a ring around the table.
     const Eigen::Vector3d around = view.world_from_object.Inverse() * centre;
     const Eigen::Vector2d ring = panel.At(around);
-    out << "<circle cx=\"" << ring.x() << "\" cy=\"" << ring.y() << "\" r=\"2\" fill=\"none\" stroke=\"" << color
-        << "\"/>\n";
+    out << "<circle cx=\"" << ring.x() << "\" cy=\"" << ring.y() << "\" r=\"2\" fill=\"none\" stroke=\""
+        << color << "\"/>\n";
     if (named.size() < 30 && named.insert(view.station).second)
       Text(out, at.x() + 7, at.y() - 5, std::to_string(view.station));
   }

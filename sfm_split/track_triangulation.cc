@@ -340,7 +340,7 @@ double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Ve
   const Vector3d line1 = -(second_from_first.rotation.conjugate() * second_from_first.translation.cross(*v));
   const double squared = line1.head<2>().squaredNorm() + line2.head<2>().squaredNorm();
   const double focal = 0.25 * (FocalLengths(*image1.camera).sum() + FocalLengths(*image2.camera).sum());
-  if (!(squared > 0)) return 0;
+  if (!(squared > 0)) return std::numeric_limits<double>::infinity();  // no baseline
   return focal * std::abs(v->dot(line2)) / std::sqrt(squared);
 }
 

@@ -4,6 +4,7 @@
 # usage: bash tests/run.sh [CTEST_OPTION...]        e.g. bash tests/run.sh -R ColmapModel
 #   BUILD_DIR=DIR   where to build (default: build/tests)
 #   S2GS_CUDA=OFF   leave the CUDA backend out (default AUTO: built when a CUDA Toolkit is found)
+#   S2GS_CUDA_ARCHITECTURES=LIST   GPUs to compile for (default: all that CMakeLists.txt names)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -20,6 +21,7 @@ if ! cmp -s tests/interop/requirements.txt "$venv/requirements.txt"; then
 fi
 
 cmake -S . -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_EXPORT_COMPILE_COMMANDS=ON \
-  -DS2GS_CUDA="${S2GS_CUDA:-AUTO}" -DS2GS_TEST_PYTHON="$PWD/$venv/bin/python"
+  -DS2GS_CUDA="${S2GS_CUDA:-AUTO}" ${S2GS_CUDA_ARCHITECTURES:+-DS2GS_CUDA_ARCHITECTURES="$S2GS_CUDA_ARCHITECTURES"} \
+  -DS2GS_TEST_PYTHON="$PWD/$venv/bin/python"
 cmake --build "$build_dir"
 ctest --test-dir "$build_dir" --output-on-failure --no-tests=error -j "$(nproc)" "$@"

@@ -4,6 +4,7 @@
 //   split_bench --synthetic STATIONS STEPS [SEED]
 //                                          a synthetic capture of STATIONS x STEPS images
 
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -101,7 +102,8 @@ int main(int argc, char** argv) {
   try {
     if (argc == 2) return s2gs::Run(s2gs::ReadSplitFeatures(argv[1]).images);
     if ((argc == 4 || argc == 5) && std::strcmp(argv[1], "--synthetic") == 0) {
-      return s2gs::Run(s2gs::Synthetic(std::atoi(argv[2]), std::atoi(argv[3]), argc == 5 ? std::atoi(argv[4]) : 1));
+      return s2gs::Run(
+          s2gs::Synthetic(std::atoi(argv[2]), std::atoi(argv[3]), argc == 5 ? std::atoi(argv[4]) : 1));
     }
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());

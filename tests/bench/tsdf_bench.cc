@@ -110,7 +110,7 @@ int Run(int num_views, int size_px, int num_threads, TsdfBackend backend, const 
       std::sqrt(square / count), worst);
   if (folder != nullptr) {
     std::vector<DepthView> all;
-    for (int i = 0; i < views.size(); ++i) all.push_back(views.Load(i));
+    for (int i = 0; i < views.size(); ++i) all.push_back(*views.Load(i));
     Write(folder, all, summary.voxel_size, summary.truncation);
   }
   return EXIT_SUCCESS;

@@ -137,9 +137,11 @@ TEST(ScanRefinement, AStationThatTheBackgroundLacksIsPlacedByTheObject) {
   const RefineReport report = RefineScan(features, &object, {}, {}, reporter, &aligned);
   EXPECT_EQ(aligned.scene.views.size(), 36U);
   EXPECT_EQ(aligned.scene.num_stations, 3);
+  EXPECT_EQ(report.placed_stations.size(), 1U);  // around the axis, by the static matches
   const Figures figures = Measure(turntable, aligned);
   EXPECT_LT(figures.composition, 1e-9);
   EXPECT_LT(figures.rotation_max_deg, 0.1);
+  EXPECT_LT(figures.angle_max_deg, 0.1);
 }
 
 TEST(ScanRefinement, TheSingleAxisPlacesWhatFreeSfmCannot) {
@@ -276,7 +278,35 @@ TEST(TableAngle, IsFoundAmongOutliers) {
     ASSERT_TRUE(fit.found);
     EXPECT_GE(fit.inliers, 30);
     EXPECT_LT(std::abs(WrapAngle(fit.angle_rad - angle)), 2e-3);
-    EXPECT_FALSE(FitTableAngle(camera, cam_from_world, axis, {}, 2, 8).found);
+    EXPECT_FALSE(FitTableAngle(camera, cam_from_world, axis, std::vector<PointInImage>(), 2, 8).found);
+  }
+}
+
+TEST(TableAngle, IsFoundFromMatchesWithoutPoints) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  for (const int image : {1, 17, 30}) {
+    std::vector<MatchInPosedImage> matches;
+    for (const ImagePairMatches& pair : features.object_pairs) {
+      if (pair.image2 != image) continue;
+      for (const FeatureMatch& match : pair.matches) {
+        const auto i = static_cast<size_t>(pair.image1);
+        const auto j = static_cast<size_t>(pair.image2);
+        MatchInPosedImage in_image;
+        in_image.xy = features.images[j].keypoints[match.point2D_idx2].cast<double>();
+        in_image.other_camera = &turntable.CameraOf(pair.image1);
+        in_image.other_cam_from_object = turntable.scene.views[i].CamFromObject();
+        in_image.other_xy = features.images[i].keypoints[match.point2D_idx1].cast<double>();
+        if (matches.size() % 3 == 0) in_image.xy = 640 * Vector2d(0.2, 0.3) - 0.4 * in_image.xy;  // wrong
+        matches.push_back(in_image);
+      }
+    }
+    const View& view = turntable.scene.views[static_cast<size_t>(image)];
+    const TableAngleFit fit =
+        FitTableAngle(turntable.CameraOf(image), view.cam_from_world, turntable.scene.axis, matches, 2, 8);
+    ASSERT_TRUE(fit.found);
+    EXPECT_LT(std::abs(WrapAngle(fit.angle_rad - view.angle_deg * 3.14159265358979 / 180)), 3e-3);
+    EXPECT_GT(fit.margin, 1.5);
   }
 }
 

@@ -1,0 +1,287 @@
+// Success rates and errors of the aligned, mended and jointly adjusted turntable over synthetic scenes that
+// get harder in one respect at a time. No SfM runs: its result is the exact models with errors, missing and
+// wrong poses.
+//
+//   turntable_stress [SEEDS] [THREADS]      prints a Markdown table
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <map>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "sfm_split/align_scene.h"
+#include "sfm_split/pose_error.h"
+#include "sfm_split/scan_refinement.h"
+#include "sfm_split/single_axis_scene.h"
+#include "tests/synthetic_models.h"
+#include "tests/synthetic_scan.h"
+
+namespace s2gs {
+namespace {
+
+struct Cell {
+  std::string name;
+  std::function<void(SyntheticTurntableOptions*)> change;
+  double focal_factor = 1;  // what SfM believes, over the truth
+};
+
+struct Outcome {
+  bool success = false;
+  int images = 0;
+  double angle_median_deg = 0;
+  double angle_max_deg = 0;
+  double rotation_median_deg = 0;
+  double rotation_max_deg = 0;
+};
+
+// A run succeeds when every image is there and no table angle is wrong by more.
+constexpr double kMaxAngleErrorDeg = 1;
+
+SyntheticTurntableOptions Baseline() {
+  SyntheticTurntableOptions options;
+  options.stations = 3;
+  options.steps = 10;
+  options.step_deg = 36;
+  options.num_object_points = 220;
+  options.num_platter_points = 80;
+  options.num_background_points = 250;
+  options.max_view_change_deg = 60;
+  options.match_recall = 0.7;
+  options.pixel_noise = 0.5;
+  options.outlier_share = 0.1;
+  return options;
+}
+
+std::vector<Cell> Cells() {
+  std::vector<Cell> cells;
+  cells.push_back({"baseline", [](SyntheticTurntableOptions*) {}});
+  const auto add = [&](const std::string& name, std::function<void(SyntheticTurntableOptions*)> change,
+                       double focal_factor = 1) {
+    cells.push_back({name, std::move(change), focal_factor});
+  };
+  char text[64];
+  const auto label = [&](const char* format, double value) {
+    std::snprintf(text, sizeof(text), format, value);
+    return std::string(text);
+  };
+  for (const double noise : {0.3, 1.0, 3.0}) {
+    add(label("pixel noise %.1f", noise), [=](auto* o) { o->pixel_noise = noise; });
+  }
+  for (const double outliers : {0.3, 0.45, 0.6}) {
+    add(label("outliers %.0f %%", 100 * outliers), [=](auto* o) { o->outlier_share = outliers; });
+  }
+  for (const double share : {0.05, 0.2, 0.8}) {
+    add(label("object's share %.0f %%", 100 * share), [=](auto* o) {
+      o->rotating_share = share;
+      if (share < 0.2) o->num_background_points = 1500;
+    });
+  }
+  for (const int stations : {1, 2, 6}) {
+    add(label("stations %.0f", stations), [=](auto* o) { o->stations = stations; });
+  }
+  for (const int steps : {3, 6, 36, 72}) {
+    add(label("steps %.0f", steps), [=](auto* o) {
+      o->steps = steps;
+      o->step_deg = steps == 3 ? 20 : 360.0 / steps;
+      if (steps > 20) o->stations = 2;
+      if (steps > 20) o->max_view_change_deg = 25;
+    });
+  }
+  for (const double step : {2.0, 10.0, 60.0, 120.0}) {
+    add(label("step %.0f deg", step), [=](auto* o) {
+      o->step_deg = step;
+      o->steps = step > 100 ? 3 : step > 50 ? 6 : 10;
+      if (step > 50) o->max_view_change_deg = 100;
+    });
+  }
+  for (const double tilt : {10.0, 30.0}) {
+    add(label("table tilt %.0f deg", tilt), [=](auto* o) { o->table_tilt_deg = tilt; });
+  }
+  for (const double shake : {0.01, 0.05, 0.2}) {
+    add(label("shake %.2f deg", shake), [=](auto* o) { o->shake_deg = shake; });
+  }
+  for (const double roll : {30.0, 90.0}) {
+    add(label("camera roll %.0f deg", roll), [=](auto* o) { o->roll_deg = roll; });
+  }
+  for (const double focal : {0.5, 2.5, 5.0}) {
+    add(label("focal %.1f widths", focal), [=](auto* o) {
+      o->focal_widths = focal;
+      o->distance = 0.7 * std::max(0.6, focal / 1.2);
+    });
+    add(
+        label("focal %.1f widths, 5 %% wrong", focal),
+        [=](auto* o) {
+          o->focal_widths = focal;
+          o->has_prior_focal = false;
+          o->distance = 0.7 * std::max(0.6, focal / 1.2);
+        },
+        1.05);
+  }
+  for (const double k : {-0.1, 0.1}) {
+    add(label("radial distortion %+.1f", k), [=](auto* o) {
+      o->camera_model = CameraModelId::kSimpleRadial;
+      o->distortion = {k};
+    });
+  }
+  return cells;
+}
+
+double Median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
+  SyntheticTurntableOptions options = Baseline();
+  options.seed = seed;
+  cell.change(&options);
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  ScanFeatures features = SyntheticScanFeatures(turntable);
+  ColmapModel object =
+      SyntheticObjectModel(turntable, {3, Eigen::Quaterniond(0.5, 0.5, 0.5, 0.5), {1, 2, 3}});
+  ColmapModel background = SyntheticStaticModel(turntable);
+  // What is not told is guessed: no distortion, and a focal length that SfM left a little wrong.
+  for (ColmapModel* model : {&object, &background}) {
+    for (auto& [id, camera] : model->cameras) {
+      for (size_t k = InfoOf(camera.model).FirstExtraParam(); k < camera.params.size(); ++k)
+        camera.params[k] *= 0.8;
+    }
+  }
+  ModelFaults faults;
+  faults.rotation_deg = 0.1 + 0.1 * options.pixel_noise;
+  faults.centre_rel = 0.002 + 0.002 * options.pixel_noise;
+  faults.point_rel = 0.001;
+  faults.focal_factor = cell.focal_factor;
+  DamageModel(faults, static_cast<uint32_t>(2 * seed), &background);
+  faults.missing_share = 0.1;
+  faults.wrong_share = 0.1;
+  DamageModel(faults, static_cast<uint32_t>(2 * seed + 1), &object);
+  // The background is mapped from the stations' first images.
+  std::map<int, std::string> first;
+  for (const View& view : turntable.scene.views) first.emplace(view.station, view.name);
+  std::vector<std::string> others;
+  for (const View& view : turntable.scene.views) {
+    if (first.at(view.station) != view.name) others.push_back(view.name);
+  }
+  RemoveImages(others, &background);
+  const bool has_background = options.stations > 1;
+
+  Reporter reporter;
+  JointOptions joint;
+  joint.num_threads = 1;
+  AlignedScene aligned;
+  if (single_axis) {
+    SingleAxisSolution solution;
+    SingleAxisOptions axis_options;
+    axis_options.num_directions = 120;
+    axis_options.max_search_pairs = 30;
+    aligned = SceneFromSingleAxis(features, has_background ? &background : nullptr, axis_options, reporter,
+                                  &solution);
+    if (solution.found) RefineScan(features, nullptr, joint, {}, reporter, &aligned);
+  } else {
+    std::map<std::string, int> stations;
+    for (const ScanImage& image : features.images) stations[image.name] = image.station;
+    aligned = AlignScene(object, has_background ? &background : nullptr, stations);
+    if (!aligned.scene.views.empty()) RefineScan(features, &object, joint, {}, reporter, &aligned);
+  }
+
+  Outcome outcome;
+  outcome.images = static_cast<int>(aligned.scene.views.size());
+  PoseMap estimate;
+  PoseMap truth;
+  std::map<std::string, const View*> truth_of;
+  for (const View& view : turntable.scene.views) {
+    truth[view.name] = view.CamFromObject();
+    truth_of[view.name] = &view;
+  }
+  std::vector<Eigen::Quaterniond> estimated_turns;
+  std::vector<Eigen::Quaterniond> true_turns;
+  // Of each station apart where nothing ties the stations to each other.
+  for (const View& view : aligned.scene.views) {
+    estimate[view.name] = view.CamFromObject();
+    estimated_turns.push_back(view.world_from_object.rotation);
+    true_turns.push_back(truth_of.at(view.name)->world_from_object.rotation);
+  }
+  const std::vector<double> angles =
+      TurntableAngleErrorsDeg(estimated_turns, true_turns, turntable.scene.axis.direction);
+  const PoseErrors errors = ComparePoses(estimate, truth);
+  outcome.angle_median_deg = Median(angles);
+  outcome.rotation_median_deg = Median(errors.rotation_deg);
+  for (const double error : angles) outcome.angle_max_deg = std::max(outcome.angle_max_deg, error);
+  for (const double error : errors.rotation_deg) {
+    outcome.rotation_max_deg = std::max(outcome.rotation_max_deg, error);
+  }
+  outcome.success = outcome.images == static_cast<int>(turntable.scene.views.size()) && !angles.empty() &&
+                    outcome.angle_max_deg <= kMaxAngleErrorDeg;
+  return outcome;
+}
+
+std::string Summary(const std::vector<Outcome>& outcomes) {
+  int successes = 0;
+  std::vector<double> angle_medians;
+  std::vector<double> rotation_medians;
+  double angle_max = 0;
+  double rotation_max = 0;
+  for (const Outcome& outcome : outcomes) {
+    if (!outcome.success) continue;
+    ++successes;
+    angle_medians.push_back(outcome.angle_median_deg);
+    rotation_medians.push_back(outcome.rotation_median_deg);
+    angle_max = std::max(angle_max, outcome.angle_max_deg);
+    rotation_max = std::max(rotation_max, outcome.rotation_max_deg);
+  }
+  char text[160];
+  std::snprintf(text, sizeof(text), "%d of %zu | %.3f / %.2f | %.3f / %.2f", successes, outcomes.size(),
+                Median(angle_medians), angle_max, Median(rotation_medians), rotation_max);
+  return text;
+}
+
+}  // namespace
+}  // namespace s2gs
+
+int main(int argc, char** argv) {
+  const int seeds = argc > 1 ? std::atoi(argv[1]) : 20;
+  const int threads = argc > 2 ? std::atoi(argv[2]) : 2;
+  const std::vector<s2gs::Cell> cells = s2gs::Cells();
+  struct Task {
+    size_t cell;
+    int seed;
+    bool single_axis;
+  };
+  std::vector<Task> tasks;
+  std::vector<std::vector<s2gs::Outcome>> outcomes[2];
+  for (auto& all : outcomes) all.assign(cells.size(), std::vector<s2gs::Outcome>(static_cast<size_t>(seeds)));
+  for (size_t c = 0; c < cells.size(); ++c) {
+    for (int seed = 0; seed < seeds; ++seed) {
+      tasks.push_back({c, seed, false});
+      tasks.push_back({c, seed, true});
+    }
+  }
+  std::atomic<size_t> next{0};
+  std::vector<std::thread> workers;
+  for (int t = 0; t < threads; ++t) {
+    workers.emplace_back([&] {
+      for (size_t k = next++; k < tasks.size(); k = next++) {
+        const Task& task = tasks[k];
+        outcomes[task.single_axis ? 1 : 0][task.cell][static_cast<size_t>(task.seed)] =
+            s2gs::Run(cells[task.cell], static_cast<uint64_t>(task.seed) + 1, task.single_axis);
+      }
+    });
+  }
+  for (std::thread& worker : workers) worker.join();
+  std::printf("| | free SfM: success | angle | rotation | single axis: success | angle | rotation |\n");
+  std::printf("|---|---|---|---|---|---|---|\n");
+  for (size_t c = 0; c < cells.size(); ++c) {
+    std::printf("| %s | %s | %s |\n", cells[c].name.c_str(), s2gs::Summary(outcomes[0][c]).c_str(),
+                s2gs::Summary(outcomes[1][c]).c_str());
+  }
+  return 0;
+}
