@@ -91,7 +91,6 @@ double WignerError(uint64_t seed) {
   return std::abs(static_cast<double>(in_object - in_world));
 }
 
-// Measured: 1.1e-14 and 5e-6.
 TEST(WignerD, EqualsTurningTheDirection) {
   double worst = 0, worst_float = 0;
   for (uint64_t seed = 0; seed < 200; ++seed) {

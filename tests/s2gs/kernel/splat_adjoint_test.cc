@@ -180,7 +180,7 @@ double RelativeError(const double* actual, const double* expected, int count) {
 
 class SplatAdjoint : public testing::TestWithParam<ForegroundRule> {};
 
-// The worst measured: 4e-13 in double, 2e-4 in float; the bounds are DESIGN's.
+// The worst measured: below 5e-7 in double, 4.0e-4 in float.
 TEST_P(SplatAdjoint, EqualsJets) {
   using FullJet = ceres::Jet<double, kNumUnknowns>;
   int total_hits = 0;
