@@ -98,16 +98,11 @@ void AddMesh(const Workspace& workspace, ScanSummary* summary) {
 
 void AddFiles(const Workspace& workspace, ScanSummary* summary) {
   const std::vector<std::pair<std::string, fs::path>> candidates = {
-      {"mesh", workspace.TsdfMesh()},
-      {"masks", workspace.Masks()},
-      {"Gaussians", workspace.PointCloud()},
-      {"picture", workspace.Overview()},
-      {"training log", workspace.Log()},
-      {"rotating part", workspace.ObjectModel()},
-      {"background", workspace.StaticModel()},
-      {"table", workspace.Turntable()},
-      {"top view", workspace.TopView()},
-      {"this summary", workspace.ReportJson()},
+      {"mesh", workspace.TsdfMesh()},          {"masks", workspace.Masks()},
+      {"Gaussians", workspace.PointCloud()},   {"picture", workspace.Overview()},
+      {"training log", workspace.Log()},       {"rotating part", workspace.ObjectModel()},
+      {"background", workspace.StaticModel()}, {"table", workspace.Turntable()},
+      {"top view", workspace.TopView()},       {"this summary", workspace.ReportJson()},
   };
   for (const auto& [what, path] : candidates) {
     if (Exists(path) || path == workspace.ReportJson()) summary->files.emplace_back(what, path);

@@ -17,7 +17,7 @@ enum class InitialPoints : uint8_t {
 struct InitialiseOptions {
   InitialPoints init = InitialPoints::kSparse;
   int64_t num_random_points = 100'000;  ///< with kRandom.
-  int64_t min_points = 3000;          ///< with kSparse: filled up to this many for each body.
+  int64_t min_points = 3000;            ///< with kSparse: filled up to this many for each body.
   int64_t max_points = 1'000'000;       ///< of a larger model every n-th point is taken.
   double opacity = 0.1;                 ///< of every Gaussian.
   double random_foreground = 0.5;       ///< p of random Gaussians.
