@@ -49,7 +49,7 @@ void WritePicture(const fs::path& from, const fs::path& to, const Camera& camera
 
 ColmapModel WriteDenseWorkspace(const fs::path& folder, const ColmapModel& model,
                                 const DenseWorkspaceSource& source, Reporter& reporter) {
-  const ColmapModel dense = UndistortedModel(model, source.model);
+  ColmapModel dense = UndistortedModel(model, source.model);
   const fs::path stereo = folder / "stereo";
   for (const char* name : {"depth_maps", "normal_maps", "consistency_graphs"}) CreateFolder(stereo / name);
   CreateFolder(folder / "images");

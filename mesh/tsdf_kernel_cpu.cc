@@ -184,6 +184,7 @@ void SamplePointsOrNothing(bool is_seen, float* weight) {
   if (!is_seen) std::fill(weight, weight + kPointGroup, 0.0F);
 }
 
+// NOLINTBEGIN(bugprone-macro-parentheses): an attribute cannot stand in parentheses.
 #define S2GS_TSDF_KERNEL(NAME, ATTRIBUTES)                                                           \
   ATTRIBUTES void AddToBlock##NAME(const TsdfViewParams& view, const TsdfVoxelParams& params,        \
                                    const float* first_voxel, float* sums, float* weights) {          \
@@ -196,6 +197,7 @@ void SamplePointsOrNothing(bool is_seen, float* weight) {
   }                                                                                                  \
   ATTRIBUTES void PlanesOfRow##NAME(const TsdfRowJob& job) { PlanesOfRow(job); }                     \
   constexpr TsdfCpuKernel kKernel##NAME = {AddToBlock##NAME, SamplePoints##NAME, PlanesOfRow##NAME};
+// NOLINTEND(bugprone-macro-parentheses)
 
 S2GS_TSDF_KERNEL(Portable, )
 #if defined(__x86_64__)

@@ -371,8 +371,10 @@ std::vector<uint64_t> FindViewBlocks(const TsdfView& view, const TsdfBlockReques
       const PixelPlane& plane = planes[column];
       if (!(plane.weight > 0)) continue;
       for (int sub = 0; sub < rays_per_pixel * rays_per_pixel; ++sub) {
-        const double shift_x = (sub % rays_per_pixel + 0.5) / rays_per_pixel - 0.5;
-        const double shift_y = (sub / rays_per_pixel + 0.5) / rays_per_pixel - 0.5;
+        const int sub_column = sub % rays_per_pixel;
+        const int sub_row = sub / rays_per_pixel;
+        const double shift_x = (sub_column + 0.5) / rays_per_pixel - 0.5;
+        const double shift_y = (sub_row + 0.5) / rays_per_pixel - 0.5;
         const Eigen::Vector3d ray = view.Ray(column + shift_x, row + shift_y);
         const double inverse_depth = plane.a * ray.x() + plane.b * ray.y() + plane.c;
         if (!(inverse_depth > 0)) continue;

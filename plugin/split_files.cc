@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 
 fs::path MaskOf(const fs::path& mask_path, const std::string& image_name) {
-  const fs::path full = mask_path / (image_name + ".png");
+  fs::path full = mask_path / (image_name + ".png");
   std::error_code ec;
   if (fs::exists(full, ec)) return full;
   return (mask_path / image_name).replace_extension(".png");

@@ -125,7 +125,7 @@ std::vector<ViewFiles> FindViews(const Workspace& workspace, const TsdfMesherOpt
   views.reserve(by_name.size());
   const std::string suffix = "." + options.input_type + ".bin";
   for (const auto& [name, image] : by_name) {
-    const auto path_if_there = [](fs::path path) { return Exists(path) ? path : fs::path(); };
+    const auto path_if_there = [](const fs::path& path) { return Exists(path) ? path : fs::path(); };
     ViewFiles files;
     files.depth = path_if_there(workspace.DepthMaps() / (name + suffix));
     if (files.depth.empty()) continue;

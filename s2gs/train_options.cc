@@ -94,7 +94,7 @@ OptionCheck CheckCourse(const TrainOptions& o) {
 
 OptionCheck TrainOptions::Check() const {
   for (const auto& check : {CheckRates, CheckLoss, CheckGrowth, CheckCourse}) {
-    if (const OptionCheck fault = check(*this)) return fault;
+    if (OptionCheck fault = check(*this)) return fault;
   }
   return initial.Check();
 }
