@@ -46,6 +46,10 @@ const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
 // Features per photo. Fewer would leave out small scales, which is where objects have theirs.
 int MaxNumFeatures(Quality quality) { return quality == Quality::kExtreme ? 16384 : 8192; }
 
+// Depth maps of a trained model are noisier than a pixel: one and a half averages more of them
+// (BENCHMARK.md).
+constexpr char kMeshVoxelPixels[] = "1.5";
+
 std::string QualityName(Quality quality) {
   for (const auto& [name, value] : kQualityNames) {
     if (value == quality) return name;
@@ -110,8 +114,8 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   add("gaussian_renderer", "Masks, depth and normal maps",
       {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu});
   add("tsdf_mesher", "The mesh",
-      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
-       settings.keep_disc ? "0" : "1"});
+      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Tsdf.voxel_size_pixels", kMeshVoxelPixels,
+       "--Cleanup.remove_disc", settings.keep_disc ? "0" : "1"});
   return steps;
 }
 

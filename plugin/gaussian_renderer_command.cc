@@ -82,6 +82,8 @@ void AddOptions(Options* options, Arguments* a) {
                "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
   options->Add("comparison", &a->comparison,
                "photo, rendering, error and mask side by side: comparison/NAME.png");
+  options->Add("overview", &a->overview,
+               "such a comparison of four photos to look at: s2gs/comparison.jpg in the workspace");
   options->Add(
       "num_frames", &a->num_frames,
       "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
