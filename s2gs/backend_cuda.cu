@@ -335,7 +335,7 @@ class CudaBackend : public Backend {
     optimise.splats = input.splats;
     optimise.d_splats = d_splats_.get();
     optimise.d_normal_z = d_normal_z_.get();
-    optimise.d_colors = d_colors_.get();
+    optimise.gradients = {gradients_.get(), stride_};
     optimise.has_geometry = channels.geometry;
     optimise.learns_foreground = learns_foreground;
     optimise.adam = MakeAdamStep<float>(step.iteration);
@@ -379,7 +379,7 @@ class CudaBackend : public Backend {
     // Children need their parents' centres, scales and rotations, so the new model is built beside the old
     // one.
     const bool is_larger = new_count > stride_;
-    const size_t new_stride = is_larger ? std::max(new_count, stride_ + stride_ / 2) : stride_;
+    const size_t new_stride = is_larger ? PaddedStride(std::max(new_count, stride_ + stride_ / 2)) : stride_;
     spare_.Reserve(3 * kNumPlanes * new_stride);
     const Planes old_parameters = parameters();
     const Planes new_parameters = {spare_.get(), new_stride};
@@ -449,7 +449,7 @@ class CudaBackend : public Backend {
     if (size > stride_ || model_.get() == nullptr) {
       spare_.Free();
       model_.Free();
-      stride_ = std::max(size, stride_ + stride_ / 2);
+      stride_ = PaddedStride(std::max(size, stride_ + stride_ / 2));
       model_.Reserve(std::max<size_t>(1, 3 * kNumPlanes * stride_));
     }
     ReserveModelBuffers();
@@ -467,7 +467,7 @@ class CudaBackend : public Backend {
       CheckCuda(cudaMemsetAsync(d_normal_z_.get(), 0, sizeof(float) * stride_, stream_), "gradients");
     }
     d_logits_.Reserve(stride_);
-    d_colors_.Reserve(6 * stride_);
+    gradients_.Reserve(kGradientPlanes * stride_);
     gradient_sum_.Reserve(stride_);
     view_count_.Reserve(stride_);
     sorter_.Reserve(static_cast<int64_t>(stride_), 1, 1);
@@ -687,7 +687,7 @@ class CudaBackend : public Backend {
   DeviceBuffer<float> map_planes_{&memory_}, foreground_plane_{&memory_}, geometry_planes_{&memory_};
   DeviceBuffer<uint32_t> last_{&memory_};
   DeviceBuffer<float> partials_{&memory_}, d_color_{&memory_}, d_foreground_{&memory_}, d_geometry_{&memory_};
-  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, d_colors_{&memory_},
+  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, gradients_{&memory_},
       peak_weights_{&memory_};
 
   DeviceBuffer<LossSums> sums_{&memory_};

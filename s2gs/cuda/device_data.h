@@ -23,7 +23,13 @@ enum Plane {
 };
 static_assert(kNumPlanes == kFloatsPerGaussian);
 
-/// kNumPlanes planes of `stride` floats each.
+/// Planes begin on multiples of so many floats: accesses of 16 bytes, and no line of the cache in two planes.
+constexpr size_t kPlaneAlignment = 64;
+inline size_t PaddedStride(size_t count) {
+  return (count + kPlaneAlignment - 1) / kPlaneAlignment * kPlaneAlignment;
+}
+
+/// Planes of `stride` floats each.
 struct Planes {
   float* data;
   size_t stride;
@@ -77,10 +83,7 @@ constexpr int kTile = 16;
 constexpr int kTileThreads = kTile * kTile;
 /// Threads of a block that draws; a warp draws 8 x 4 pixels. Several small blocks share a tile, because a
 /// block's place is free again only when the slowest of its warps has ended.
-#ifndef S2GS_DRAW_THREADS
-#define S2GS_DRAW_THREADS 64
-#endif
-constexpr int kDrawThreads = S2GS_DRAW_THREADS;
+constexpr int kDrawThreads = 64;
 constexpr int kDrawBlocks = kTileThreads / kDrawThreads;
 
 inline __host__ __device__ int NumTiles(int size) { return (size + kTile - 1) / kTile; }

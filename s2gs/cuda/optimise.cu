@@ -7,31 +7,10 @@ namespace {
 
 constexpr int kThreads = 128;
 
-// Updates kCount planes from `plane` on. All is loaded before anything is stored: as many loads are under
-// way.
-template <int kCount>
-__device__ void UpdatePlanes(const OptimiseInput& in, int plane, int i, const float (&gradient)[kCount],
-                             const float (&rate)[kCount]) {
-  const size_t stride = in.parameters.stride;
-  float* const parameter = in.parameters.At(plane) + i;
-  float* const first = in.first_moments.At(plane) + i;
-  float* const second = in.second_moments.At(plane) + i;
-  float x[kCount], m[kCount], v[kCount];
-#pragma unroll
-  for (int k = 0; k < kCount; ++k) {
-    x[k] = parameter[k * stride];
-    m[k] = first[k * stride];
-    v[k] = second[k * stride];
-  }
-#pragma unroll
-  for (int k = 0; k < kCount; ++k) UpdateByAdam(in.adam, rate[k], gradient[k], &x[k], &m[k], &v[k]);
-#pragma unroll
-  for (int k = 0; k < kCount; ++k) {
-    parameter[k * stride] = x[k];
-    first[k * stride] = m[k];
-    second[k * stride] = v[k];
-  }
-}
+// The gradient's planes: those of the geometry and p as in the model, then what all SH coefficients share.
+constexpr int kGradientColor = kForeground + 1;
+constexpr int kGradientDirection = kGradientColor + 3;
+static_assert(kGradientDirection + 3 == kGradientPlanes);
 
 // Takes the loss by one splat out of the buffer and leaves zeros.
 __device__ Splat<float> TakeSplatGradient(const OptimiseInput& in, int i) {
@@ -47,8 +26,21 @@ __device__ Splat<float> TakeSplatGradient(const OptimiseInput& in, int i) {
   return d;
 }
 
+// Adds to the sums for densification.
+__device__ void CountGradient(const OptimiseInput& in, int i, const Surfel<float>& surfel,
+                              const Vec3<float>& d_centre) {
+  const SplatCamera<float>& camera = in.view.camera;
+  // By the centre's movement across the image, in 2DGS's units: half the image's size.
+  const float x = d_centre.x * surfel.centre.z / camera.fx * 0.5F * static_cast<float>(camera.width);
+  const float y = d_centre.y * surfel.centre.z / camera.fy * 0.5F * static_cast<float>(camera.height);
+  const float length = sqrtf(x * x + y * y);
+  if (!isfinite(length)) return;
+  in.gradient_sum[i] += length;
+  in.view_count[i] += 1;
+}
+
 template <int kDegree>
-__global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
+__global__ __launch_bounds__(kThreads) void GradientKernel(OptimiseInput in) {
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   if (i >= in.count) return;
   const bool is_drawn = in.splats.tile_counts[i] > 0;
@@ -58,111 +50,171 @@ __global__ __launch_bounds__(kThreads) void OptimiseKernel(OptimiseInput in) {
   if (i == 0) in.sums->steps += 1;
 
   SurfelParameters<float> gradient{};
-  Vec3<float> d_dc = {0, 0, 0};
   Vec3<float> d_color = {0, 0, 0};
   Vec3<float> direction = {0, 0, 1};
   if (is_drawn) {
     const SurfelParameters<float> g = LoadSurfel(in.parameters, i);
-    const SplatCamera<float>& camera = in.view.camera;
     Surfel<float> surfel;
     Footprint<float> footprint;
-    TransformSurfel(g, camera, in.view.rule, &surfel);
-    ComputeFootprint(surfel, camera, &footprint);
+    TransformSurfel(g, in.view.camera, in.view.rule, &surfel);
+    ComputeFootprint(surfel, in.view.camera, &footprint);
     Surfel<float> d_surfel{};
     d_surfel.opacity = d.opacity;
     d_surfel.foreground = d.foreground;
     const float4 packed_color = in.splats.splats[i].c;
     const Vec3<float> color = {packed_color.y, packed_color.z, packed_color.w};
     d_color = {color.x > 0 ? d.color.x : 0, color.y > 0 ? d.color.y : 0, color.z > 0 ? d.color.z : 0};
+    Vec3<float> unused;
     d_surfel.view_direction = ShColorAdjoint(
         kDegree, [&](int k, int channel) { return in.parameters.At(kShRest + 3 * k + channel)[i]; },
-        surfel.view_direction, color, d.color, &d_dc, [](int /*k*/, const Vec3<float>& /*d_rest*/) {});
+        surfel.view_direction, color, d.color, &unused, [](int /*k*/, const Vec3<float>& /*d_rest*/) {});
     direction = surfel.view_direction;
-    ComputeFootprintAdjoint(surfel, camera, footprint, d.footprint, &d_surfel);
-    if (in.gradient_sum != nullptr) {
-      // By the centre's movement across the image, in 2DGS's units: half the image's size.
-      const float x =
-          d_surfel.centre.x * surfel.centre.z / camera.fx * 0.5F * static_cast<float>(camera.width);
-      const float y =
-          d_surfel.centre.y * surfel.centre.z / camera.fy * 0.5F * static_cast<float>(camera.height);
-      const float length = sqrtf(x * x + y * y);
-      if (isfinite(length)) {
-        in.gradient_sum[i] += length;
-        in.view_count[i] += 1;
-      }
-    }
-    gradient = TransformSurfelAdjoint(g, camera, in.view.rule, surfel, d_surfel);
+    ComputeFootprintAdjoint(surfel, in.view.camera, footprint, d.footprint, &d_surfel);
+    if (in.gradient_sum != nullptr) CountGradient(in, i, surfel, d_surfel.centre);
+    gradient = TransformSurfelAdjoint(g, in.view.camera, in.view.rule, surfel, d_surfel);
   }
+  if (in.learns_foreground && in.d_logits != nullptr) gradient.foreground_logit += in.d_logits[i];
 
-  const LearningRates& r = in.rates;
-  static_assert(kLogScale == 3 && kRotation == 5 && kOpacity == 9 && kForeground == 10, "the order below");
-  const float geometry[10] = {gradient.centre.x,     gradient.centre.y,    gradient.centre.z,
-                              gradient.log_scale.x,  gradient.log_scale.y, gradient.rotation.w,
-                              gradient.rotation.x,   gradient.rotation.y,  gradient.rotation.z,
-                              gradient.opacity_logit};
-  const float geometry_rates[10] = {r.centre,   r.centre,   r.centre,   r.log_scale, r.log_scale,
-                                    r.rotation, r.rotation, r.rotation, r.rotation,  r.opacity};
-  UpdatePlanes(in, kCentre, i, geometry, geometry_rates);
-  if (in.learns_foreground) {
-    if (in.d_logits != nullptr) gradient.foreground_logit += in.d_logits[i];
-    const float foreground[1] = {gradient.foreground_logit};
-    const float foreground_rate[1] = {r.foreground};
-    UpdatePlanes(in, kForeground, i, foreground, foreground_rate);
-  }
-  const float dc[3] = {d_dc.x, d_dc.y, d_dc.z};
-  const float dc_rates[3] = {r.sh_dc, r.sh_dc, r.sh_dc};
-  UpdatePlanes(in, kShDc, i, dc, dc_rates);
-  if constexpr (kDegree > 0) {
-    const float shared[6] = {d_color.x, d_color.y, d_color.z, direction.x, direction.y, direction.z};
+  static_assert(kCentre == 0 && kLogScale == 3 && kRotation == 5 && kOpacity == 9 && kForeground == 10,
+                "the order below");
+  const float planes[kGradientPlanes] = {gradient.centre.x,
+                                         gradient.centre.y,
+                                         gradient.centre.z,
+                                         gradient.log_scale.x,
+                                         gradient.log_scale.y,
+                                         gradient.rotation.w,
+                                         gradient.rotation.x,
+                                         gradient.rotation.y,
+                                         gradient.rotation.z,
+                                         gradient.opacity_logit,
+                                         gradient.foreground_logit,
+                                         d_color.x,
+                                         d_color.y,
+                                         d_color.z,
+                                         direction.x,
+                                         direction.y,
+                                         direction.z};
 #pragma unroll
-    for (int k = 0; k < 6; ++k) in.d_colors[static_cast<size_t>(k) * in.count + i] = shared[k];
+  for (int k = 0; k < kGradientPlanes; ++k) in.gradients.At(k)[i] = planes[k];
+}
+
+// --- Adam: four neighbouring Gaussians and up to three planes a thread -------------------------------------
+struct Four {
+  float v[4];
+};
+
+__device__ Four LoadFour(const float* plane, int i) {
+  const float4 values = *reinterpret_cast<const float4*>(plane + i);
+  return {{values.x, values.y, values.z, values.w}};
+}
+__device__ void StoreFour(float* plane, int i, const Four& values) {
+  *reinterpret_cast<float4*>(plane + i) = {values.v[0], values.v[1], values.v[2], values.v[3]};
+}
+
+// Planes from `plane` on, of Gaussians from i on. All is loaded before anything is stored.
+template <int kCount>
+__device__ void UpdatePlanes(const OptimiseInput& in, int plane, int i, const Four (&gradient)[kCount],
+                             const float (&rate)[kCount]) {
+  Four x[kCount], m[kCount], v[kCount];
+#pragma unroll
+  for (int k = 0; k < kCount; ++k) {
+    x[k] = LoadFour(in.parameters.At(plane + k), i);
+    m[k] = LoadFour(in.first_moments.At(plane + k), i);
+    v[k] = LoadFour(in.second_moments.At(plane + k), i);
+  }
+#pragma unroll
+  for (int k = 0; k < kCount; ++k) {
+#pragma unroll
+    for (int j = 0; j < 4; ++j) {
+      UpdateByAdam(in.adam, rate[k], gradient[k].v[j], &x[k].v[j], &m[k].v[j], &v[k].v[j]);
+    }
+    StoreFour(in.parameters.At(plane + k), i, x[k]);
+    StoreFour(in.first_moments.At(plane + k), i, m[k]);
+    StoreFour(in.second_moments.At(plane + k), i, v[k]);
   }
 }
 
-// Three quarters of all parameters are bands 1 to 3 of SH. A thread updates three coefficients in all
-// channels: few registers, and enough threads to keep the memory busy. Coefficients from 3 blockIdx.y on.
-template <int kDegree>
-__global__ __launch_bounds__(kThreads) void OptimiseShRestKernel(OptimiseInput in) {
-  constexpr int kCount = (kDegree + 1) * (kDegree + 1) - 1;
-  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-  const int first = 3 * static_cast<int>(blockIdx.y);
-  if (i >= in.count || in.report->overflow != 0) return;
-  const auto shared = [&](int k) { return in.d_colors[static_cast<size_t>(k) * in.count + i]; };
-  const float d_color[3] = {shared(0), shared(1), shared(2)};
-  float basis[kShRestPerChannel];
-  ShRestBasis(kDegree, Vec3<float>{shared(3), shared(4), shared(5)}, basis);
-  float gradient[9], rates[9];
-#pragma unroll
-  for (int k = 0; k < 3; ++k) {
-    float value = 0;
-    // Constant indices keep the basis in registers.
-#pragma unroll
-    for (int j = 0; j < kCount; ++j) {
-      if (j == first + k) value = basis[j];
-    }
-#pragma unroll
-    for (int channel = 0; channel < 3; ++channel) {
-      gradient[3 * k + channel] = value * d_color[channel];
-      rates[3 * k + channel] = in.rates.sh_rest;
-    }
+// Element k of ShRestBasis. The others cost nothing: k is the same for all threads of a block.
+template <int kFirst = 0>
+__device__ float OneShBasis(int k, const Vec3<float>& direction) {
+  if constexpr (kFirst < kShRestPerChannel) {
+    if (k != kFirst) return OneShBasis<kFirst + 1>(k, direction);
+    float basis[kShRestPerChannel];
+    ShRestBasis(kMaxShDegree, direction, basis);
+    return basis[kFirst];
   }
-  UpdatePlanes(in, kShRest + 3 * first, i, gradient, rates);
+  return 0;
+}
+
+__device__ float RateOf(const LearningRates& r, int plane) {
+  return plane < kLogScale     ? r.centre
+         : plane < kRotation   ? r.log_scale
+         : plane < kOpacity    ? r.rotation
+         : plane < kForeground ? r.opacity
+                               : r.foreground;
+}
+
+// Rows of blocks: three planes of the geometry each, then one SH coefficient each, from band 0 on.
+constexpr int kGeometryRows = 3;
+__global__ __launch_bounds__(kThreads) void AdamKernel(OptimiseInput in) {
+  const int i = 4 * static_cast<int>(blockIdx.y * blockDim.x + threadIdx.x);
+  // Planes are padded, so that the last four may reach beyond the last Gaussian.
+  if (i >= in.count || in.report->overflow != 0) return;
+  const auto row = static_cast<int>(blockIdx.x);
+  if (row < kGeometryRows) {
+    const int plane = 3 * row;
+    Four gradient[3];
+    float rate[3];
+#pragma unroll
+    for (int k = 0; k < 3; ++k) {
+      gradient[k] = LoadFour(in.gradients.At(plane + k), i);
+      rate[k] = RateOf(in.rates, plane + k);
+    }
+    UpdatePlanes(in, plane, i, gradient, rate);
+    return;
+  }
+  if (row == kGeometryRows) {
+    const Four opacity[1] = {LoadFour(in.gradients.At(kOpacity), i)};
+    UpdatePlanes(in, kOpacity, i, opacity, {in.rates.opacity});
+    if (!in.learns_foreground) return;
+    const Four foreground[1] = {LoadFour(in.gradients.At(kForeground), i)};
+    UpdatePlanes(in, kForeground, i, foreground, {in.rates.foreground});
+    return;
+  }
+  const int k = row - kGeometryRows - 2;  // -1: band 0.
+  const float rate = k < 0 ? in.rates.sh_dc : in.rates.sh_rest;
+  Four basis = {{kShBand0, kShBand0, kShBand0, kShBand0}};
+  if (k >= 0) {
+    const Four x = LoadFour(in.gradients.At(kGradientDirection), i);
+    const Four y = LoadFour(in.gradients.At(kGradientDirection + 1), i);
+    const Four z = LoadFour(in.gradients.At(kGradientDirection + 2), i);
+#pragma unroll
+    for (int j = 0; j < 4; ++j) basis.v[j] = OneShBasis(k, {x.v[j], y.v[j], z.v[j]});
+  }
+  Four gradient[3];
+#pragma unroll
+  for (int channel = 0; channel < 3; ++channel) {
+    gradient[channel] = LoadFour(in.gradients.At(kGradientColor + channel), i);
+#pragma unroll
+    for (int j = 0; j < 4; ++j) gradient[channel].v[j] *= basis.v[j];
+  }
+  static_assert(kShRest == kShDc + 3, "band 0 is the coefficient before the first of the others");
+  UpdatePlanes(in, kShRest + 3 * k, i, gradient, {rate, rate, rate});
 }
 
 template <int kDegree>
 void Launch(const OptimiseInput& input, cudaStream_t stream) {
-  const unsigned blocks = NumBlocks(input.count, kThreads);
-  OptimiseKernel<kDegree><<<blocks, kThreads, 0, stream>>>(input);
-  if constexpr (kDegree > 0) {
-    // 3, 8 and 15 coefficients; the ninth of degree 2 has no gradient and no moments.
-    constexpr unsigned kParts = ((kDegree + 1) * (kDegree + 1) + 1) / 3;
-    OptimiseShRestKernel<kDegree><<<dim3(blocks, kParts), kThreads, 0, stream>>>(input);
-  }
+  GradientKernel<kDegree><<<NumBlocks(input.count, kThreads), kThreads, 0, stream>>>(input);
+  // All rows of some Gaussians before the next Gaussians: what they share is then still in the cache.
+  const dim3 grid(kGeometryRows + 2 + ShRestCount(kDegree), NumBlocks(input.count, 4 * kThreads));
+  AdamKernel<<<grid, kThreads, 0, stream>>>(input);
 }
 
 }  // namespace
 
 void Optimise(const OptimiseInput& input, cudaStream_t stream) {
+  S2GS_INVARIANT(input.parameters.stride % kPlaneAlignment == 0 &&
+                 input.gradients.stride % kPlaneAlignment == 0);
   switch (input.view.sh_degree) {
     case 0:
       Launch<0>(input, stream);

@@ -7,6 +7,10 @@
 
 namespace s2gs::cuda {
 
+/// The gradient in memory: by the geometry and p, by the colour, and the view direction, from which those by
+/// all SH coefficients follow.
+constexpr int kGradientPlanes = 17;
+
 struct OptimiseInput {
   Planes parameters, first_moments, second_moments;
   int count = 0;
@@ -15,7 +19,7 @@ struct OptimiseInput {
   float* d_splats = nullptr;  ///< read, and set to zero for the next step.
   float* d_normal_z = nullptr;
   const float* d_logits = nullptr;  ///< loss of the model by the foreground logits; null: none.
-  float* d_colors = nullptr;  ///< scratch: 6 planes of `count`, loss by the colours and the view directions.
+  Planes gradients;                 ///< scratch: kGradientPlanes planes.
   bool has_geometry = false;
   bool learns_foreground = false;
   AdamStep<float> adam;
@@ -26,8 +30,8 @@ struct OptimiseInput {
   LossSums* sums = nullptr;
 };
 
-/// Gradient by the splats -> gradient by the parameters -> Adam, without a gradient of the model in memory.
-/// Changes nothing when the report says overflow.
+/// Gradient by the splats -> gradient by the parameters -> Adam. Changes nothing when the report says
+/// overflow.
 void Optimise(const OptimiseInput& input, cudaStream_t stream);
 
 }  // namespace s2gs::cuda
