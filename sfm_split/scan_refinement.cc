@@ -10,6 +10,7 @@
 #include <set>
 
 #include "sfm_split/joint_problem.h"
+#include "sfm_split/match_noise.h"
 #include "sfm_split/rotation.h"
 #include "sfm_split/table_angle.h"
 #include "sfm_split/track_triangulation.h"
@@ -32,9 +33,15 @@ constexpr float kMaxUnmovedPx = 1.5F;
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;    // below, keypoints are dropped that are only badly localised
 constexpr double kErrorSigmas = 5;     // of a coordinate
+constexpr double kLossSigmas = 2;      // of a coordinate, where the loss turns from squared
+constexpr double kMaxErrorGrowth = 4;  // of the error bound, where the matches are noisier than it expects
+constexpr double kNoiseRange = 6;      // of the error bound, over which matches' errors are looked at
 constexpr int kMaxBasesOfStation = 4;  // images that are tried as a lost station's first
 constexpr double kClearMargin =
     1.5;  // an angle is doubtful when another has more than 1 / this of its support
+// Support so far beyond that of any other angle stands whatever the share of outliers.
+constexpr double kOverwhelmingMargin = 4;
+constexpr int kOverwhelmingInliers = 4;  // times those that must agree anyway
 
 class Refiner {
  public:
@@ -67,6 +74,8 @@ class Refiner {
   std::vector<PosedImage> Posed(bool of_object) const;
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
+  void MeasureNoise();
+  double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
   void MendStation(const std::vector<int>& images, double max_error_px);
@@ -101,6 +110,7 @@ class Refiner {
   std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
   bool has_background_ = false;
   bool holds_cameras_ = false;
+  double noise_px_ = 0;  // of the object's matches against the poses as they stand
   std::map<std::string, int> drops_;
   std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
@@ -161,6 +171,23 @@ std::vector<TrackPoint> Refiner::Triangulate(bool of_object, double max_error_px
                            of_object ? features_.object_pairs : features_.static_pairs, options);
 }
 
+void Refiner::MeasureNoise() {
+  const NoiseFit noise =
+      MeasureMatchNoise(Posed(true), keypoints_, features_.object_pairs, kNoiseRange * options_.max_error_px);
+  noise_px_ = noise.sigma;
+}
+
+// The error bound for keypoints of a standard deviation; wider than the options' where the matches themselves
+// are noisier than these expect, whatever an adjustment within the bound says.
+double Refiner::ErrorBound(double sigma_px) const {
+  const double by_matches = kErrorSigmas * noise_px_;
+  if (by_matches > options_.max_error_px) {
+    return std::min(by_matches, kMaxErrorGrowth * options_.max_error_px);
+  }
+  return std::clamp(kErrorSigmas * sigma_px, std::min(kLeastErrorPx, options_.max_error_px),
+                    options_.max_error_px);
+}
+
 void Refiner::FindUnmoved() {
   std::map<int, std::set<uint32_t>> matched;
   for (const ImagePairMatches& pair : features_.static_pairs) {
@@ -209,7 +236,7 @@ void Refiner::AddView(int image, int station, const Rigid3& cam_from_world, cons
   aligned_->scene.views.push_back(view);
 }
 
-// The image's keypoints that match a keypoint of a known point.
+// The image's keypoints that match a keypoint of a known point; of several points those with most matches.
 std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
                                        const std::vector<ImagePairMatches>& pairs,
                                        const std::vector<TrackPoint>& points) {
@@ -226,7 +253,7 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
       }
     }
   }
-  std::set<std::pair<uint32_t, int>> seen;  // keypoint, point
+  std::map<uint32_t, std::map<int, int>> votes;  // for points, by keypoint
   for (const ImagePairMatches& pair : pairs) {
     if (pair.image1 != image && pair.image2 != image) continue;
     const bool is_first = pair.image1 == image;
@@ -234,15 +261,20 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
       const auto found = point_of_keypoint.find(
           {is_first ? pair.image2 : pair.image1, is_first ? match.point2D_idx2 : match.point2D_idx1});
       if (found != point_of_keypoint.end()) {
-        seen.insert({is_first ? match.point2D_idx1 : match.point2D_idx2, found->second});
+        ++votes[is_first ? match.point2D_idx1 : match.point2D_idx2][found->second];
       }
     }
   }
   std::vector<PointInImage> result;
-  result.reserve(seen.size());
+  result.reserve(votes.size());
   const Keypoints& keypoints = features.images[static_cast<size_t>(image)].keypoints;
-  for (const auto& [keypoint, point] : seen) {
-    result.push_back({points[static_cast<size_t>(point)].x_in_body, keypoints[keypoint].cast<double>()});
+  for (const auto& [keypoint, votes_of_point] : votes) {
+    int most = 0;
+    for (const auto& [point, count] : votes_of_point) most = std::max(most, count);
+    for (const auto& [point, count] : votes_of_point) {
+      if (count < most) continue;
+      result.push_back({points[static_cast<size_t>(point)].x_in_body, keypoints[keypoint].cast<double>()});
+    }
   }
   return result;
 }
@@ -268,10 +300,10 @@ std::vector<MatchInPosedImage> Refiner::MatchesWithPosed(int image) const {
 bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
   const TurntableAxis& axis = aligned_->scene.axis;
   const auto accept = [&](const TableAngleFit& fit, size_t candidates, double min_share, const char* how) {
-    if (!fit.found || fit.margin < kClearMargin ||
-        fit.inliers < min_share * static_cast<double>(candidates)) {
-      return false;
-    }
+    const bool is_overwhelming =
+        fit.margin >= kOverwhelmingMargin && fit.inliers >= kOverwhelmingInliers * options_.min_mend_inliers;
+    const bool is_enough = is_overwhelming || fit.inliers >= min_share * static_cast<double>(candidates);
+    if (!fit.found || fit.margin < kClearMargin || !is_enough) return false;
     const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
     AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
             fit.angle_rad);
@@ -632,6 +664,8 @@ JointReport Refiner::Adjust(JointModel model, bool covariance) {
 }
 
 JointReport Refiner::AdjustWith(JointOptions options) {
+  options.loss_scale_px = std::max(options.loss_scale_px, kLossSigmas * noise_px_);
+  options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   options.refine_focal_length &= !holds_cameras_;
   options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
@@ -732,7 +766,9 @@ RefineReport Refiner::Run() {
   }
   if (has_background_) FindUnmoved();
 
-  double max_error_px = options_.max_error_px;
+  MeasureNoise();
+  const double first_error_px = std::max(options_.max_error_px, ErrorBound(0));
+  double max_error_px = first_error_px;
   JointModel model =
       joint_options_.model == JointModel::kAuto ? JointModel::kSharedStations : joint_options_.model;
   int last_observations = 0;
@@ -745,11 +781,12 @@ RefineReport Refiner::Run() {
     for (size_t before = 0; before != aligned_->scene.views.size();) {
       before = aligned_->scene.views.size();
       if (before == features_.images.size()) break;
-      Mend(max_error_px);
+      // Drawn in, the bound would leave out what shook against its station.
+      Mend(first_error_px);
       if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
     }
     if (has_background_) {
-      PlaceStations(2 * options_.max_error_px);
+      PlaceStations(2 * first_error_px);
       background_points_ = Triangulate(false, max_error_px);
     }
     aligned_->object = BuildModel(
@@ -785,7 +822,8 @@ RefineReport Refiner::Run() {
                    std::to_string(figures.background_points) + " background points, rms " +
                    std::to_string(figures.background_rms_px) + " px; " + std::to_string(figures.seconds) +
                    " s");
-    max_error_px = std::clamp(kErrorSigmas * report_.joint.sigma_px, kLeastErrorPx, options_.max_error_px);
+    MeasureNoise();
+    max_error_px = ErrorBound(report_.joint.sigma_px);
     const int observations = report_.joint.object_observations;
     const bool is_settled = std::abs(observations - last_observations) <= 0.01 * observations;
     last_observations = observations;
