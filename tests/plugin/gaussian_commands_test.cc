@@ -44,7 +44,7 @@ class GaussianCommands : public testing::Test {
     for (const View& view : turntable.scene.views) names_.push_back(view.name);
   }
 
-  std::string Train(std::vector<std::string> more) {
+  std::string Train(std::vector<std::string> more, const std::string& min_points = "300") {
     std::vector<std::string> arguments = {"--workspace_path",
                                           workspace_.root.string(),
                                           "--use_gpu",
@@ -52,7 +52,7 @@ class GaussianCommands : public testing::Test {
                                           "--Train.num_iterations",
                                           "60",
                                           "--Init.min_points",
-                                          "300",
+                                          min_points,
                                           "--log_level",
                                           "error"};
     arguments.insert(arguments.end(), more.begin(), more.end());
@@ -137,7 +137,7 @@ TEST_F(GaussianCommands, TrainThenRender) {
 
 TEST_F(GaussianCommands, OtherModesWriteTheirBody) {
   // The object, which the photos look at, and what is behind it.
-  Train({"--mode", "static"});
+  Train({"--mode", "static"}, "900");
   size_t object = 0;
   size_t behind = 0;
   const Gaussians whole = ReadGaussianPly(workspace_.PointCloud());
