@@ -7,12 +7,15 @@
 #include <cctype>
 #include <chrono>
 #include <filesystem>
+#include <map>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
 
 #include "plugin/scan_summary.h"
+#include "plugin/stage_stamp.h"
 #include "plugin/workspace.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
@@ -157,6 +160,34 @@ double CpuSeconds() {
   return seconds;
 }
 
+// By name.
+std::map<std::string, StageStamp> ReadStamps(const Workspace& workspace, const std::string& command) {
+  std::map<std::string, StageStamp> stamps;
+  Reporter silent;  // the command itself says what is wrong with a stamp
+  for (const StandardStage& stage : StandardStages(workspace)) {
+    if (stage.command != command) continue;
+    const std::optional<StageStamp> stamp = ReadStageStamp(workspace, stage.name, silent);
+    if (stamp) stamps[stage.name] = *stamp;
+  }
+  return stamps;
+}
+
+// Which stages of a command ran, by their stamps before and after it.
+void AddStages(const Workspace& workspace, const std::string& command,
+               const std::map<std::string, StageStamp>& before, ScanSummary* summary) {
+  const std::map<std::string, StageStamp> after = ReadStamps(workspace, command);
+  for (const StandardStage& stage : StandardStages(workspace)) {
+    const auto now = after.find(stage.name);
+    if (now == after.end()) continue;
+    const StageStamp& stamp = now->second;
+    const auto then = before.find(stage.name);
+    const bool has_run = then == before.end() || then->second.run_id != stamp.run_id;
+    const std::string reason =
+        has_run ? stamp.reason : "done " + stamp.finished + ", and nothing that it depends on has changed";
+    summary->stages.push_back({stage.name, has_run, reason, stamp.seconds});
+  }
+}
+
 ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
   out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
   const auto started = std::chrono::steady_clock::now();
@@ -217,7 +248,9 @@ void RunAutomaticScanner(CommandContext& context) {
   const std::vector<Step> steps = MakeSteps(settings, options);
   for (size_t i = 0; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
+    const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
     summary.steps.push_back(RunStep(steps[i], i + 1, steps.size(), context.out()));
+    AddStages(workspace, steps[i].command, before, &summary);
   }
   CollectFigures(workspace, &summary);
   WriteScanSummary(workspace.ReportJson(), summary);
