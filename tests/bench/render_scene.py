@@ -303,55 +303,74 @@ def build_room(options, rng, volume, cameras, reach):
     return room
 
 
-def render(camera, pose, turn, room, table, cache, options):
-    """One noiseless linear picture and its labels."""
+def primary_rays(camera, pose, n):
+    """Origins, directions and light numbers of n x n rays a pixel and, last, of the pixels' centres."""
     width, height, focal, k1 = camera
-    n = options.samples
-    if not cache:
-        offsets = (np.arange(n) + 0.5) / n
-        sub = np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2)
-        sub = np.concatenate([sub, [[0.5, 0.5]]])  # the last is the pixel's centre: labels alone
-        x, y = np.meshgrid(np.arange(width), np.arange(height))
-        xy = (np.stack([x, y], -1)[None] + sub[:, None, None] - [width / 2, height / 2]) / focal
-        radius = np.linalg.norm(xy, axis=-1, keepdims=True)
-        straight = radius.copy()
-        for _ in range(30):
-            straight -= (straight * (1 + k1 * straight ** 2) - radius) / (1 + 3 * k1 * straight ** 2)
-        xy = xy * straight / np.maximum(radius, 1e-12)
-        d = np.concatenate([xy, np.ones_like(radius)], -1).reshape(-1, 3) @ pose[:3, :3]
-        cache['d'] = d / np.linalg.norm(d, axis=1, keepdims=True)
-        cache['o'] = np.broadcast_to(-pose[:3, :3].T @ pose[:3, 3], d.shape)
-        hit = room.cast(cache['o'], cache['d'])
-        cache['t'], cache['points'] = hit['t_hit'], cache['o'] + hit['t_hit'][:, None] * cache['d']
-        cache['surface'] = room.surface(hit, cache['points'], cache['d'])
-        lights = np.repeat(np.arange(len(sub)) % len(LIGHTS), width * height)
-        cache['to_light'] = LIGHTS[lights] - cache['points']
-        cache['lights'] = lights
-        cache['shadow'] = room.blocked(cache['points'] + 1e-4 * cache['surface'][0], cache['to_light'], 1)
-    o, d = (cache['o'] - turn[:3, 3]) @ turn[:3, :3], cache['d'] @ turn[:3, :3]
-    hit = table.cast(o, d)
-    front = hit['t_hit'] < cache['t']
-    points, to_light = cache['points'].copy(), cache['to_light'].copy()
-    normal, colour, sky, gloss, label = [a.copy() for a in cache['surface']]
-    shadow = cache['shadow'].copy()
-    hit = {k: v[front] for k, v in hit.items()}
-    local = o[front] + hit['t_hit'][:, None] * d[front]
-    local_normal, colour[front], sky[front], gloss[front], label[front] = table.surface(hit, local, d[front])
-    normal[front] = local_normal @ turn[:3, :3].T
-    points[front] = local @ turn[:3, :3].T + turn[:3, 3]
-    to_light[front] = LIGHTS[cache['lights'][front]] - points[front]
-    start = points + 1e-4 * normal
-    shadow[front] = room.blocked(start[front], to_light[front], 1)
-    shadow |= table.blocked((start - turn[:3, 3]) @ turn[:3, :3], to_light @ turn[:3, :3], 1)
+    offsets = (np.arange(n) + 0.5) / n
+    sub = np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2)
+    sub = np.concatenate([sub, [[0.5, 0.5]]])
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    xy = (np.stack([x, y], -1)[None] + sub[:, None, None] - [width / 2, height / 2]) / focal
+    radius = np.linalg.norm(xy, axis=-1, keepdims=True)
+    straight = radius.copy()
+    for _ in range(30 if k1 else 0):
+        straight -= (straight * (1 + k1 * straight ** 2) - radius) / (1 + 3 * k1 * straight ** 2)
+    xy = xy * straight / np.maximum(radius, 1e-12)
+    d = np.concatenate([xy, np.ones_like(radius)], -1).reshape(-1, 3) @ pose[:3, :3]
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    lights = np.repeat(np.arange(len(sub)) % len(LIGHTS), width * height)
+    return np.broadcast_to(-pose[:3, :3].T @ pose[:3, 3], d.shape), d, lights
+
+
+def shade(surface, directions, to_light):
+    """Colours in the shade and in the light."""
+    normal, colour, sky, gloss, _ = surface
     distance = np.linalg.norm(to_light, axis=1)
     light = to_light / distance[:, None]
-    lit = np.clip((normal * light).sum(1), 0, None) * ~shadow * (4.2 / (0.4 + distance ** 2))
-    half = light - d @ turn[:3, :3].T
+    lit = np.clip((normal * light).sum(1), 0, None) * (4.2 / (0.4 + distance ** 2))
+    half = light - directions
     half /= np.linalg.norm(half, axis=1, keepdims=True)
-    shine = gloss * ~shadow * np.clip((normal * half).sum(1), 0, 1) ** 40
-    picture = colour * (0.42 * sky + lit)[:, None] * np.array([1, 0.97, 0.92]) + shine[:, None]
-    picture, label = picture.reshape(-1, height, width, 3), label.reshape(-1, height, width)
-    return picture[:-1].mean(0), label[-1]
+    shine = gloss * np.clip((normal * half).sum(1), 0, 1) ** 40
+    warm = np.array([1, 0.97, 0.92])
+    return colour * (0.42 * sky)[:, None] * warm, colour * (0.42 * sky + lit)[:, None] * warm + shine[:, None]
+
+
+def may_meet(origins, directions, centre, radius):
+    along = np.maximum(((centre - origins) * directions).sum(1) / (directions ** 2).sum(1), 0)
+    return np.linalg.norm(origins + along[:, None] * directions - centre, axis=1) < radius
+
+
+def render(camera, pose, turn, room, table, bound, cache, options):
+    """One noiseless linear picture and its labels; what stands still is kept in the cache for the next."""
+    width, height = camera[:2]
+    if not cache:
+        o, d, lights = primary_rays(camera, pose, options.samples)
+        hit = room.cast(o, d)
+        points = o + hit['t_hit'][:, None] * d
+        surface = room.surface(hit, points, d)
+        start, to_light = points + 1e-4 * surface[0], LIGHTS[lights] - points
+        dark, bright = shade(surface, d, to_light)
+        lit = ~room.blocked(start, to_light, 1)
+        seen = np.nonzero(may_meet(o, d, *bound))[0]
+        shaded = np.nonzero(lit & may_meet(points, to_light, *bound))[0]
+        cache.update(picture=np.where(lit[:, None], bright, dark), dark=dark[shaded], shaded=shaded, start=start[shaded],
+                     to_light=to_light[shaded], seen=seen, o=o[seen], d=d[seen], lights=lights[seen], t=hit['t_hit'][seen])
+    R, p = turn[:3, :3], turn[:3, 3]
+    picture, label = cache['picture'].copy(), np.zeros(len(cache['picture']), np.uint8)
+    fallen = table.blocked((cache['start'] - p) @ R, cache['to_light'] @ R, 1)
+    picture[cache['shaded'][fallen]] = cache['dark'][fallen]
+    o, d = (cache['o'] - p) @ R, cache['d'] @ R
+    hit = table.cast(o, d)
+    front = hit['t_hit'] < cache['t']
+    hit, o, d = {k: v[front] for k, v in hit.items()}, o[front], d[front]
+    points = o + hit['t_hit'][:, None] * d
+    surface = table.surface(hit, points, d)
+    start, to_light = points + 1e-4 * surface[0], (LIGHTS[cache['lights'][front]] - p) @ R - points
+    lit = ~(table.blocked(start, to_light, 1) | room.blocked(start @ R.T + p, to_light @ R.T, 1))
+    dark, bright = shade(surface, d, to_light)
+    at = cache['seen'][front]
+    picture[at], label[at] = np.where(lit[:, None], bright, dark), surface[4]
+    return picture.reshape(-1, height, width, 3)[:-1].mean(0), label.reshape(-1, height, width)[-1]
 
 
 def develop(picture, exposure, rng, noise):
@@ -446,6 +465,9 @@ def main():
         shots.append((s, shots[s * options.steps + int(rng.integers(options.steps - 1))][1] + step * (0.3 + 0.4 * rng.random()), 'test'))
 
     height = np.concatenate([v for v, _, _ in parts])[:, 2].max()
+    extent = np.concatenate([mesh['v'] for mesh in table.meshes])
+    middle = AXIS + [0, 0, height / 2]
+    bound = (middle, np.linalg.norm(extent - middle, axis=1).max() + 1e-3)
     target = AXIS + [0, 0, 0.35 * height]
 
     def place(station, spread):
@@ -467,7 +489,7 @@ def main():
         if key != cached:
             cache, cached = {}, key
         turn = turn_about_axis(angle)
-        picture, label = render(camera, pose, turn, room, table, cache, options)
+        picture, label = render(camera, pose, turn, room, table, bound, cache, options)
         exposure = exposure or 0.5 / np.percentile(picture, 75)
         folder, name = 'images' if split == 'train' else 'images_test', f's{station}_{index:03d}'
         develop(picture, exposure, rng, options.noise).save(os.path.join(options.folder, folder, name + '.jpg'), quality=options.quality)

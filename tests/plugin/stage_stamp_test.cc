@@ -30,8 +30,7 @@ StageStamp FullStamp(const Workspace& workspace) {
   stamp.seconds = 12.5;
   stamp.options = {{"Mesh.voxel_size", "0.1"}, {"random_seed", "0"}};
   WriteAll(workspace.root / "in.txt", "input");
-  stamp.inputs = {
-      {StampPath(workspace, workspace.root / "in.txt"), TakeState(workspace.root / "in.txt")}};
+  stamp.inputs = {{StampPath(workspace, workspace.root / "in.txt"), TakeState(workspace.root / "in.txt")}};
   stamp.outputs = {{"out.ply", {}}};
   stamp.upstream = {{"train", "16"}, {"split", ""}};
   return stamp;
