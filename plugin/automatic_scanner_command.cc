@@ -37,6 +37,8 @@ struct Settings {
   Until until = Until::kMesh;
   std::string use_gpu = "auto";
   int test_every = 0;
+  std::optional<int64_t> num_iterations;
+  std::optional<int32_t> max_image_size;
   bool keep_disc = true;
 };
 
@@ -108,10 +110,19 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
            settings.colmap_path.string()));
   if (settings.until == Until::kSplit) return steps;
 
-  add("gaussian_trainer", "The Gaussian model",
-      with({"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--quality",
-            QualityName(settings.quality), "--test_every", std::to_string(settings.test_every)},
-           "--mask_path", settings.mask_path.string()));
+  std::vector<std::string> training = {"--workspace_path", root,
+                                       "--image_path",     images,
+                                       "--use_gpu",        settings.use_gpu,
+                                       "--quality",        QualityName(settings.quality),
+                                       "--test_every",     std::to_string(settings.test_every)};
+  training = with(training, "--mask_path", settings.mask_path.string());
+  if (settings.num_iterations) {
+    training = with(training, "--Train.num_iterations", FormatValue(*settings.num_iterations));
+  }
+  if (settings.max_image_size) {
+    training = with(training, "--max_image_size", FormatValue(*settings.max_image_size));
+  }
+  add("gaussian_trainer", "The Gaussian model", training);
   if (settings.until == Until::kTrain) return steps;
 
   add("gaussian_renderer", "Masks, depth and normal maps",
@@ -229,6 +240,11 @@ void RunAutomaticScanner(CommandContext& context) {
   options.Add("use_gpu", &settings.use_gpu, "auto, 0 or 1");
   options.Add("test_every", &settings.test_every,
               "hold every n-th photo out of training and measure the model on it; 0: none");
+  options.Add("num_iterations", &settings.num_iterations, "steps of training; empty: as --quality says");
+  options
+      .Add("max_image_size", &settings.max_image_size,
+           "longer side of the photos in training; empty: as --quality says")
+      .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
   options.Add("colmap_path", &settings.colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");

@@ -298,7 +298,7 @@ void FindFocus(TrainingScene* scene) {
   for (const ScenePhoto& photo : scene->photos) {
     const PinholeView& view = photo.view;
     const double depth = (view.cam_from_object * *focus).z();
-    const double half_angle_tan = std::min(view.width / view.fx, view.height / view.fy) / 2;
+    const double half_angle_tan = std::max(view.width / view.fx, view.height / view.fy) / 2;
     if (depth > 0) radii.push_back(depth * std::sin(std::atan(half_angle_tan)));
   }
   if (2 * radii.size() < scene->photos.size()) return;  // they look away from each other
