@@ -54,6 +54,12 @@ class Run:
             self.changed.wait_for(lambda: self.has_ended or stage in [name for name, _ in self.stages])
             return stage in [name for name, _ in self.stages]
 
+    def wait_within(self, stage, seconds):
+        """For so long, or until the stage is over."""
+        with self.changed:
+            self.changed.wait_for(
+                lambda: self.has_ended or self.stages and stage not in ("", self.stages[-1][0]), timeout=seconds)
+
     def finish(self):
         code = self.process.wait()
         self.reader.join()
@@ -107,6 +113,7 @@ def main():
 
     rng = random.Random(args.seed)
     done = 0
+    killed_at = {}  # how far into a stage it was killed last
     for moment in sorted(rng.uniform(0, total) for _ in range(args.kills)):
         stage, begin = [entry for entry in timeline if entry[1] <= moment][-1]
         run = Run(args, killed)
@@ -114,7 +121,11 @@ def main():
             run.finish()  # the kill before came so late that the stage was done
             print(f"  {stage} was done", flush=True)
             continue
-        time.sleep(moment - begin)
+        # Training goes on from its checkpoints: it has no more than the rest before it.
+        into = moment - begin
+        begun = killed_at.get(stage, 0) if stage == "gaussian_trainer" else 0
+        killed_at[stage] = into
+        run.wait_within(stage, into - begun)
         run.process.send_signal(signal.SIGKILL)
         run.process.wait()
         run.reader.join(timeout=0.2)  # children that outlive it keep the pipe
