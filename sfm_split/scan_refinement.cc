@@ -30,6 +30,7 @@ constexpr int kMaxDrops = 2;                       // of one image
 constexpr double kMaxFocalChange = 1.4;            // of one adjustment; more: it is not observable
 constexpr float kMaxShakePx = 8;
 constexpr float kMaxUnmovedPx = 1.5F;
+constexpr float kLeastMovePx = 3;  // of a raw match in one station: less may be the background's
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;    // below, keypoints are dropped that are only badly localised
 constexpr double kErrorSigmas = 5;     // of a coordinate
@@ -52,7 +53,8 @@ class Refiner {
         joint_options_(joint_options),
         options_(options),
         reporter_(reporter),
-        aligned_(aligned) {
+        aligned_(aligned),
+        object_pairs_(features.object_pairs) {
     keypoints_.reserve(features.images.size());
     for (size_t i = 0; i < features.images.size(); ++i) {
       keypoints_.push_back(features.images[i].keypoints);
@@ -75,6 +77,7 @@ class Refiner {
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
   void MeasureNoise();
+  void TakeRawMatches(double max_error_px);
   double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
@@ -105,6 +108,7 @@ class Refiner {
   Reporter& reporter_;
   AlignedScene* aligned_;
   std::vector<Keypoints> keypoints_;
+  std::vector<ImagePairMatches> object_pairs_;  // verified, and raw ones that agree with the poses
   std::map<std::string, int> image_of_name_;
   std::vector<int> view_of_image_;
   std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
@@ -167,8 +171,8 @@ std::vector<TrackPoint> Refiner::Triangulate(bool of_object, double max_error_px
   TrackOptions options;
   options.max_error_px = max_error_px;
   options.min_triangulation_deg = options_.min_triangulation_deg;
-  return TriangulateTracks(Posed(of_object), keypoints_,
-                           of_object ? features_.object_pairs : features_.static_pairs, options);
+  return TriangulateTracks(Posed(of_object), keypoints_, of_object ? object_pairs_ : features_.static_pairs,
+                           options);
 }
 
 void Refiner::MeasureNoise() {
@@ -186,6 +190,50 @@ double Refiner::ErrorBound(double sigma_px) const {
   }
   return std::clamp(kErrorSigmas * sigma_px, std::min(kLeastErrorPx, options_.max_error_px),
                     options_.max_error_px);
+}
+
+// Adds raw matches that agree with the poses to the verified ones: verification, which knew no poses, had to
+// leave out those of pairs that show little of the object.
+void Refiner::TakeRawMatches(double max_error_px) {
+  object_pairs_ = features_.object_pairs;
+  std::map<std::pair<int, int>, size_t> place;
+  for (size_t p = 0; p < object_pairs_.size(); ++p) {
+    place[{object_pairs_[p].image1, object_pairs_[p].image2}] = p;
+  }
+  const std::vector<PosedImage> posed = Posed(true);
+  const auto is_static = [&](size_t image, uint32_t keypoint) {
+    const std::vector<KeypointLabel>& labels = features_.images[image].labels;
+    return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
+  };
+  for (const ImagePairMatches& raw : features_.raw_pairs) {
+    const auto i = static_cast<size_t>(raw.image1);
+    const auto j = static_cast<size_t>(raw.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    const auto found = place.find({raw.image1, raw.image2});
+    std::set<std::pair<uint32_t, uint32_t>> known;
+    if (found != place.end()) {
+      for (const FeatureMatch& match : object_pairs_[found->second].matches)
+        known.emplace(match.point2D_idx1, match.point2D_idx2);
+    }
+    const bool same_place = StationOf(raw.image1) == StationOf(raw.image2);
+    FeatureMatches agreeing;
+    for (const FeatureMatch& match : raw.matches) {
+      if (known.count({match.point2D_idx1, match.point2D_idx2}) > 0) continue;
+      if (is_static(i, match.point2D_idx1) || is_static(j, match.point2D_idx2)) continue;
+      const Eigen::Vector2f& xy1 = keypoints_[i][match.point2D_idx1];
+      const Eigen::Vector2f& xy2 = keypoints_[j][match.point2D_idx2];
+      if (same_place && (xy1 - xy2).norm() <= kLeastMovePx) continue;
+      if (MatchErrorPx(posed[i], posed[j], xy1.cast<double>(), xy2.cast<double>()) <= max_error_px)
+        agreeing.push_back(match);
+    }
+    if (agreeing.empty()) continue;
+    if (found == place.end()) {
+      object_pairs_.push_back({raw.image1, raw.image2, std::move(agreeing)});
+    } else {
+      FeatureMatches& matches = object_pairs_[found->second].matches;
+      matches.insert(matches.end(), agreeing.begin(), agreeing.end());
+    }
+  }
 }
 
 void Refiner::FindUnmoved() {
@@ -698,7 +746,7 @@ void Refiner::Relabel(double max_error_px) {
   }
   // Matches on their epipolar lines.
   const std::vector<PosedImage> posed = Posed(true);
-  for (const ImagePairMatches& pair : features_.object_pairs) {
+  for (const ImagePairMatches& pair : object_pairs_) {
     const auto i = static_cast<size_t>(pair.image1);
     const auto j = static_cast<size_t>(pair.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
@@ -775,7 +823,10 @@ RefineReport Refiner::Run() {
   for (int round = 0; round < options_.max_rounds; ++round) {
     if (reporter_.StopRequested()) throw Interrupted();
     const auto start = std::chrono::steady_clock::now();
-    if (round > 0) DropDoubtful(max_error_px);
+    if (round > 0) {
+      DropDoubtful(max_error_px);
+      TakeRawMatches(max_error_px);
+    }
     object_points_ = Triangulate(true, max_error_px);
     if (has_background_) background_points_ = Triangulate(false, max_error_px);
     for (size_t before = 0; before != aligned_->scene.views.size();) {
@@ -835,6 +886,7 @@ RefineReport Refiner::Run() {
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;
   IndexViews();
+  TakeRawMatches(max_error_px);
   object_points_ = Triangulate(true, max_error_px);
   if (has_background_) background_points_ = Triangulate(false, max_error_px);
   WriteModels();
