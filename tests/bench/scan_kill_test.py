@@ -7,7 +7,7 @@ One run goes through undisturbed in WORK/straight. In WORK/killed each run is ki
 random moment of the pipeline: moments are drawn evenly over the undisturbed run's time and taken in order; a kill waits
 for the stage that ran at its moment to begin, then for as long as that stage had run by then. The last run is left
 alone. Poses, models, masks, depth and normal maps, the Gaussians and the mesh must be the same, bit for bit, and no
-temporary file may be left. Results are for one machine: COLMAP is run with one thread for each stage of it.
+temporary file may be left. COLMAP must give the same features and models twice for that, which its threads may prevent.
 """
 import argparse, os, random, re, shutil, signal, subprocess, sys, threading, time
 
