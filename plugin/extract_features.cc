@@ -168,7 +168,8 @@ void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap,
   std::error_code ec;
   // What is left of an older database's log must not be taken for the new one's.
   for (const char* suffix : {"-wal", "-shm"}) fs::remove(extraction.database_path.string() + suffix, ec);
-  ColmapDatabase::SafeCopy(unfinished, extraction.database_path, reporter);
+  ColmapDatabase::SafeCopy(unfinished, extraction.database_path, reporter,
+                           [](ColmapDatabase& database) { database.NumberImagesByName(); });
   for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(unfinished.string() + suffix, ec);
 }
 

@@ -728,6 +728,23 @@ void ColmapDatabase::ForEachTwoViewGeometry(
   }
 }
 
+void ColmapDatabase::NumberImagesByName() {
+  if (has_frames_) return;
+  InTransaction([&] {
+    connection_->Execute(
+        "PRAGMA defer_foreign_keys=ON;"
+        "CREATE TEMP TABLE numbering(old INTEGER PRIMARY KEY, new INTEGER);"
+        "INSERT INTO numbering SELECT image_id, ROW_NUMBER() OVER (ORDER BY name) FROM images;");
+    // By way of numbers that no image has.
+    for (const std::string table : {"images", "keypoints", "descriptors"}) {
+      connection_->Execute("UPDATE " + table + " SET image_id = image_id + 1000000000;");
+      connection_->Execute("UPDATE " + table + " SET image_id = (SELECT new FROM numbering WHERE old = " +
+                           table + ".image_id - 1000000000);");
+    }
+    connection_->Execute("DROP TABLE numbering;");
+  });
+}
+
 void ColmapDatabase::ReplaceTwoViewGeometries(const std::vector<TwoViewGeometryOfPair>& geometries) {
   InTransaction([&] {
     connection_->Execute("DELETE FROM two_view_geometries");

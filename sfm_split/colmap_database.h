@@ -166,6 +166,12 @@ class ColmapDatabase {
   void ForEachMatches(const std::function<void(uint32_t image_id1, uint32_t image_id2,
                                                const FeatureMatches& matches)>& visit) const;
 
+  /// Numbers the images from 1 in the order of their names, and their keypoints and descriptors with them.
+  /// COLMAP's extractor numbers them as its threads happen to finish, which what follows would depend on.
+  /// Only for databases without matches. Databases of COLMAP 3.12 and newer, which know frames, stay as they
+  /// are.
+  void NumberImagesByName();
+
   /// Nothing when the pair has none.
   std::optional<TwoViewGeometry> ReadTwoViewGeometry(uint32_t image_id1, uint32_t image_id2) const;
   /// Replaces what the pair has.

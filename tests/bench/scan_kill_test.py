@@ -7,7 +7,7 @@ One run goes through undisturbed in WORK/straight. In WORK/killed each run is ki
 random moment of the pipeline: moments are drawn evenly over the undisturbed run's time and taken in order; a kill waits
 for the stage that ran at its moment to begin, then for as long as that stage had run by then. The last run is left
 alone. Poses, models, masks, depth and normal maps, the Gaussians and the mesh must be the same, bit for bit, and no
-temporary file may be left. Results are for one machine: COLMAP is run with one thread for each stage of it.
+temporary file may be left. COLMAP must give the same features and models twice for that, which its threads may prevent.
 """
 import argparse, os, random, re, shutil, signal, subprocess, sys, threading, time
 
@@ -53,6 +53,12 @@ class Run:
         with self.changed:
             self.changed.wait_for(lambda: self.has_ended or stage in [name for name, _ in self.stages])
             return stage in [name for name, _ in self.stages]
+
+    def wait_within(self, stage, seconds):
+        """For so long, or until the stage is over."""
+        with self.changed:
+            self.changed.wait_for(
+                lambda: self.has_ended or self.stages and stage not in ("", self.stages[-1][0]), timeout=seconds)
 
     def finish(self):
         code = self.process.wait()
@@ -107,6 +113,7 @@ def main():
 
     rng = random.Random(args.seed)
     done = 0
+    killed_at = {}  # how far into a stage it was killed last
     for moment in sorted(rng.uniform(0, total) for _ in range(args.kills)):
         stage, begin = [entry for entry in timeline if entry[1] <= moment][-1]
         run = Run(args, killed)
@@ -114,7 +121,11 @@ def main():
             run.finish()  # the kill before came so late that the stage was done
             print(f"  {stage} was done", flush=True)
             continue
-        time.sleep(moment - begin)
+        # Training goes on from its checkpoints: it has no more than the rest before it.
+        into = moment - begin
+        begun = killed_at.get(stage, 0) if stage == "gaussian_trainer" else 0
+        killed_at[stage] = into
+        run.wait_within(stage, into - begun)
         run.process.send_signal(signal.SIGKILL)
         run.process.wait()
         run.reader.join(timeout=0.2)  # children that outlive it keep the pipe

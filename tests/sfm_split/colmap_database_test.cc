@@ -336,6 +336,31 @@ TEST(ColmapDatabase, ReplaceTwoViewGeometriesLeavesTheRest) {
   EXPECT_THAT(FileNames(folder.path()), ElementsAre("d.db"));
 }
 
+TEST(ColmapDatabase, ImagesAreNumberedByName) {
+  TemporaryFolder folder;
+  // a.jpg 1, sub/b.jpg 2, c.jpg 5 become a.jpg 1, c.jpg 2, sub/b.jpg 3.
+  const fs::path path =
+      MakeDatabase(folder / "d.db", kColmapSchema38,
+                   "DELETE FROM matches; DELETE FROM two_view_geometries;"
+                   "DELETE FROM keypoints; DELETE FROM descriptors;"
+                   "INSERT INTO keypoints VALUES (1, 11, 6, X''), (2, 12, 6, X''), (5, 15, 6, X'');"
+                   "INSERT INTO descriptors(image_id, rows, cols, data) VALUES (5, 15, 128, X'');");
+  ColmapDatabase::Open(path, Access::kReadWrite).NumberImagesByName();
+  RawDatabase raw(path);
+  const auto at = [&](const std::string& column, const std::string& table, int id) {
+    return raw.Query("SELECT " + column + " FROM " + table + " WHERE image_id = " + std::to_string(id));
+  };
+  EXPECT_EQ(at("name", "images", 1), "a.jpg");
+  EXPECT_EQ(at("name", "images", 2), "c.jpg");
+  EXPECT_EQ(at("camera_id", "images", 2), "9");
+  EXPECT_EQ(at("name", "images", 3), "sub/b.jpg");
+  EXPECT_EQ(at("rows", "keypoints", 1), "11");
+  EXPECT_EQ(at("rows", "keypoints", 2), "15");
+  EXPECT_EQ(at("rows", "keypoints", 3), "12");
+  EXPECT_EQ(at("rows", "descriptors", 2), "15");
+  EXPECT_EQ(raw.Query("SELECT count(*) FROM images"), "3");
+}
+
 TEST(ColmapDatabase, IdentityPoseMeansNone) {
   TemporaryFolder folder;
   const fs::path path = MakeDatabase(folder / "d.db", kColmapSchema38,
