@@ -7,12 +7,15 @@
 #include <cctype>
 #include <chrono>
 #include <filesystem>
+#include <map>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
 #include <vector>
 
 #include "plugin/scan_summary.h"
+#include "plugin/stage_stamp.h"
 #include "plugin/workspace.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
@@ -34,6 +37,8 @@ struct Settings {
   Until until = Until::kMesh;
   std::string use_gpu = "auto";
   int test_every = 0;
+  std::optional<int64_t> num_iterations;
+  std::optional<int32_t> max_image_size;
   bool keep_disc = true;
 };
 
@@ -105,10 +110,19 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
            settings.colmap_path.string()));
   if (settings.until == Until::kSplit) return steps;
 
-  add("gaussian_trainer", "The Gaussian model",
-      with({"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--quality",
-            QualityName(settings.quality), "--test_every", std::to_string(settings.test_every)},
-           "--mask_path", settings.mask_path.string()));
+  std::vector<std::string> training = {"--workspace_path", root,
+                                       "--image_path",     images,
+                                       "--use_gpu",        settings.use_gpu,
+                                       "--quality",        QualityName(settings.quality),
+                                       "--test_every",     std::to_string(settings.test_every)};
+  training = with(training, "--mask_path", settings.mask_path.string());
+  if (settings.num_iterations) {
+    training = with(training, "--Train.num_iterations", FormatValue(*settings.num_iterations));
+  }
+  if (settings.max_image_size) {
+    training = with(training, "--max_image_size", FormatValue(*settings.max_image_size));
+  }
+  add("gaussian_trainer", "The Gaussian model", training);
   if (settings.until == Until::kTrain) return steps;
 
   add("gaussian_renderer", "Masks, depth and normal maps",
@@ -157,6 +171,34 @@ double CpuSeconds() {
   return seconds;
 }
 
+// By name.
+std::map<std::string, StageStamp> ReadStamps(const Workspace& workspace, const std::string& command) {
+  std::map<std::string, StageStamp> stamps;
+  Reporter silent;  // the command itself says what is wrong with a stamp
+  for (const StandardStage& stage : StandardStages(workspace)) {
+    if (stage.command != command) continue;
+    const std::optional<StageStamp> stamp = ReadStageStamp(workspace, stage.name, silent);
+    if (stamp) stamps[stage.name] = *stamp;
+  }
+  return stamps;
+}
+
+// Which stages of a command ran, by their stamps before and after it.
+void AddStages(const Workspace& workspace, const std::string& command,
+               const std::map<std::string, StageStamp>& before, ScanSummary* summary) {
+  const std::map<std::string, StageStamp> after = ReadStamps(workspace, command);
+  for (const StandardStage& stage : StandardStages(workspace)) {
+    const auto now = after.find(stage.name);
+    if (now == after.end()) continue;
+    const StageStamp& stamp = now->second;
+    const auto then = before.find(stage.name);
+    const bool has_run = then == before.end() || then->second.run_id != stamp.run_id;
+    const std::string reason =
+        has_run ? stamp.reason : "done " + stamp.finished + ", and nothing that it depends on has changed";
+    summary->stages.push_back({stage.name, has_run, reason, stamp.seconds});
+  }
+}
+
 ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
   out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
   const auto started = std::chrono::steady_clock::now();
@@ -198,6 +240,11 @@ void RunAutomaticScanner(CommandContext& context) {
   options.Add("use_gpu", &settings.use_gpu, "auto, 0 or 1");
   options.Add("test_every", &settings.test_every,
               "hold every n-th photo out of training and measure the model on it; 0: none");
+  options.Add("num_iterations", &settings.num_iterations, "steps of training; empty: as --quality says");
+  options
+      .Add("max_image_size", &settings.max_image_size,
+           "longer side of the photos in training; empty: as --quality says")
+      .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
   options.Add("colmap_path", &settings.colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
@@ -217,7 +264,9 @@ void RunAutomaticScanner(CommandContext& context) {
   const std::vector<Step> steps = MakeSteps(settings, options);
   for (size_t i = 0; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
+    const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
     summary.steps.push_back(RunStep(steps[i], i + 1, steps.size(), context.out()));
+    AddStages(workspace, steps[i].command, before, &summary);
   }
   CollectFigures(workspace, &summary);
   WriteScanSummary(workspace.ReportJson(), summary);

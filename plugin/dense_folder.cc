@@ -31,12 +31,21 @@ bool HasPosesOf(const ColmapModel& model, const fs::path& dense_model) {
 }  // namespace
 
 std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace, const fs::path& image_path,
-                                                      Reporter& reporter) {
+                                                      StageRunner* runner, Reporter& reporter) {
   const ColmapModel model = ReadColmapModel(workspace.ObjectModel());
   std::error_code ec;
-  if (!fs::exists(workspace.DenseModel(), ec) || !HasPosesOf(model, workspace.DenseModel())) {
-    reporter.Info("writing undistorted photos and cameras to " + workspace.Dense().string());
-    WriteDenseWorkspace(workspace.Dense(), model, {workspace.ObjectModel(), image_path, {}}, reporter);
+  const bool is_ours = ReadStageStamp(workspace, kUndistorterStage, reporter).has_value();
+  if (is_ours || !fs::exists(workspace.DenseModel(), ec) || !HasPosesOf(model, workspace.DenseModel())) {
+    const Stage stage = {kUndistorterStage,
+                         {workspace.ObjectModel(), image_path},
+                         {},
+                         {workspace.DenseImages(), workspace.DenseModel()},
+                         {}};
+    runner->Run(stage, [&] {
+      // Its presence says that the folder is complete.
+      fs::remove_all(workspace.DenseModel(), ec);
+      WriteDenseWorkspace(workspace.Dense(), model, {workspace.ObjectModel(), image_path, {}}, reporter);
+    });
   }
   const ColmapModel dense = ReadColmapModel(workspace.DenseModel());
   std::map<std::string, PinholeView> views;

@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <sstream>
 #include <string>
@@ -17,6 +19,7 @@
 
 #include "plugin/backend_choice.h"
 #include "plugin/dense_folder.h"
+#include "plugin/stage.h"
 #include "plugin/workspace.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/held_out.h"
@@ -148,16 +151,24 @@ class Renderer {
   Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend)
       : a_(arguments), workspace_(workspace), scene_(std::move(scene)), backend_(backend) {
     output_ = a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path;
-    images_ = a_.image_path.empty() ? workspace.Images() : a_.image_path;
   }
 
-  void RenderPhoto(const ScenePhoto& photo, const PinholeView* dense_view) {
+  // What other stages and COLMAP work on. \param dense_view  null: no maps.
+  void RenderForWorkspace(const ScenePhoto& photo, const PinholeView* dense_view) {
+    if (a_.masks) {
+      const Image8 mask = MaskImage(RotatingMask(backend_->Render(WholeScene(photo.view))));
+      WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, mask));
+    }
+    if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
+  }
+
+  // Images to look at.
+  void RenderPictures(const ScenePhoto& photo) {
     const std::string file = photo.name + ".png";
-    if (a_.color || a_.masks || a_.foreground || a_.comparison) {
+    if (a_.color || a_.foreground || a_.comparison) {
       const RenderedView view = backend_->Render(WholeScene(photo.view));
       const Image8 color = ToImage8(view);
       const Image8 mask = MaskImage(RotatingMask(view));
-      if (a_.masks) WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, mask));
       if (a_.color) WriteImage(InFolder(output_ / "color" / file), color);
       if (a_.foreground) WriteImage(InFolder(output_ / "foreground" / file), SoftForeground(photo));
       if (a_.comparison) {
@@ -171,11 +182,15 @@ class Renderer {
       WriteImage(InFolder(output_ / "depth" / file), DepthPicture(depth, view.width, view.height));
       WriteImage(InFolder(output_ / "normal" / file), NormalPicture(view));
     }
-    if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
   }
 
-  // Comparisons of a few photos below each other.
-  void WriteOverview(const std::vector<const ScenePhoto*>& photos) {
+  // Comparisons of a few photos, spread evenly, below each other.
+  void WriteOverview() {
+    const std::vector<ScenePhoto>& all = scene_.photos;
+    const size_t count = std::min<size_t>(kNumOverviewPhotos, all.size());
+    std::vector<const ScenePhoto*> photos;
+    photos.reserve(count);
+    for (size_t i = 0; i < count; ++i) photos.push_back(&all[i * all.size() / count]);
     std::vector<Image8> rows;
     rows.reserve(photos.size());
     Image8 overview{kOverviewWidth, 0, 3, {}};
@@ -231,7 +246,7 @@ class Renderer {
 
   Image8 Photo(const ScenePhoto& photo) {
     const Undistortion& plan = PlanOf(photo);
-    return UndistortImage(ReadImage(images_ / photo.name, 3), plan.source, plan.pinhole);
+    return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole);
   }
 
   void WriteStereo(const std::string& name, PinholeView view) {
@@ -267,18 +282,90 @@ class Renderer {
   TrainingScene scene_;
   Backend* backend_;
   fs::path output_;
-  fs::path images_;
   std::map<std::string, Undistortion> plans_;
 };
+
+// The model and the scene, loaded when the first picture is wanted.
+class LazyRenderer {
+ public:
+  LazyRenderer(const Arguments& arguments, const Workspace& workspace, Reporter& reporter)
+      : a_(arguments), workspace_(workspace), reporter_(reporter) {}
+
+  Renderer& Get() {
+    if (renderer_) return *renderer_;
+    TrainingScene scene = ReadScenePoses(
+        {workspace_.ObjectModel(), workspace_.StaticModel(), workspace_.Turntable(), a_.image_path, {}, {}},
+        TrainMode::kAuto, reporter_);
+    TrainState state;
+    state.gaussians = NormaliseGaussians(ReadGaussianPly(a_.model_path), scene.origin, scene.size);
+    backend_ = MakeBackend(a_.backend, reporter_);
+    backend_->SetState(state);
+    names_ = ReadList(a_.image_list, scene);
+    renderer_.emplace(a_, workspace_, std::move(scene), backend_.get());
+    return *renderer_;
+  }
+
+  // Calls `render` for every photo that is asked for.
+  void ForEachPhoto(const char* task, const std::function<void(Renderer&, const ScenePhoto&)>& render) {
+    Renderer& renderer = Get();
+    int64_t done = 0;
+    for (const ScenePhoto& photo : renderer.scene().photos) {
+      if (names_.count(photo.name) == 0) continue;
+      if (reporter_.StopRequested()) throw Interrupted();
+      render(renderer, photo);
+      reporter_.Progress(task, ++done, static_cast<int64_t>(names_.size()));
+    }
+  }
+
+  size_t num_photos() const { return names_.size(); }
+
+ private:
+  const Arguments& a_;
+  const Workspace& workspace_;
+  Reporter& reporter_;
+  std::unique_ptr<Backend> backend_;
+  std::optional<Renderer> renderer_;
+  std::set<std::string> names_;
+};
+
+void RenderForWorkspace(const Arguments& a, const std::map<std::string, PinholeView>& dense_views,
+                        LazyRenderer* lazy) {
+  lazy->ForEachPhoto("render", [&](Renderer& renderer, const ScenePhoto& photo) {
+    const auto dense = dense_views.find(photo.name);
+    if (dense == dense_views.end()) return renderer.RenderForWorkspace(photo, nullptr);
+    PinholeView view = dense->second;
+    view.cam_from_object = photo.view.cam_from_object;
+    view.cam_from_world = photo.view.cam_from_world;
+    renderer.RenderForWorkspace(photo, &view);
+  });
+  if (a.overview) lazy->Get().WriteOverview();
+}
+
+void RenderFrames(const Arguments& a, const Workspace& workspace, LazyRenderer* lazy, Reporter& reporter) {
+  Renderer& renderer = lazy->Get();
+  const auto& photos = renderer.scene().photos;
+  const auto first = std::find_if(photos.begin(), photos.end(),
+                                  [&](const ScenePhoto& photo) { return photo.station == a.frame_station; });
+  if (first == photos.end()) throw CommandLineError("--frame_station: there is no such station");
+  if (!renderer.scene().axis) {
+    throw UserError(workspace.Turntable(), "is missing, so there is no axis for --num_frames to turn about",
+                    "Leave --num_frames out");
+  }
+  for (int frame = 0; frame < a.num_frames; ++frame) {
+    if (reporter.StopRequested()) throw Interrupted();
+    renderer.RenderFrame(frame, first->view, *renderer.scene().axis);
+    reporter.Progress("frames", frame + 1, a.num_frames);
+  }
+}
 
 }  // namespace
 
 void RunGaussianRenderer(CommandContext& context) {
   Arguments a;
   Options& options = context.Declare(
-      "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, and "
-      "images to "
-      "look at. The maps are what tsdf_mesher and colmap stereo_fusion need.",
+      "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, which "
+      "is skipped when it is done, and images to look at. The maps are what tsdf_mesher and colmap "
+      "stereo_fusion need.",
       "--workspace_path scan --comparison 1");
   AddOptions(&options, &a);
   AddBackendOptions(&options, &a.backend);
@@ -286,66 +373,37 @@ void RunGaussianRenderer(CommandContext& context) {
   if (a.num_frames < 0) throw CommandLineError("--num_frames must not be negative");
 
   const Workspace workspace{a.workspace_path};
-  const WorkspaceLock lock(workspace, reporter);
-  const fs::path model_path = a.model_path.empty() ? workspace.PointCloud() : a.model_path;
-  TrainingScene scene = ReadScenePoses({workspace.ObjectModel(),
-                                        workspace.StaticModel(),
-                                        workspace.Turntable(),
-                                        a.image_path.empty() ? workspace.Images() : a.image_path,
-                                        {},
-                                        {}},
-                                       TrainMode::kAuto, reporter);
-  const std::set<std::string> names = ReadList(a.image_list, scene);
-  TrainState state;
-  state.gaussians = NormaliseGaussians(ReadGaussianPly(model_path), scene.origin, scene.size);
-  const std::unique_ptr<Backend> backend = MakeBackend(a.backend, reporter);
-  backend->SetState(state);
-
+  StageRunner runner(workspace, reporter);
+  if (a.image_path.empty()) a.image_path = workspace.Images();
+  if (a.model_path.empty()) a.model_path = workspace.PointCloud();
   std::map<std::string, PinholeView> dense_views;
+  if (a.stereo) dense_views = PrepareDenseFolder(workspace, a.image_path, &runner, reporter);
+
+  LazyRenderer lazy(a, workspace, reporter);
+  Stage stage;
+  stage.name = "gaussian_renderer";
+  stage.inputs = {workspace.ObjectModel(), workspace.StaticModel(), workspace.Turntable(), a.image_path,
+                  a.model_path};
+  if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
+  const std::map<std::string, std::string> values = options.Values();
+  for (const char* name : {"masks", "stereo", "overview", "depth"}) stage.options[name] = values.at(name);
+  stage.depends_on = {"gaussian_trainer"};
+  if (a.masks) stage.outputs.push_back(workspace.Masks());
+  if (a.overview) stage.outputs.push_back(workspace.Overview());
   if (a.stereo) {
-    dense_views =
-        PrepareDenseFolder(workspace, a.image_path.empty() ? workspace.Images() : a.image_path, reporter);
+    stage.outputs.insert(stage.outputs.end(),
+                         {workspace.DepthMaps(), workspace.NormalMaps(), workspace.Dense() / "masks"});
+    stage.depends_on.emplace_back(kUndistorterStage);
   }
-  Renderer renderer(a, workspace, std::move(scene), backend.get());
-  int64_t done = 0;
-  for (const ScenePhoto& photo : renderer.scene().photos) {
-    if (names.count(photo.name) == 0) continue;
-    if (reporter.StopRequested()) throw Interrupted();
-    const auto dense = dense_views.find(photo.name);
-    PinholeView dense_view;
-    if (dense != dense_views.end()) {
-      dense_view = dense->second;
-      dense_view.cam_from_object = photo.view.cam_from_object;
-      dense_view.cam_from_world = photo.view.cam_from_world;
-    }
-    renderer.RenderPhoto(photo, dense != dense_views.end() ? &dense_view : nullptr);
-    reporter.Progress("render", ++done, static_cast<int64_t>(names.size()));
+  if (!stage.outputs.empty() && !runner.Run(stage, [&] { RenderForWorkspace(a, dense_views, &lazy); })) {
+    context.out() << "up to date       " << workspace.root.string() << '\n';
   }
-  if (a.overview && !renderer.scene().photos.empty()) {
-    const std::vector<ScenePhoto>& all = renderer.scene().photos;
-    const size_t count = std::min<size_t>(kNumOverviewPhotos, all.size());
-    std::vector<const ScenePhoto*> chosen;
-    chosen.reserve(count);
-    for (size_t i = 0; i < count; ++i) chosen.push_back(&all[i * all.size() / count]);
-    renderer.WriteOverview(chosen);
+  if (a.color || a.foreground || a.pictures || a.comparison) {
+    lazy.ForEachPhoto("render pictures",
+                      [](Renderer& renderer, const ScenePhoto& photo) { renderer.RenderPictures(photo); });
   }
-  if (a.num_frames > 0) {
-    const auto& photos = renderer.scene().photos;
-    const auto first = std::find_if(photos.begin(), photos.end(), [&](const ScenePhoto& photo) {
-      return photo.station == a.frame_station;
-    });
-    if (first == photos.end()) throw CommandLineError("--frame_station: there is no such station");
-    if (!renderer.scene().axis) {
-      throw UserError(workspace.Turntable(), "is missing, so there is no axis for --num_frames to turn about",
-                      "Leave --num_frames out");
-    }
-    for (int frame = 0; frame < a.num_frames; ++frame) {
-      if (reporter.StopRequested()) throw Interrupted();
-      renderer.RenderFrame(frame, first->view, *renderer.scene().axis);
-      reporter.Progress("frames", frame + 1, a.num_frames);
-    }
-  }
-  context.out() << fmt::format("photos rendered  {}\nframes           {}\n", done, a.num_frames);
+  if (a.num_frames > 0) RenderFrames(a, workspace, &lazy, reporter);
+  context.out() << fmt::format("photos rendered  {}\nframes           {}\n", lazy.num_photos(), a.num_frames);
 }
 
 }  // namespace s2gs

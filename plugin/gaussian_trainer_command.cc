@@ -1,15 +1,23 @@
 #include "plugin/gaussian_trainer_command.h"
 
+#define XXH_INLINE_ALL
 #include <fmt/format.h>
+#include <xxhash.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
+#include <initializer_list>
+#include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 #include "plugin/backend_choice.h"
+#include "plugin/stage.h"
 #include "plugin/workspace.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/train.h"
@@ -39,7 +47,9 @@ const EnumNames<GrowthStrategy> kGrowthNames = {{"adaptive", GrowthStrategy::kAd
 const EnumNames<GaussianPlyLayout> kLayoutNames = {{"2dgs", GaussianPlyLayout::k2dgs},
                                                    {"3dgs", GaussianPlyLayout::k3dgs}};
 
-// What --quality stands for, where the options themselves are not given.
+// What --quality stands for, where the options themselves are not given, in the order of Preset.
+constexpr std::array<const char*, 4> kPresetOptions = {"Train.num_iterations", "max_image_size",
+                                                       "Train.growth", "Train.max_gaussians"};
 struct Preset {
   int64_t num_iterations;
   int max_image_size;
@@ -79,9 +89,9 @@ void AddSceneOptions(Options* options, Arguments* a) {
   options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and turntable.json")
       .Required();
   options->Add("image_path", &a->image_path, "the photos; empty: images in the workspace");
-  options->Add(
-      "mask_path", &a->mask_path,
-      "masks NAME.png of the rotating part; empty: masks in the workspace. Needed by --mode masks only");
+  options->Add("mask_path", &a->mask_path,
+               "masks NAME.png of the rotating part; empty: masks in the workspace, for --mode masks and "
+               "--masks_as_hint only");
   options->Add("truth_mask_path", &a->truth_mask_path,
                "masks NAME.png to measure held-out photos by; never trained on");
   options->Add("output_path", &a->output_path,
@@ -95,7 +105,7 @@ void AddSceneOptions(Options* options, Arguments* a) {
       "mode", &TrainingSceneOptions::mode, kModeNames,
       "s2gs: tell the rotating part from the background by motion; masks: 2DGS of the rotating part cut "
       "out by masks; static: 2DGS of everything; auto: s2gs when turntable.json says that something "
-      "turns, else masks when there are some, else static");
+      "turns, else masks when --mask_path has some, else static");
   scene.Add("max_image_size", &TrainingSceneOptions::max_image_size, "longer side of photos in training")
       .Unit("px");
   scene.Add("test_every", &TrainingSceneOptions::test_every,
@@ -191,10 +201,38 @@ void ApplyPreset(const Options& options, BackendKind kind, Arguments* a) {
   Quality quality = a->quality;
   if (quality == Quality::kAuto) quality = kind == BackendKind::kCuda ? Quality::kHigh : Quality::kLow;
   const Preset preset = PresetOf(quality);
-  if (!options.IsGiven("Train.num_iterations")) a->train.num_iterations = preset.num_iterations;
-  if (!options.IsGiven("max_image_size")) a->scene.max_image_size = preset.max_image_size;
-  if (!options.IsGiven("Train.growth")) a->train.growth = preset.growth;
-  if (!options.IsGiven("Train.max_gaussians")) a->train.max_gaussians = preset.max_gaussians;
+  if (!options.IsGiven(kPresetOptions[0])) a->train.num_iterations = preset.num_iterations;
+  if (!options.IsGiven(kPresetOptions[1])) a->scene.max_image_size = preset.max_image_size;
+  if (!options.IsGiven(kPresetOptions[2])) a->train.growth = preset.growth;
+  if (!options.IsGiven(kPresetOptions[3])) a->train.max_gaussians = preset.max_gaussians;
+}
+
+// Of all that is trained on.
+uint64_t HashOf(const TrainingScene& scene) {
+  XXH3_state_t state;
+  XXH3_64bits_reset(&state);
+  const auto add = [&](const void* data, size_t size) { XXH3_64bits_update(&state, data, size); };
+  const auto add_pose = [&](const Rigid3& pose) {
+    add(pose.rotation.coeffs().data(), 4 * sizeof(double));
+    add(pose.translation.data(), 3 * sizeof(double));
+  };
+  for (const ScenePhoto& photo : scene.photos) {
+    if (photo.held_out) continue;
+    add(photo.name.data(), photo.name.size());
+    add(photo.image.pixels.data(), photo.image.pixels.size());
+    add(photo.mask.data(), photo.mask.size());
+    add_pose(photo.view.cam_from_world);
+    add_pose(photo.view.cam_from_object);
+    for (const double value : {photo.view.fx, photo.view.fy, photo.view.cx, photo.view.cy}) {
+      add(&value, sizeof(value));
+    }
+  }
+  for (const ScenePoint& point : scene.points) {
+    add(point.x.data(), 3 * sizeof(double));
+    add(point.rgb.data(), 3);
+    add(&point.rotates, sizeof(point.rotates));
+  }
+  return XXH3_64bits_digest(&state);
 }
 
 // Everything that a checkpoint must agree with to be gone on from.
@@ -209,20 +247,33 @@ std::string SettingsOf(const Options& options, const TrainingScene& scene) {
       settings += '\n';
     }
   }
-  size_t trained = 0;
-  for (const ScenePhoto& photo : scene.photos) trained += photo.held_out ? 0 : 1;
-  const PinholeView& view = scene.photos.front().view;
-  settings += fmt::format("photos={} of {} x {}\npoints={}\nsize={}\n", trained, view.width, view.height,
-                          scene.points.size(), scene.size);
+  settings += fmt::format("scene={:016x}\n", HashOf(scene));
   return settings;
 }
 
-// p in the file is what the mode says, where it is not learnt.
+// What results depend on; where and with how many threads they are computed does not count. Presets count by
+// their name, so that a finished model stays when the workspace moves to a machine with another backend.
+std::map<std::string, std::string> StageOptions(const Options& options) {
+  std::map<std::string, std::string> values = ValuesWithout(
+      options, {"workspace_path", "image_path", "mask_path", "truth_mask_path", "test_list", "output_path",
+                "use_gpu", "gpu_index", "num_threads", "resume", "Train.checkpoint_every"});
+  for (const char* name : kPresetOptions) {
+    if (!options.IsGiven(name)) values[name] = "of quality " + values.at("quality");
+  }
+  values.erase("quality");
+  return values;
+}
+
+// p in the file is what the mode says, where it is not learnt: in a static scene the object is what the
+// photos look at, and all of it when they look at no common place.
 Gaussians ForFile(Gaussians gaussians, const TrainingScene& scene) {
   constexpr float kCertainLogit = 10;
-  if (scene.bodies() != SceneBodies::kBoth) {
-    const float logit = scene.bodies() == SceneBodies::kObjectOnly ? kCertainLogit : -kCertainLogit;
-    for (float& value : gaussians.foreground_logit) value = logit;
+  for (size_t i = 0; scene.bodies() != SceneBodies::kBoth && i < gaussians.size(); ++i) {
+    const float* centre = gaussians.centre.data() + 3 * i;
+    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
+    const bool is_object = scene.bodies() == SceneBodies::kObjectOnly || !(scene.focus_radius > 0) ||
+                           (x - scene.focus).norm() < scene.focus_radius;
+    gaussians.foreground_logit[i] = is_object ? kCertainLogit : -kCertainLogit;
   }
   return DenormaliseGaussians(std::move(gaussians), scene.origin, scene.size);
 }
@@ -256,10 +307,9 @@ void RunGaussianTrainer(CommandContext& context) {
   Arguments a;
   Options& options = context.Declare(
       "Trains 2D Gaussian splats on posed photos and tells the rotating part from the background by its "
-      "motion. "
-      "Reads sparse/0, sparse/static and turntable.json, writes s2gs/point_cloud.ply and s2gs/log.jsonl. "
-      "Stopped "
-      "with Ctrl-C, the same command goes on where it was.",
+      "motion. Reads sparse/0, sparse/static and turntable.json, writes s2gs/point_cloud.ply and "
+      "s2gs/log.jsonl. Stopped with Ctrl-C, or killed, the same command goes on where it was, and is skipped "
+      "when it is done. Only with --output_path it always runs: its result is then no part of the workspace.",
       "--workspace_path scan --image_path scan/images --test_every 10");
   AddSceneOptions(&options, &a);
   AddBackendOptions(&options, &a.backend);
@@ -268,38 +318,51 @@ void RunGaussianTrainer(CommandContext& context) {
   Reporter& reporter = context.Parse();
 
   const Workspace workspace{a.workspace_path};
-  const WorkspaceLock lock(workspace, reporter);
-  const fs::path output = a.output_path.empty() ? workspace.Own() : a.output_path;
-  const fs::path ply = output / "point_cloud.ply";
-  const fs::path checkpoints = output / "checkpoints";
-  CreateFolder(checkpoints);
-  RemoveStaleTemporaries(output);
-  RemoveStaleTemporaries(checkpoints);
-
-  const std::unique_ptr<Backend> backend = MakeBackend(a.backend, reporter);
-  ApplyPreset(options, backend->Info().kind, &a);
+  StageRunner runner(workspace, reporter);
+  const bool uses_workspace_masks =
+      a.mask_path.empty() && (a.scene.mode == TrainMode::kMasks || a.scene.masks_as_hint);
   const TrainingScenePaths paths = {workspace.ObjectModel(),
                                     workspace.StaticModel(),
                                     workspace.Turntable(),
                                     a.image_path.empty() ? workspace.Images() : a.image_path,
-                                    a.mask_path.empty() ? workspace.Masks() : a.mask_path,
+                                    uses_workspace_masks ? workspace.Masks() : a.mask_path,
                                     a.truth_mask_path};
-  const TrainingScene scene = ReadTrainingScene(paths, a.scene, reporter);
-
+  const fs::path output = a.output_path.empty() ? workspace.Own() : a.output_path;
+  const fs::path ply = output / "point_cloud.ply";
+  const fs::path checkpoints = output / "checkpoints";
   TrainFiles files;
   files.checkpoint = checkpoints / "latest.checkpoint";
   files.log = output / "log.jsonl";
-  files.settings = SettingsOf(options, scene);
   files.resume = a.resume;
-  const TrainResult result = Train(scene, a.train, options.random_seed(), files, backend.get(), reporter);
 
-  GaussianPlyOptions ply_options;
-  ply_options.layout = a.ply_layout;
-  ply_options.foreground_only = a.foreground_only;
-  WriteGaussianPly(ply, ForFile(result.gaussians, scene), ply_options);
+  const auto train = [&] {
+    CreateFolder(checkpoints);
+    RemoveStaleTemporaries(output);
+    RemoveStaleTemporaries(checkpoints);
+    const std::unique_ptr<Backend> backend = MakeBackend(a.backend, reporter);
+    ApplyPreset(options, backend->Info().kind, &a);
+    const TrainingScene scene = ReadTrainingScene(paths, a.scene, reporter);
+    files.settings = SettingsOf(options, scene);
+    const TrainResult result = Train(scene, a.train, options.random_seed(), files, backend.get(), reporter);
+    WriteGaussianPly(ply, ForFile(result.gaussians, scene), {a.ply_layout, a.foreground_only});
+    PrintSummary(result, scene, ply, context.out());
+  };
+  if (a.output_path.empty()) {
+    Stage stage = {"gaussian_trainer",
+                   {paths.object_model, paths.static_model, paths.turntable, paths.images},
+                   StageOptions(options),
+                   {ply, files.log},
+                   {"turntable_mapper"}};
+    for (const fs::path& path : {paths.masks, paths.truth_masks, a.scene.test_list}) {
+      if (!path.empty()) stage.inputs.push_back(path);
+    }
+    if (!runner.Run(stage, train)) context.out() << "up to date            " << ply.string() << '\n';
+  } else {
+    train();
+  }
+  // Not before the model counts as done: killed in between, training would start anew.
   std::error_code ec;
   fs::remove(files.checkpoint, ec);
-  PrintSummary(result, scene, ply, context.out());
 }
 
 }  // namespace s2gs

@@ -30,25 +30,52 @@ nlohmann::json ReadLabelsFile(const fs::path& path) {
   }
 }
 
-std::vector<ImagePairMatches> ReadPairs(const ColmapDatabase& database,
-                                        const std::map<uint32_t, int>& image_of_id,
-                                        const std::vector<ScanImage>& images) {
-  std::vector<ImagePairMatches> pairs;
-  database.ForEachTwoViewGeometry([&](uint32_t id1, uint32_t id2, const TwoViewGeometry& geometry) {
-    const auto first = image_of_id.find(id1);
-    const auto second = image_of_id.find(id2);
-    if (first == image_of_id.end() || second == image_of_id.end() || geometry.inlier_matches.empty()) return;
-    const size_t size1 = images[static_cast<size_t>(first->second)].keypoints.size();
-    const size_t size2 = images[static_cast<size_t>(second->second)].keypoints.size();
-    for (const FeatureMatch& match : geometry.inlier_matches) {
-      if (match.point2D_idx1 >= size1 || match.point2D_idx2 >= size2) {
-        throw UserError(database.path(),
-                        "matches keypoints of images " + std::to_string(id1) + " and " + std::to_string(id2) +
-                            " that do not exist",
-                        kRemedy);
-      }
+// Pairs of images by their ids, as pairs of the images' places.
+class PairCollector {
+ public:
+  PairCollector(const std::filesystem::path& database, const std::vector<ScanImage>& images)
+      : database_(database), images_(images) {
+    for (size_t i = 0; i < images.size(); ++i) image_of_id_[images[i].image_id] = static_cast<int>(i);
+  }
+
+  void Add(uint32_t id1, uint32_t id2, const FeatureMatches& matches, std::vector<ImagePairMatches>* pairs) {
+    const auto first = image_of_id_.find(id1);
+    const auto second = image_of_id_.find(id2);
+    if (first == image_of_id_.end() || second == image_of_id_.end() || matches.empty()) return;
+    const size_t size1 = images_[static_cast<size_t>(first->second)].keypoints.size();
+    const size_t size2 = images_[static_cast<size_t>(second->second)].keypoints.size();
+    for (const FeatureMatch& match : matches) {
+      if (match.point2D_idx1 < size1 && match.point2D_idx2 < size2) continue;
+      throw UserError(database_,
+                      "matches keypoints of images " + std::to_string(id1) + " and " + std::to_string(id2) +
+                          " that do not exist",
+                      kRemedy);
     }
-    pairs.push_back({first->second, second->second, geometry.inlier_matches});
+    pairs->push_back({first->second, second->second, matches});
+  }
+
+ private:
+  std::filesystem::path database_;
+  const std::vector<ScanImage>& images_;
+  std::map<uint32_t, int> image_of_id_;
+};
+
+std::vector<ImagePairMatches> ReadVerifiedPairs(const ColmapDatabase& database,
+                                                const std::vector<ScanImage>& images) {
+  std::vector<ImagePairMatches> pairs;
+  PairCollector collector(database.path(), images);
+  database.ForEachTwoViewGeometry([&](uint32_t id1, uint32_t id2, const TwoViewGeometry& geometry) {
+    collector.Add(id1, id2, geometry.inlier_matches, &pairs);
+  });
+  return pairs;
+}
+
+std::vector<ImagePairMatches> ReadRawPairs(const ColmapDatabase& database,
+                                           const std::vector<ScanImage>& images) {
+  std::vector<ImagePairMatches> pairs;
+  PairCollector collector(database.path(), images);
+  database.ForEachMatches([&](uint32_t id1, uint32_t id2, const FeatureMatches& matches) {
+    collector.Add(id1, id2, matches, &pairs);
   });
   return pairs;
 }
@@ -122,16 +149,13 @@ ScanInput ReadScanInput(const Workspace& workspace) {
   }
   std::sort(features.images.begin(), features.images.end(),
             [](const ScanImage& a, const ScanImage& b) { return a.name < b.name; });
-  std::map<uint32_t, int> image_of_id;
-  for (size_t i = 0; i < features.images.size(); ++i) {
-    image_of_id[features.images[i].image_id] = static_cast<int>(i);
-  }
-  features.object_pairs = ReadPairs(object, image_of_id, features.images);
+  features.object_pairs = ReadVerifiedPairs(object, features.images);
+  features.raw_pairs = ReadRawPairs(object, features.images);
   std::error_code ec;
   if (fs::exists(workspace.StaticDatabase(), ec)) {
     const ColmapDatabase background =
         ColmapDatabase::Open(workspace.StaticDatabase(), ColmapDatabase::Access::kReadOnly);
-    features.static_pairs = ReadPairs(background, image_of_id, features.images);
+    features.static_pairs = ReadVerifiedPairs(background, features.images);
   }
   return input;
 }

@@ -8,6 +8,7 @@
 #include <optional>
 #include <sstream>
 #include <system_error>
+#include <utility>
 
 #include "mesh/triangle_mesh.h"
 #include "plugin/console_reporter.h"
@@ -84,9 +85,9 @@ void AddTraining(const Workspace& workspace, ScanSummary* summary) {
     summary->figures.emplace_back("training iterations", std::to_string(last.value("iteration", int64_t{0})));
     summary->figures.emplace_back("Gaussians", std::to_string(last.value("count", int64_t{0})));
   }
-  if (held_out.is_object() && held_out.contains("psnr") && held_out["psnr"].is_number()) {
+  if (held_out.is_object() && held_out.contains("psnr_db") && held_out["psnr_db"].is_number()) {
     summary->figures.emplace_back("PSNR of held-out photos",
-                                  fmt::format("{:.2f} dB", held_out["psnr"].get<double>()));
+                                  fmt::format("{:.2f} dB", held_out["psnr_db"].get<double>()));
   }
 }
 
@@ -130,6 +131,11 @@ void WriteScanSummary(const fs::path& path, const ScanSummary& summary) {
                              {"wall_seconds", step.wall_seconds},
                              {"cpu_seconds", step.cpu_seconds}});
   }
+  json["stages"] = Json::array();
+  for (const ScanSummary::Stage& stage : summary.stages) {
+    json["stages"].push_back(
+        {{"name", stage.name}, {"run", stage.has_run}, {"reason", stage.reason}, {"seconds", stage.seconds}});
+  }
   json["left_out"] = Json::array();
   for (const auto& [what, why] : summary.left_out) json["left_out"].push_back({{"what", what}, {"why", why}});
   json["figures"] = Json::object();
@@ -143,13 +149,19 @@ void PrintScanSummary(const ScanSummary& summary, std::ostream& out) {
   const auto line = [&](const std::string& name, const std::string& value) {
     out << fmt::format("  {:<32}{}\n", name, value);
   };
+  const auto stages = [&](bool have_run, const std::string& title) {
+    std::string shown = title;
+    for (const ScanSummary::Stage& stage : summary.stages) {
+      if (stage.has_run != have_run) continue;
+      out << std::exchange(shown, "");
+      line(stage.name, fmt::format("{:<9}{}", FormatDuration(stage.seconds), stage.reason));
+    }
+  };
+  stages(true, "\nWhat ran, its time, and why\n");
+  stages(false, "\nWhat was skipped, its time back then, and why\n");
   double total = 0;
-  out << "\nWhat ran (wall time; skipped when it was done before)\n";
-  for (const ScanSummary::Step& step : summary.steps) {
-    line(step.command, FormatDuration(step.wall_seconds));
-    total += step.wall_seconds;
-  }
-  line("all", FormatDuration(total));
+  for (const ScanSummary::Step& step : summary.steps) total += step.wall_seconds;
+  line("this run", FormatDuration(total));
   if (!summary.left_out.empty()) out << "\nWhat was left out, and why\n";
   for (const auto& [what, why] : summary.left_out) line(what, why);
   out << "\nWhat came out\n";

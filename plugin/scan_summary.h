@@ -20,6 +20,14 @@ struct ScanSummary {
     double cpu_seconds = 0;  ///< of all threads and of `colmap`.
   };
   std::vector<Step> steps;
+  /// A stage of one of the steps' commands.
+  struct Stage {
+    std::string name;
+    bool has_run = false;  ///< else it was done before.
+    std::string reason;    ///< why it ran, or since when it is done.
+    double seconds = 0;    ///< that it took, now or then.
+  };
+  std::vector<Stage> stages;
   std::vector<std::pair<std::string, std::string>> left_out;         ///< what, and the measured reason.
   std::vector<std::pair<std::string, std::string>> figures;          ///< name and value with its unit.
   std::vector<std::pair<std::string, std::filesystem::path>> files;  ///< what, where; those that exist.
@@ -29,7 +37,8 @@ struct ScanSummary {
 /// cannot be read is missing from the summary.
 void CollectFigures(const Workspace& workspace, ScanSummary* summary);
 
-/// report.json: {"steps": [...], "left_out": [...], "figures": {...}, "files": {...}}. Throws UserError.
+/// report.json: {"steps": [...], "stages": [...], "left_out": [...], "figures": {...}, "files": {...}}.
+/// Throws UserError.
 void WriteScanSummary(const std::filesystem::path& path, const ScanSummary& summary);
 
 void PrintScanSummary(const ScanSummary& summary, std::ostream& out);

@@ -139,6 +139,13 @@ bool HaveAll(const std::vector<fs::path>& paths) {
 
 }  // namespace
 
+std::map<std::string, std::string> ValuesWithout(const Options& options,
+                                                 const std::vector<std::string>& left_out) {
+  std::map<std::string, std::string> values = options.Values();
+  for (const std::string& name : left_out) values.erase(name);
+  return values;
+}
+
 std::vector<StageStatus> CheckStages(const Workspace& workspace, Reporter& reporter) {
   std::vector<StandardStage> stages = StandardStages(workspace);
   std::vector<std::string> others;
@@ -150,7 +157,7 @@ std::vector<StageStatus> CheckStages(const Workspace& workspace, Reporter& repor
     if (std::none_of(stages.begin(), stages.end(), is_it)) others.push_back(name);
   }
   std::sort(others.begin(), others.end());
-  for (const std::string& name : others) stages.push_back({name, {}});
+  for (const std::string& name : others) stages.push_back({name, {}, ""});
 
   std::map<std::string, StageStatus> by_name;
   for (const StandardStage& stage : stages) {
@@ -214,6 +221,7 @@ bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
   StageStamp stamp;
   stamp.run_id = NewRunId();
   stamp.program_version = Version();
+  stamp.reason = reason;
   stamp.options = stage.options;
   for (const fs::path& path : stage.inputs) {
     stamp.inputs.push_back({StampPath(workspace_, path), TakeFingerprint(path, reporter_)});

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "plugin/options.h"
 #include "plugin/stage_stamp.h"
 #include "plugin/workspace.h"
 #include "sfm_split/reporter.h"
@@ -37,6 +38,11 @@ struct StageStatus {
   std::string reason;  ///< why it is stale.
   std::optional<StageStamp> stamp;
 };
+
+/// Options::Values() without those named: paths, whose contents count as inputs, and what results do not
+/// depend on, like the number of threads.
+std::map<std::string, std::string> ValuesWithout(const Options& options,
+                                                 const std::vector<std::string>& left_out);
 
 /// The standard stages in order, then others that left a stamp, each judged by its stamp. Changed options do
 /// not show here: only the command that runs the stage knows them.

@@ -66,6 +66,7 @@ std::optional<StageStamp> ReadStageStamp(const Workspace& workspace, const std::
     stamp.program_version = json.at("program_version").get<std::string>();
     stamp.finished = json.at("finished").get<std::string>();
     stamp.seconds = json.at("seconds").get<double>();
+    stamp.reason = json.value("reason", "");
     stamp.options = json.at("options").get<std::map<std::string, std::string>>();
     stamp.inputs = PathsFromJson(json.at("inputs"));
     stamp.outputs = PathsFromJson(json.at("outputs"));
@@ -80,11 +81,12 @@ std::optional<StageStamp> ReadStageStamp(const Workspace& workspace, const std::
 }
 
 void WriteStageStamp(const Workspace& workspace, const std::string& name, const StageStamp& stamp) {
-  const Json json = {{"version", kStampVersion},         {"stage", name},
-                     {"run_id", stamp.run_id},           {"program_version", stamp.program_version},
-                     {"finished", stamp.finished},       {"seconds", stamp.seconds},
-                     {"options", stamp.options},         {"inputs", ToJson(stamp.inputs)},
-                     {"outputs", ToJson(stamp.outputs)}, {"upstream", stamp.upstream}};
+  const Json json = {{"version", kStampVersion},       {"stage", name},
+                     {"run_id", stamp.run_id},         {"program_version", stamp.program_version},
+                     {"finished", stamp.finished},     {"seconds", stamp.seconds},
+                     {"reason", stamp.reason},         {"options", stamp.options},
+                     {"inputs", ToJson(stamp.inputs)}, {"outputs", ToJson(stamp.outputs)},
+                     {"upstream", stamp.upstream}};
   CreateFolder(workspace.Stages());
   WriteFileAtomically(workspace.StageStamp(name), [&](std::ostream& stream) {
     // File names may hold bytes that are no UTF-8.

@@ -24,6 +24,7 @@ struct StageStamp {
   std::string program_version;
   std::string finished;  ///< UTC, ISO 8601.
   double seconds = 0;    ///< that the stage took.
+  std::string reason;    ///< why it ran; "" in stamps of older versions.
   std::map<std::string, std::string> options;
   std::vector<StampedPath> inputs;              ///< before the stage ran.
   std::vector<StampedPath> outputs;             ///< after it; without contents.

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "mesh/mesh_files.h"
+#include "plugin/stage.h"
 #include "s2gs/image_file.h"
 #include "sfm_split/colmap_maps.h"
 #include "sfm_split/colmap_model.h"
@@ -161,6 +162,25 @@ void Report(const TsdfSummary& tsdf, Reporter& reporter) {
   }
 }
 
+void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, std::ostream& out) {
+  out << fmt::format("depth maps       {} of {} images, {} with masks\n", summary.num_depth_maps,
+                     summary.num_images, summary.num_masks)
+      << fmt::format("backend          {}, {}\n", summary.tsdf.backend == TsdfBackend::kCuda ? "GPU" : "CPU",
+                     summary.tsdf.device)
+      << fmt::format("voxel            {:.6g}, truncation {:.6g}\n", summary.tsdf.voxel_size,
+                     summary.tsdf.truncation)
+      << fmt::format("clusters         {} of {} kept\n", summary.cleanup.num_clusters_kept,
+                     summary.cleanup.num_clusters);
+  if (mesher.cleanup.max_hole_edges > 0) {
+    out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
+  }
+  if (summary.cleanup.cut_height)
+    out << fmt::format("cut above disc   z = {:.6g}\n", *summary.cleanup.cut_height);
+  out << fmt::format("mesh             {} vertices, {} triangles\n", summary.num_vertices,
+                     summary.num_triangles)
+      << "written          " << summary.output_path.string() << '\n';
+}
+
 }  // namespace
 
 TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
@@ -186,7 +206,8 @@ void RunTsdfMesher(CommandContext& context) {
   fs::path workspace_path;
   TsdfMesherOptions mesher;
   Options& options = context.Declare(
-      "Fuses the depth maps of dense/0 into a mesh in the object's frame: dense/0/meshed-tsdf.ply.",
+      "Fuses the depth maps of dense/0 into a mesh in the object's frame: dense/0/meshed-tsdf.ply. Skipped "
+      "when it is done; with --output_path it always runs.",
       "--workspace_path scan --Cleanup.remove_disc 1");
   options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
   options.Add("output_path", &mesher.output_path,
@@ -232,25 +253,23 @@ void RunTsdfMesher(CommandContext& context) {
   Reporter& reporter = context.Parse();
 
   const Workspace workspace{workspace_path};
-  const WorkspaceLock lock(workspace, reporter);
-  const TsdfMesherSummary summary = MeshWorkspace(workspace, mesher, reporter);
-  std::ostream& out = context.out();
-  out << fmt::format("depth maps       {} of {} images, {} with masks\n", summary.num_depth_maps,
-                     summary.num_images, summary.num_masks)
-      << fmt::format("backend          {}, {}\n", summary.tsdf.backend == TsdfBackend::kCuda ? "GPU" : "CPU",
-                     summary.tsdf.device)
-      << fmt::format("voxel            {:.6g}, truncation {:.6g}\n", summary.tsdf.voxel_size,
-                     summary.tsdf.truncation)
-      << fmt::format("clusters         {} of {} kept\n", summary.cleanup.num_clusters_kept,
-                     summary.cleanup.num_clusters);
-  if (mesher.cleanup.max_hole_edges > 0) {
-    out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
+  StageRunner runner(workspace, reporter);
+  const auto mesh = [&] { Print(MeshWorkspace(workspace, mesher, reporter), mesher, context.out()); };
+  if (!mesher.output_path.empty()) return mesh();  // no part of the workspace: always written
+  Stage stage;
+  stage.name = "tsdf_mesher";
+  stage.inputs = {workspace.DenseModel(), workspace.DenseImages(), workspace.DepthMaps(),
+                  workspace.NormalMaps(), workspace.Dense() / "masks"};
+  for (const fs::path& masks : {mesher.mask_path, workspace.Masks()}) {
+    if (!masks.empty()) stage.inputs.push_back(masks);
   }
-  if (summary.cleanup.cut_height)
-    out << fmt::format("cut above disc   z = {:.6g}\n", *summary.cleanup.cut_height);
-  out << fmt::format("mesh             {} vertices, {} triangles\n", summary.num_vertices,
-                     summary.num_triangles)
-      << "written          " << summary.output_path.string() << '\n';
+  stage.options = ValuesWithout(options, {"workspace_path", "output_path", "mask_path", "use_gpu",
+                                          "Tsdf.num_threads", "Tsdf.max_memory_gib"});
+  stage.outputs = {workspace.TsdfMesh()};
+  stage.depends_on = {"gaussian_renderer"};
+  if (!runner.Run(stage, mesh)) {
+    context.out() << "up to date       " << workspace.TsdfMesh().string() << '\n';
+  }
 }
 
 }  // namespace s2gs

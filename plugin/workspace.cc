@@ -18,15 +18,16 @@ namespace fs = std::filesystem;
 
 std::vector<StandardStage> StandardStages(const Workspace& w) {
   return {
-      {"feature_extractor", {w.Database()}},
-      {"motion_splitter", {w.ObjectDatabase(), w.StaticDatabase(), w.SplitLabels()}},
-      {"object_mapper", {}},
-      {"background_mapper", {}},
-      {"turntable_mapper", {w.ObjectModel(), w.Turntable()}},
-      {"gaussian_trainer", {w.PointCloud()}},
-      {"gaussian_renderer", {w.Masks(), w.DepthMaps()}},
-      {"tsdf_mesher", {w.TsdfMesh()}},
-      {"report", {w.ReportHtml(), w.ReportJson()}},
+      {"feature_extractor", {w.Database()}, "motion_splitter"},
+      {"motion_splitter", {w.ObjectDatabase(), w.StaticDatabase(), w.SplitLabels()}, "motion_splitter"},
+      {"object_mapper", {}, "turntable_mapper"},
+      {"background_mapper", {}, "turntable_mapper"},
+      {"turntable_mapper", {w.ObjectModel(), w.Turntable()}, "turntable_mapper"},
+      {"gaussian_trainer", {w.PointCloud()}, "gaussian_trainer"},
+      {"image_undistorter", {w.DenseImages(), w.DenseModel()}, "gaussian_renderer"},
+      {"gaussian_renderer", {w.Masks(), w.DepthMaps()}, "gaussian_renderer"},
+      {"tsdf_mesher", {w.TsdfMesh()}, "tsdf_mesher"},
+      {"report", {w.ReportHtml(), w.ReportJson()}, ""},
   };
 }
 

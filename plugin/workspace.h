@@ -72,6 +72,7 @@ struct Workspace {
 struct StandardStage {
   std::string name;
   std::vector<std::filesystem::path> outputs;
+  std::string command;  ///< that runs it.
 };
 
 /// The stages from photos to report, in order.

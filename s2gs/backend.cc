@@ -1,7 +1,31 @@
 #include "s2gs/backend.h"
 
+#include "s2gs/settle.h"
+
 namespace s2gs {
 
 const char* BackendName(BackendKind kind) { return kind == BackendKind::kCuda ? "CUDA" : "CPU"; }
+
+Placement Backend::GetPlacement() const {
+  Gaussians gaussians = GetGaussians();
+  return {std::move(gaussians.centre), std::move(gaussians.foreground_logit)};
+}
+
+void Backend::Keep(const std::vector<uint32_t>& indices) { SetState(SelectState(GetState(), indices)); }
+
+void Backend::SetForegroundLogits(const std::vector<float>& logits) {
+  TrainState state = GetState();
+  std::vector<float>& old = state.gaussians.foreground_logit;
+  S2GS_INVARIANT(logits.size() == old.size());
+  for (size_t i = 0; i < old.size(); ++i) {
+    if (old[i] == logits[i]) continue;
+    if (!state.first_moment.empty()) {
+      state.first_moment.foreground_logit[i] = 0;
+      state.second_moment.foreground_logit[i] = 0;
+    }
+    old[i] = logits[i];
+  }
+  SetState(state);
+}
 
 }  // namespace s2gs

@@ -145,6 +145,14 @@ struct TrainState {
   int num_neighbours = 0;
 };
 
+/// Where the Gaussians are and to which body they belong.
+struct Placement {
+  std::vector<float> centre;            ///< 3 per Gaussian.
+  std::vector<float> foreground_logit;  ///< 1
+
+  size_t size() const { return foreground_logit.size(); }
+};
+
 struct BackendInfo {
   BackendKind kind = BackendKind::kCpu;
   std::string device;        ///< e.g. the GPU's name, or "2 threads, AVX2".
@@ -171,12 +179,21 @@ class Backend {
   virtual TrainState GetState() const = 0;
   virtual Gaussians GetGaussians() const = 0;
   virtual int64_t Count() const = 0;
+  virtual Placement GetPlacement() const;
+
+  /// Keeps the Gaussians of these indices alone, in this order, with everything that the optimiser has of
+  /// them. Neighbours are forgotten.
+  virtual void Keep(const std::vector<uint32_t>& indices);
+  /// Replaces all foreground logits. Those that change lose their moments.
+  virtual void SetForegroundLogits(const std::vector<float>& logits);
 
   /// Draws a view; does not touch the training state.
   virtual RenderedView Render(const RenderRequest& request) = 0;
 
   /// Forward, loss, backward and Adam. May return before the work is done.
   virtual void Step(const TrainStep& step) = 0;
+  /// Returns when the work of all steps is done.
+  virtual void Wait() const {}
   /// The loss since the last call. Waits for the steps. A step that the device could not finish for lack of
   /// buffer space is not counted (see backend_cuda.cu), so `steps` may fall short by a few.
   virtual LossTerms TakeLoss() = 0;

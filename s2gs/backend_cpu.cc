@@ -1,10 +1,12 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
 #include "s2gs/backend.h"
+#include "s2gs/core/thread_pool.h"
 #include "s2gs/cpu/densify_state.h"
 #include "s2gs/cpu/gaussian_pass.h"
 #include "s2gs/cpu/regularise.h"
@@ -31,13 +33,13 @@ Gaussians ZerosLike(const Gaussians& gaussians) {
 class CpuBackend : public Backend {
  public:
   explicit CpuBackend(int num_threads)
-      : num_threads_(num_threads > 0 ? num_threads : omp_get_num_procs()), kernels_(BestTileKernels()) {}
+      : threads_(num_threads > 0 ? num_threads : omp_get_max_threads()), kernels_(BestTileKernels()) {}
 
   BackendInfo Info() const override {
     BackendInfo info;
     info.kind = BackendKind::kCpu;
-    info.device =
-        std::to_string(num_threads_) + (num_threads_ == 1 ? " thread, " : " threads, ") + kernels_.name;
+    info.device = std::to_string(threads_.num_threads()) +
+                  (threads_.num_threads() == 1 ? " thread, " : " threads, ") + kernels_.name;
     const auto count = static_cast<int64_t>(state_.gaussians.size());
     info.memory_bytes = count * (3 * kFloatsPerGaussian + 2) * static_cast<int64_t>(sizeof(float)) +
                         static_cast<int64_t>(rows_.size() * sizeof(SplatRow)) +
@@ -63,7 +65,6 @@ class CpuBackend : public Backend {
   int64_t Count() const override { return static_cast<int64_t>(state_.gaussians.size()); }
 
   RenderedView Render(const RenderRequest& request) override {
-    omp_set_num_threads(num_threads_);
     ViewSetup setup =
         MakeViewSetup(request.view, request.bodies, request.freeze_foreground, state_.gaussians.sh_degree);
     setup.drawn = request.drawn;
@@ -75,7 +76,6 @@ class CpuBackend : public Backend {
   }
 
   void Step(const TrainStep& step) override {
-    omp_set_num_threads(num_threads_);
     S2GS_INVARIANT(step.photo >= 0 && step.photo < static_cast<int>(photos_.size()));
     const TrainingPhoto& photo = photos_[step.photo];
     state_.gaussians.sh_degree = step.sh_degree;
@@ -95,7 +95,7 @@ class CpuBackend : public Backend {
     if (learns_p && (step.weights.local_consistency > 0 || step.weights.entropy_3d > 0)) {
       const ForegroundTerms p_terms =
           RegulariseForeground(state_.gaussians.foreground_logit, state_.neighbours, state_.num_neighbours,
-                               step.weights, &d_logit_);
+                               step.weights, &threads_, &d_logit_);
       terms.local_consistency = p_terms.local_consistency;
       terms.entropy_3d = p_terms.entropy_3d;
     }
@@ -129,7 +129,6 @@ class CpuBackend : public Backend {
   }
 
   std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies) override {
-    omp_set_num_threads(num_threads_);
     std::vector<float> peaks(state_.gaussians.size(), 0.0F);
     std::vector<float> by_slot;
     for (const PinholeView& view : views) {
@@ -148,7 +147,7 @@ class CpuBackend : public Backend {
   void RefreshNeighbours(int k) override {
     std::vector<float> centres = state_.gaussians.centre;
     for (float& value : centres) value = std::isfinite(value) ? value : 0.0F;
-    Neighbours found = FindNeighbours(centres, k, num_threads_);
+    Neighbours found = FindNeighbours(centres, k, threads_.num_threads());
     state_.num_neighbours = found.k;
     state_.neighbours = std::move(found.index);
   }
@@ -158,17 +157,17 @@ class CpuBackend : public Backend {
   void Forward(const ViewSetup& setup, bool geometry, bool foreground, std::vector<float>* peaks) {
     const auto count = static_cast<int64_t>(state_.gaussians.size());
     rows_.resize(state_.gaussians.size());
-#pragma omp parallel for schedule(static)
-    for (int64_t i = 0; i < count; ++i) ProjectGaussian(state_.gaussians, i, setup, &rows_[i]);
-    lists_.Build(rows_, setup.camera.width, setup.camera.height);
+    threads_.For(count, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) ProjectGaussian(state_.gaussians, i, setup, &rows_[i]);
+    });
+    lists_.Build(rows_, setup.camera.width, setup.camera.height, &threads_);
     if (peaks != nullptr) peaks->assign(lists_.num_slots(), 0.0F);
     near_depth_ = setup.camera.near_depth;
-#pragma omp parallel for schedule(dynamic, 1)
-    for (int tile = 0; tile < lists_.num_tiles(); ++tile) {
-      TileJob job = JobOf(tile);
+    threads_.For(lists_.num_tiles(), 1, [&](int64_t tile, int64_t) {
+      TileJob job = JobOf(static_cast<int>(tile));
       job.peak_by_slot = peaks != nullptr ? peaks->data() : nullptr;
       kernels_.forward(job, geometry, foreground);
-    }
+    });
   }
 
   TileJob JobOf(int tile) {
@@ -227,9 +226,10 @@ class CpuBackend : public Backend {
     const int height = photo.view.height;
     const ViewPlanes& planes = view_.planes();
     const bool cuts_out = step.cut_out_mask && !photo.mask.empty();
-#pragma omp parallel for schedule(static)
-    for (int y = 0; y < height; ++y) {
-      for (int c = 0; c < 3; ++c) {
+    threads_.For(3 * int64_t{height}, [&](int64_t begin, int64_t end) {
+      for (int64_t row = begin; row < end; ++row) {
+        const int y = static_cast<int>(row / 3);
+        const int c = static_cast<int>(row % 3);
         float* image = view_.image(c) + y * planes.stride;
         float* real = view_.photo(c) + y * planes.stride;
         const float* color = planes.color[c] + y * planes.stride;
@@ -245,37 +245,39 @@ class CpuBackend : public Backend {
           if (mask[x] < 128) real[x] = step.background_color[c];
         }
       }
-    }
+    });
     const double num_values = 3.0 * width * height;
-    std::vector<double> l1_rows(height, 0);
-    std::vector<double> ssim_rows(height, 0);
+    std::vector<double> l1_rows(3 * static_cast<size_t>(height), 0);
+    std::vector<double> ssim_rows(3 * static_cast<size_t>(height), 0);
+    std::array<PhotoLossJob, 3> jobs{};
     for (int c = 0; c < 3; ++c) {
-      PhotoLossJob job{};
+      PhotoLossJob& job = jobs[c];
       job.width = width;
       job.height = height;
       job.stride = planes.stride;
       job.rendered = view_.image(c);
       job.photo = view_.photo(c);
-      for (int i = 0; i < 5; ++i) job.scratch[i] = view_.scratch(i);
-      job.by_square = view_.scratch(5);
-      job.by_product = view_.scratch(6);
+      for (int i = 0; i < 5; ++i) job.scratch[i] = view_.scratch(7 * c + i);
+      job.by_square = view_.scratch(7 * c + 5);
+      job.by_product = view_.scratch(7 * c + 6);
       job.d_rendered = view_.gradients().color[c];
       job.l1_weight = static_cast<float>((1 - step.weights.dssim) / num_values);
       job.ssim_weight = static_cast<float>(-step.weights.dssim / num_values);
-      job.l1_rows = l1_rows.data();
-      job.ssim_rows = ssim_rows.data();
-      constexpr int kRowsAtOnce = 8;
-      for (int pass = 0; pass < 4; ++pass) {
-#pragma omp parallel for schedule(static)
-        for (int y = 0; y < height; y += kRowsAtOnce) {
-          kernels_.photo_loss(job, pass, y, std::min(height, y + kRowsAtOnce));
-        }
-      }
-      for (int y = 0; y < height; ++y) {
-        terms->l1 += l1_rows[y] / num_values;
-        terms->dssim += ssim_rows[y] / num_values;
-      }
+      job.l1_rows = l1_rows.data() + static_cast<size_t>(c) * height;
+      job.ssim_rows = ssim_rows.data() + static_cast<size_t>(c) * height;
     }
+    constexpr int kRowsAtOnce = 8;
+    const int blocks = (height + kRowsAtOnce - 1) / kRowsAtOnce;
+    for (int pass = 0; pass < 4; ++pass) {
+      threads_.For(int64_t{3} * blocks, [&](int64_t begin, int64_t end) {
+        for (int64_t i = begin; i < end; ++i) {
+          const int y = static_cast<int>(i % blocks) * kRowsAtOnce;
+          kernels_.photo_loss(jobs[i / blocks], pass, y, std::min(height, y + kRowsAtOnce));
+        }
+      });
+    }
+    for (const double sum : l1_rows) terms->l1 += sum / num_values;
+    for (const double sum : ssim_rows) terms->dssim += sum / num_values;
     terms->dssim = 1 - terms->dssim;
   }
 
@@ -298,7 +300,7 @@ class CpuBackend : public Backend {
       maps.d_normal[c] = gradients.normal[c];
     }
     if (foreground && !photo.mask.empty()) maps.mask = photo.mask.data();
-    const ViewLossTerms view_terms = RegulariseView(maps, step.weights);
+    const ViewLossTerms view_terms = RegulariseView(maps, step.weights, &threads_);
     terms->normal = view_terms.normal;
     terms->distortion = view_terms.distortion;
     terms->entropy_2d = view_terms.entropy_2d;
@@ -308,13 +310,12 @@ class CpuBackend : public Backend {
   void Backward(const TrainStep& step, const ViewSetup& setup, bool geometry, bool foreground) {
     near_depth_ = setup.camera.near_depth;
     by_slot_.resize(lists_.num_slots());
-#pragma omp parallel for schedule(dynamic, 1)
-    for (int tile = 0; tile < lists_.num_tiles(); ++tile) {
-      TileJob job = JobOf(tile);
+    threads_.For(lists_.num_tiles(), 1, [&](int64_t tile, int64_t) {
+      TileJob job = JobOf(static_cast<int>(tile));
       for (int c = 0; c < 3; ++c) job.background[c] = step.background_color[c];
       job.by_slot = by_slot_.data();
       kernels_.backward(job, geometry, foreground);
-    }
+    });
   }
 
   // Sums each Gaussian's gradient over its tiles, takes it to the parameters and moves them.
@@ -324,12 +325,10 @@ class CpuBackend : public Backend {
     const int64_t num_chunks = (count + kChunk - 1) / kChunk;
     const float to_ndc_x = 0.5F * static_cast<float>(setup.camera.width);
     const float to_ndc_y = 0.5F * static_cast<float>(setup.camera.height);
-#pragma omp parallel
-    {
+    threads_.For(num_chunks, [&](int64_t first_chunk, int64_t last_chunk) {
       GaussianGradients gradients;
       gradients.Resize(kChunk);
-#pragma omp for schedule(static)
-      for (int64_t chunk = 0; chunk < num_chunks; ++chunk) {
+      for (int64_t chunk = first_chunk; chunk < last_chunk; ++chunk) {
         const int64_t begin = chunk * kChunk;
         const int64_t end = std::min(count, begin + kChunk);
         gradients.SetZero();
@@ -346,7 +345,7 @@ class CpuBackend : public Backend {
         }
         Update(adam, step, begin, end - begin, gradients);
       }
-    }
+    });
   }
 
   SplatGradient SumSlots(size_t i) const {
@@ -399,7 +398,7 @@ class CpuBackend : public Backend {
                    w.entropy_3d * terms.entropy_3d + w.entropy_2d * terms.entropy_2d + w.mask * terms.mask;
   }
 
-  int num_threads_;
+  ThreadPool threads_;
   const TileKernels& kernels_;
   std::vector<TrainingPhoto> photos_;
   TrainState state_;

@@ -187,6 +187,48 @@ class CudaBackend : public Backend {
   Gaussians GetGaussians() const override { return Download(parameters()); }
   int64_t Count() const override { return count_; }
 
+  Placement GetPlacement() const override {
+    const auto n = static_cast<size_t>(count_);
+    Placement placement;
+    placement.centre.resize(3 * n);
+    for (size_t axis = 0; axis < 3; ++axis) {
+      const std::vector<float> plane = DownloadArray(model_.get() + (kCentre + axis) * stride_, n);
+      for (size_t i = 0; i < n; ++i) placement.centre[3 * i + axis] = plane[i];
+    }
+    placement.foreground_logit = DownloadArray(model_.get() + kForeground * stride_, n);
+    return placement;
+  }
+
+  void Keep(const std::vector<uint32_t>& indices) override {
+    const std::vector<float> gradient_sum = Chosen(gradient_sum_.get(), indices);
+    const std::vector<float> view_count = Chosen(view_count_.get(), indices);
+    DeviceBuffer<uint32_t> sources(&memory_);
+    sources.Reserve(std::max<size_t>(1, indices.size()));
+    CheckCuda(cudaMemcpyAsync(sources.get(), indices.data(), indices.size() * sizeof(uint32_t),
+                              cudaMemcpyHostToDevice, stream_),
+              "choice of Gaussians");
+    spare_.Reserve(3 * kNumPlanes * stride_);
+    GatherModel(sources.get(), nullptr, static_cast<int64_t>(indices.size()), parameters(),
+                {spare_.get(), stride_}, stream_);
+    Wait();
+    model_.Swap(spare_);
+    count_ = static_cast<int64_t>(indices.size());
+    UploadSums(gradient_sum, gradient_sum_.get());
+    UploadSums(view_count, view_count_.get());
+    num_neighbours_ = 0;
+  }
+
+  void SetForegroundLogits(const std::vector<float>& logits) override {
+    const auto n = static_cast<size_t>(count_);
+    S2GS_INVARIANT(logits.size() == n);
+    if (n == 0) return;
+    CheckCuda(
+        cudaMemcpyAsync(d_logits_.get(), logits.data(), n * sizeof(float), cudaMemcpyHostToDevice, stream_),
+        "foreground");
+    ReplaceForeground();
+    Wait();
+  }
+
   RenderedView Render(const RenderRequest& request) override {
     ProjectOptions options;
     options.camera = ToSplatCamera(request.view);
@@ -275,7 +317,7 @@ class CudaBackend : public Backend {
 
     const bool has_neighbours = num_neighbours_ > 0 && weights.local_consistency != 0;
     if (learns_foreground && (has_neighbours || weights.entropy_3d != 0)) {
-      const ModelLossInput model = {parameters().data + kForeground * stride_,
+      const ModelLossInput model = {parameters().At(kForeground),
                                     static_cast<int>(count_),
                                     neighbours_.get(),
                                     num_neighbours_,
@@ -306,6 +348,8 @@ class CudaBackend : public Backend {
     optimise.sums = sums_.get();
     Optimise(optimise, stream_);
   }
+
+  void Wait() const override { CheckCuda(cudaStreamSynchronize(stream_), "computation"); }
 
   LossTerms TakeLoss() override {
     LossSums sums;
@@ -339,10 +383,7 @@ class CudaBackend : public Backend {
     spare_.Reserve(3 * kNumPlanes * new_stride);
     const Planes old_parameters = parameters();
     const Planes new_parameters = {spare_.get(), new_stride};
-    for (int plane = 0; plane < 3 * kNumPlanes; ++plane) {
-      densify_.Gather(model_.get() + plane * stride_, spare_.get() + plane * new_stride, plane >= kNumPlanes,
-                      stream_);
-    }
+    densify_.Gather(old_parameters, new_parameters, stream_);
     densify_.PlaceChildren(old_parameters, new_parameters, step, stream_);
     Wait();
     model_.Swap(spare_);
@@ -389,8 +430,7 @@ class CudaBackend : public Backend {
       return;
     }
     neighbours_.Reserve(static_cast<size_t>(num_neighbours_) * static_cast<size_t>(count_));
-    finder_.Find(parameters().data + kCentre * stride_, stride_, count_, num_neighbours_, neighbours_.get(),
-                 stream_);
+    finder_.Find(parameters().At(kCentre), stride_, count_, num_neighbours_, neighbours_.get(), stream_);
   }
 
  private:
@@ -402,8 +442,6 @@ class CudaBackend : public Backend {
   Planes parameters() const { return {model_.get(), stride_}; }
   Planes first_moments() const { return {model_.get() + kNumPlanes * stride_, stride_}; }
   Planes second_moments() const { return {model_.get() + 2 * kNumPlanes * stride_, stride_}; }
-
-  void Wait() const { CheckCuda(cudaStreamSynchronize(stream_), "computation"); }
 
   // --- Memory ---
   void ReserveModel(int64_t count) {
@@ -569,6 +607,14 @@ class CudaBackend : public Backend {
     return values;
   }
 
+  std::vector<float> Chosen(const float* data, const std::vector<uint32_t>& indices) const {
+    const std::vector<float> all = DownloadArray(data, static_cast<size_t>(count_));
+    std::vector<float> chosen;
+    chosen.reserve(indices.size());
+    for (const uint32_t index : indices) chosen.push_back(all[index]);
+    return chosen;
+  }
+
   void UploadSums(const std::vector<float>& values, float* target) const {
     if (values.empty()) return;
     S2GS_INVARIANT(values.size() == static_cast<size_t>(count_));
@@ -616,6 +662,7 @@ class CudaBackend : public Backend {
   }
 
   void ClampOpacity(float max_logit);
+  void ReplaceForeground();  ///< by the logits in d_logits_.
 
   std::string device_name_;
   cudaStream_t stream_ = nullptr;
@@ -664,9 +711,25 @@ __global__ void ClampOpacityKernel(float* logits, float* first_moments, float* s
 
 void CudaBackend::ClampOpacity(float max_logit) {
   ClampOpacityKernel<<<NumBlocks(count_, 256), 256, 0, stream_>>>(
-      parameters().data + kOpacity * stride_, first_moments().data + kOpacity * stride_,
-      second_moments().data + kOpacity * stride_, static_cast<int>(count_), max_logit);
+      parameters().At(kOpacity), first_moments().At(kOpacity), second_moments().At(kOpacity),
+      static_cast<int>(count_), max_logit);
   CheckCuda(cudaGetLastError(), "opacity reset");
+}
+
+__global__ void ReplaceForegroundKernel(const float* replacements, float* logits, float* first_moments,
+                                        float* second_moments, int count) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  if (i >= count || logits[i] == replacements[i]) return;
+  logits[i] = replacements[i];
+  first_moments[i] = 0;
+  second_moments[i] = 0;
+}
+
+void CudaBackend::ReplaceForeground() {
+  ReplaceForegroundKernel<<<NumBlocks(count_, 256), 256, 0, stream_>>>(
+      d_logits_.get(), parameters().At(kForeground), first_moments().At(kForeground),
+      second_moments().At(kForeground), static_cast<int>(count_));
+  CheckCuda(cudaGetLastError(), "foreground");
 }
 
 }  // namespace

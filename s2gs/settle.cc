@@ -11,21 +11,18 @@ namespace {
 constexpr float kLogitOfNine = 2.1972246F;  // p = .9
 constexpr float kFrozenLogit = 10;          // p within 5e-5 of 0 or 1.
 
-Eigen::Vector3d CentreOf(const Gaussians& gaussians, size_t i) {
-  return {gaussians.centre[3 * i], gaussians.centre[3 * i + 1], gaussians.centre[3 * i + 2]};
-}
-
-bool StraysOutside(const Gaussians& gaussians, size_t i, const RotatingRegion& region, double margin) {
-  return IsForeground(gaussians.foreground_logit[i]) && !region.Contains(CentreOf(gaussians, i), margin);
+bool StraysOutside(const Placement& placement, size_t i, const RotatingRegion& region, double margin) {
+  const float* x = placement.centre.data() + 3 * i;
+  return IsForeground(placement.foreground_logit[i]) && !region.Contains({x[0], x[1], x[2]}, margin);
 }
 
 }  // namespace
 
-double SettledShare(const Gaussians& gaussians) {
-  if (gaussians.empty()) return 1;
+double SettledShare(const std::vector<float>& foreground_logits) {
+  if (foreground_logits.empty()) return 1;
   size_t settled = 0;
-  for (const float logit : gaussians.foreground_logit) settled += std::abs(logit) > kLogitOfNine ? 1 : 0;
-  return static_cast<double>(settled) / static_cast<double>(gaussians.size());
+  for (const float logit : foreground_logits) settled += std::abs(logit) > kLogitOfNine ? 1 : 0;
+  return static_cast<double>(settled) / static_cast<double>(foreground_logits.size());
 }
 
 TrainState SelectState(const TrainState& state, const std::vector<uint32_t>& indices) {
@@ -47,33 +44,26 @@ TrainState SelectState(const TrainState& state, const std::vector<uint32_t>& ind
   return chosen;
 }
 
-void FreezeForeground(TrainState* state) {
-  for (float& logit : state->gaussians.foreground_logit) {
-    logit = IsForeground(logit) ? kFrozenLogit : -kFrozenLogit;
-  }
-  for (float& value : state->first_moment.foreground_logit) value = 0;
-  for (float& value : state->second_moment.foreground_logit) value = 0;
+void FreezeForeground(std::vector<float>* foreground_logits) {
+  for (float& logit : *foreground_logits) logit = IsForeground(logit) ? kFrozenLogit : -kFrozenLogit;
 }
 
-std::vector<uint32_t> KeepInsideRegion(const Gaussians& gaussians, const RotatingRegion& region,
+std::vector<uint32_t> KeepInsideRegion(const Placement& placement, const RotatingRegion& region,
                                        double margin) {
   std::vector<uint32_t> kept;
-  kept.reserve(gaussians.size());
-  for (size_t i = 0; i < gaussians.size(); ++i) {
-    if (!StraysOutside(gaussians, i, region, margin)) kept.push_back(static_cast<uint32_t>(i));
+  kept.reserve(placement.size());
+  for (size_t i = 0; i < placement.size(); ++i) {
+    if (!StraysOutside(placement, i, region, margin)) kept.push_back(static_cast<uint32_t>(i));
   }
   return kept;
 }
 
-int64_t DisownOutsideRegion(const RotatingRegion& region, double margin, TrainState* state) {
+int64_t DisownOutsideRegion(const RotatingRegion& region, double margin, Placement* placement) {
   int64_t disowned = 0;
-  for (size_t i = 0; i < state->gaussians.size(); ++i) {
-    if (!StraysOutside(state->gaussians, i, region, margin)) continue;
+  for (size_t i = 0; i < placement->size(); ++i) {
+    if (!StraysOutside(*placement, i, region, margin)) continue;
     ++disowned;
-    state->gaussians.foreground_logit[i] = 0;
-    if (state->first_moment.empty()) continue;
-    state->first_moment.foreground_logit[i] = 0;
-    state->second_moment.foreground_logit[i] = 0;
+    placement->foreground_logit[i] = 0;
   }
   return disowned;
 }

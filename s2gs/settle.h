@@ -9,22 +9,22 @@
 namespace s2gs {
 
 /// Share of the Gaussians whose p is outside [.1, .9].
-double SettledShare(const Gaussians& gaussians);
+double SettledShare(const std::vector<float>& foreground_logits);
 
 /// The Gaussians of the given indices, with everything that the optimiser keeps of them. Neighbours are
 /// forgotten.
 TrainState SelectState(const TrainState& state, const std::vector<uint32_t>& indices);
 
 /// Settles p: 0 below tau, 1 from it on, as far as a logit can say so.
-void FreezeForeground(TrainState* state);
+void FreezeForeground(std::vector<float>* foreground_logits);
 
 /// Which Gaussians stay when nothing outside the region rotates: all that do not rotate or lie inside.
 /// \param margin  beyond the region that is still inside [scene sizes].
-std::vector<uint32_t> KeepInsideRegion(const Gaussians& gaussians, const RotatingRegion& region,
+std::vector<uint32_t> KeepInsideRegion(const Placement& placement, const RotatingRegion& region,
                                        double margin);
 
-/// While p is still learnt: makes the rotating Gaussians outside the region undecided, and forgets their
-/// moments. Returns how many there were.
-int64_t DisownOutsideRegion(const RotatingRegion& region, double margin, TrainState* state);
+/// While p is still learnt: makes the rotating Gaussians outside the region undecided. Returns how many there
+/// were.
+int64_t DisownOutsideRegion(const RotatingRegion& region, double margin, Placement* placement);
 
 }  // namespace s2gs

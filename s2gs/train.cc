@@ -277,18 +277,16 @@ class Trainer {
     if (now < options_.settle_from || options_.settle_until >= 1) return;
     const bool is_last_chance = now >= options_.settle_until;
     if (!is_last_chance && !Passed(before, now, kSettleCheckEvery)) return;
-    const double share = SettledShare(backend_->GetGaussians());
+    Placement placement = backend_->GetPlacement();
+    const double share = SettledShare(placement.foreground_logit);
     if (!is_last_chance && share < options_.settled_share) return;
-    TrainState state = backend_->GetState();
-    const auto count = static_cast<int64_t>(state.gaussians.size());
-    FreezeForeground(&state);
+    const auto count = static_cast<int64_t>(placement.size());
+    FreezeForeground(&placement.foreground_logit);
+    backend_->SetForegroundLogits(placement.foreground_logit);
     if (options_.use_rotating_region && scene_.region) {
-      state = SelectState(state, KeepInsideRegion(state.gaussians, *scene_.region, kRegionMargin));
+      backend_->Keep(KeepInsideRegion(placement, *scene_.region, kRegionMargin));
     }
-    const int64_t dropped = count - static_cast<int64_t>(state.gaussians.size());
-    state.neighbours.clear();
-    state.num_neighbours = 0;
-    backend_->SetState(state);
+    const int64_t dropped = count - backend_->Count();
     cursor_.foreground_frozen = true;
     const std::string note = "p is frozen: " + Format("%.2f", 100 * share) +
                              " % of it was outside [.1, .9]; " + std::to_string(dropped) +
@@ -304,30 +302,32 @@ class Trainer {
     const bool has_region = options_.use_rotating_region && scene_.region.has_value();
     if (!cursor_.foreground_frozen && scene_.bodies() == SceneBodies::kBoth) {
       if (!has_region || now < options_.regularise_from) return;
-      TrainState state = backend_->GetState();
-      if (DisownOutsideRegion(*scene_.region, kRegionMargin, &state) > 0) backend_->SetState(state);
+      Placement placement = backend_->GetPlacement();
+      if (DisownOutsideRegion(*scene_.region, kRegionMargin, &placement) > 0) {
+        backend_->SetForegroundLogits(placement.foreground_logit);
+      }
       return;
     }
     if (now < options_.densify_until - 1e-9) return;
-    TrainState state = backend_->GetState();
-    std::vector<uint32_t> kept = has_region ? KeepInsideRegion(state.gaussians, *scene_.region, kRegionMargin)
-                                            : std::vector<uint32_t>();
+    const Placement placement = backend_->GetPlacement();
+    std::vector<uint32_t> kept =
+        has_region ? KeepInsideRegion(placement, *scene_.region, kRegionMargin) : std::vector<uint32_t>();
     if (!has_region) {
-      kept.resize(state.gaussians.size());
+      kept.resize(placement.size());
       std::iota(kept.begin(), kept.end(), 0U);
     }
     if (options_.unseen_weight > 0) {
       const std::vector<float> peak = backend_->PeakWeights(training_views_, scene_.bodies());
       if (!peak.empty()) {
         const auto is_unseen = [&](uint32_t i) {
-          return peak[i] < options_.unseen_weight && state.gaussians.foreground_logit[i] > 0;
+          return peak[i] < options_.unseen_weight && placement.foreground_logit[i] > 0;
         };
         kept.erase(std::remove_if(kept.begin(), kept.end(), is_unseen), kept.end());
       }
     }
-    if (kept.size() == state.gaussians.size() || kept.empty()) return;
-    log_.AddNote(Point(), std::to_string(state.gaussians.size() - kept.size()) + " stray Gaussians removed");
-    backend_->SetState(SelectState(state, kept));
+    if (kept.size() == placement.size() || kept.empty()) return;
+    log_.AddNote(Point(), std::to_string(placement.size() - kept.size()) + " stray Gaussians removed");
+    backend_->Keep(kept);
   }
 
   LogPoint Point() const {
@@ -398,7 +398,7 @@ class Trainer {
       is_due = is_due || (before < moment && now >= moment);
     }
     if (!is_due) return;
-    backend_->GetGaussians();  // waits for the steps
+    backend_->Wait();
     clock_.Lap();
     held_out_ = MeasureHeldOut(scene_, backend_);
     clock_.LapMeasuring();

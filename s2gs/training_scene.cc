@@ -273,6 +273,39 @@ struct Loader {
   }
 };
 
+// Where the cameras' axes meet, in the object's frame. Nothing when they are parallel.
+std::optional<Eigen::Vector3d> AxesMeet(const std::vector<ScenePhoto>& photos) {
+  constexpr double kMinSpread = 1e-3;  // of the axes, between 0 and 1 / 3.
+  Eigen::Matrix3d normal_matrix = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d right_side = Eigen::Vector3d::Zero();
+  for (const ScenePhoto& photo : photos) {
+    const Eigen::Vector3d axis = photo.view.cam_from_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+    const Eigen::Vector3d centre = CameraCentre(photo.view.cam_from_object);
+    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - axis * axis.transpose();
+    normal_matrix += across;
+    right_side += across * centre;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(normal_matrix);
+  if (eigen.eigenvalues()[0] <= kMinSpread * eigen.eigenvalues()[2]) return std::nullopt;
+  return normal_matrix.ldlt().solve(right_side);
+}
+
+void FindFocus(TrainingScene* scene) {
+  const std::optional<Eigen::Vector3d> focus = AxesMeet(scene->photos);
+  if (!focus) return;
+  std::vector<double> radii;
+  radii.reserve(scene->photos.size());
+  for (const ScenePhoto& photo : scene->photos) {
+    const PinholeView& view = photo.view;
+    const double depth = (view.cam_from_object * *focus).z();
+    const double half_angle_tan = std::max(view.width / view.fx, view.height / view.fy) / 2;
+    if (depth > 0) radii.push_back(depth * std::sin(std::atan(half_angle_tan)));
+  }
+  if (2 * radii.size() < scene->photos.size()) return;  // they look away from each other
+  scene->focus = *focus;
+  scene->focus_radius = Quantile(std::move(radii), 0.5);
+}
+
 // Where the cameras look: the median rotating point, else the median point, else where their axes meet.
 Eigen::Vector3d LookAt(const TrainingScene& scene) {
   const bool any_rotates =
@@ -285,19 +318,7 @@ Eigen::Vector3d LookAt(const TrainingScene& scene) {
   if (!coordinates[0].empty()) {
     return {Quantile(coordinates[0], 0.5), Quantile(coordinates[1], 0.5), Quantile(coordinates[2], 0.5)};
   }
-  Eigen::Matrix3d normal_matrix = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d right_side = Eigen::Vector3d::Zero();
-  for (const ScenePhoto& photo : scene.photos) {
-    const Eigen::Vector3d axis = photo.view.cam_from_object.rotation.conjugate() * Eigen::Vector3d::UnitZ();
-    const Eigen::Vector3d centre = CameraCentre(photo.view.cam_from_object);
-    const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - axis * axis.transpose();
-    normal_matrix += across;
-    right_side += across * centre;
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(normal_matrix);
-  if (eigen.eigenvalues()[0] > 1e-3 * eigen.eigenvalues()[2]) {
-    return normal_matrix.ldlt().solve(right_side);
-  }
+  if (const std::optional<Eigen::Vector3d> meeting = AxesMeet(scene.photos)) return *meeting;
   // Parallel axes and no points: the distance is unknown, one unit does.
   const PinholeView& view = scene.photos.front().view;
   return CameraCentre(view.cam_from_object) +
@@ -362,6 +383,9 @@ void NormaliseScene(TrainingScene* scene) {
   const double size = Quantile(std::move(distances), 0.5);
   scene->origin = look_at;
   scene->size = size > 0 && std::isfinite(size) ? size : 1;
+  FindFocus(scene);
+  scene->focus = (scene->focus - scene->origin) / scene->size;
+  scene->focus_radius /= scene->size;
   for (ScenePhoto& photo : scene->photos) photo.view = NormaliseView(photo.view, scene->origin, scene->size);
   for (ScenePoint& point : scene->points) point.x = (point.x - scene->origin) / scene->size;
   if (scene->axis) scene->axis->point = (scene->axis->point - scene->origin) / scene->size;

@@ -18,7 +18,7 @@ namespace s2gs {
 
 /// What is trained.
 enum class TrainMode : uint8_t {
-  kAuto,    ///< S2GS where turntable.json says that something turns, else masks where there are any, else
+  kAuto,    ///< S2GS where turntable.json says that something turns, else masks where `masks` has any, else
             ///< static.
   kS2gs,    ///< both bodies, told apart by their motion.
   kMasks,   ///< 2DGS of the rotating part alone, in the object frame, cut out by masks.
@@ -82,6 +82,10 @@ struct TrainingScene {
   std::vector<ScenePoint> points;
   std::optional<TurntableAxis> axis;     ///< with turntable.json.
   std::optional<RotatingRegion> region;  ///< known when there are points of the rotating part and an axis.
+  /// What a photo shows of the place that all photos look at, as a sphere: where nothing turns, this is taken
+  /// for the object.
+  Eigen::Vector3d focus = Eigen::Vector3d::Zero();
+  double focus_radius = 0;  ///< 0: the photos look at no common place.
 
   SceneBodies bodies() const;
 };

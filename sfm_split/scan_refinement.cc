@@ -10,6 +10,7 @@
 #include <set>
 
 #include "sfm_split/joint_problem.h"
+#include "sfm_split/match_noise.h"
 #include "sfm_split/rotation.h"
 #include "sfm_split/table_angle.h"
 #include "sfm_split/track_triangulation.h"
@@ -29,12 +30,19 @@ constexpr int kMaxDrops = 2;                       // of one image
 constexpr double kMaxFocalChange = 1.4;            // of one adjustment; more: it is not observable
 constexpr float kMaxShakePx = 8;
 constexpr float kMaxUnmovedPx = 1.5F;
+constexpr float kLeastMovePx = 3;  // of a raw match in one station: less may be the background's
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;    // below, keypoints are dropped that are only badly localised
 constexpr double kErrorSigmas = 5;     // of a coordinate
+constexpr double kLossSigmas = 2;      // of a coordinate, where the loss turns from squared
+constexpr double kMaxErrorGrowth = 4;  // of the error bound, where the matches are noisier than it expects
+constexpr double kNoiseRange = 6;      // of the error bound, over which matches' errors are looked at
 constexpr int kMaxBasesOfStation = 4;  // images that are tried as a lost station's first
 constexpr double kClearMargin =
     1.5;  // an angle is doubtful when another has more than 1 / this of its support
+// Support so far beyond that of any other angle stands whatever the share of outliers.
+constexpr double kOverwhelmingMargin = 4;
+constexpr int kOverwhelmingInliers = 4;  // times those that must agree anyway
 
 class Refiner {
  public:
@@ -45,7 +53,8 @@ class Refiner {
         joint_options_(joint_options),
         options_(options),
         reporter_(reporter),
-        aligned_(aligned) {
+        aligned_(aligned),
+        object_pairs_(features.object_pairs) {
     keypoints_.reserve(features.images.size());
     for (size_t i = 0; i < features.images.size(); ++i) {
       keypoints_.push_back(features.images[i].keypoints);
@@ -67,6 +76,9 @@ class Refiner {
   std::vector<PosedImage> Posed(bool of_object) const;
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
+  void MeasureNoise();
+  void TakeRawMatches(double max_error_px);
+  double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
   void MendStation(const std::vector<int>& images, double max_error_px);
@@ -96,11 +108,13 @@ class Refiner {
   Reporter& reporter_;
   AlignedScene* aligned_;
   std::vector<Keypoints> keypoints_;
+  std::vector<ImagePairMatches> object_pairs_;  // verified, and raw ones that agree with the poses
   std::map<std::string, int> image_of_name_;
   std::vector<int> view_of_image_;
   std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
   bool has_background_ = false;
   bool holds_cameras_ = false;
+  double noise_px_ = 0;  // of the object's matches against the poses as they stand
   std::map<std::string, int> drops_;
   std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
@@ -157,8 +171,69 @@ std::vector<TrackPoint> Refiner::Triangulate(bool of_object, double max_error_px
   TrackOptions options;
   options.max_error_px = max_error_px;
   options.min_triangulation_deg = options_.min_triangulation_deg;
-  return TriangulateTracks(Posed(of_object), keypoints_,
-                           of_object ? features_.object_pairs : features_.static_pairs, options);
+  return TriangulateTracks(Posed(of_object), keypoints_, of_object ? object_pairs_ : features_.static_pairs,
+                           options);
+}
+
+void Refiner::MeasureNoise() {
+  const NoiseFit noise =
+      MeasureMatchNoise(Posed(true), keypoints_, features_.object_pairs, kNoiseRange * options_.max_error_px);
+  noise_px_ = noise.sigma;
+}
+
+// The error bound for keypoints of a standard deviation; wider than the options' where the matches themselves
+// are noisier than these expect, whatever an adjustment within the bound says.
+double Refiner::ErrorBound(double sigma_px) const {
+  const double by_matches = kErrorSigmas * noise_px_;
+  if (by_matches > options_.max_error_px) {
+    return std::min(by_matches, kMaxErrorGrowth * options_.max_error_px);
+  }
+  return std::clamp(kErrorSigmas * sigma_px, std::min(kLeastErrorPx, options_.max_error_px),
+                    options_.max_error_px);
+}
+
+// Adds raw matches that agree with the poses to the verified ones: verification, which knew no poses, had to
+// leave out those of pairs that show little of the object.
+void Refiner::TakeRawMatches(double max_error_px) {
+  object_pairs_ = features_.object_pairs;
+  std::map<std::pair<int, int>, size_t> place;
+  for (size_t p = 0; p < object_pairs_.size(); ++p) {
+    place[{object_pairs_[p].image1, object_pairs_[p].image2}] = p;
+  }
+  const std::vector<PosedImage> posed = Posed(true);
+  const auto is_static = [&](size_t image, uint32_t keypoint) {
+    const std::vector<KeypointLabel>& labels = features_.images[image].labels;
+    return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
+  };
+  for (const ImagePairMatches& raw : features_.raw_pairs) {
+    const auto i = static_cast<size_t>(raw.image1);
+    const auto j = static_cast<size_t>(raw.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    const auto found = place.find({raw.image1, raw.image2});
+    std::set<std::pair<uint32_t, uint32_t>> known;
+    if (found != place.end()) {
+      for (const FeatureMatch& match : object_pairs_[found->second].matches)
+        known.emplace(match.point2D_idx1, match.point2D_idx2);
+    }
+    const bool same_place = StationOf(raw.image1) == StationOf(raw.image2);
+    FeatureMatches agreeing;
+    for (const FeatureMatch& match : raw.matches) {
+      if (known.count({match.point2D_idx1, match.point2D_idx2}) > 0) continue;
+      if (is_static(i, match.point2D_idx1) || is_static(j, match.point2D_idx2)) continue;
+      const Eigen::Vector2f& xy1 = keypoints_[i][match.point2D_idx1];
+      const Eigen::Vector2f& xy2 = keypoints_[j][match.point2D_idx2];
+      if (same_place && (xy1 - xy2).norm() <= kLeastMovePx) continue;
+      if (MatchErrorPx(posed[i], posed[j], xy1.cast<double>(), xy2.cast<double>()) <= max_error_px)
+        agreeing.push_back(match);
+    }
+    if (agreeing.empty()) continue;
+    if (found == place.end()) {
+      object_pairs_.push_back({raw.image1, raw.image2, std::move(agreeing)});
+    } else {
+      FeatureMatches& matches = object_pairs_[found->second].matches;
+      matches.insert(matches.end(), agreeing.begin(), agreeing.end());
+    }
+  }
 }
 
 void Refiner::FindUnmoved() {
@@ -209,7 +284,7 @@ void Refiner::AddView(int image, int station, const Rigid3& cam_from_world, cons
   aligned_->scene.views.push_back(view);
 }
 
-// The image's keypoints that match a keypoint of a known point.
+// The image's keypoints that match a keypoint of a known point; of several points those with most matches.
 std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
                                        const std::vector<ImagePairMatches>& pairs,
                                        const std::vector<TrackPoint>& points) {
@@ -226,7 +301,7 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
       }
     }
   }
-  std::set<std::pair<uint32_t, int>> seen;  // keypoint, point
+  std::map<uint32_t, std::map<int, int>> votes;  // for points, by keypoint
   for (const ImagePairMatches& pair : pairs) {
     if (pair.image1 != image && pair.image2 != image) continue;
     const bool is_first = pair.image1 == image;
@@ -234,15 +309,20 @@ std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
       const auto found = point_of_keypoint.find(
           {is_first ? pair.image2 : pair.image1, is_first ? match.point2D_idx2 : match.point2D_idx1});
       if (found != point_of_keypoint.end()) {
-        seen.insert({is_first ? match.point2D_idx1 : match.point2D_idx2, found->second});
+        ++votes[is_first ? match.point2D_idx1 : match.point2D_idx2][found->second];
       }
     }
   }
   std::vector<PointInImage> result;
-  result.reserve(seen.size());
+  result.reserve(votes.size());
   const Keypoints& keypoints = features.images[static_cast<size_t>(image)].keypoints;
-  for (const auto& [keypoint, point] : seen) {
-    result.push_back({points[static_cast<size_t>(point)].x_in_body, keypoints[keypoint].cast<double>()});
+  for (const auto& [keypoint, votes_of_point] : votes) {
+    int most = 0;
+    for (const auto& [point, count] : votes_of_point) most = std::max(most, count);
+    for (const auto& [point, count] : votes_of_point) {
+      if (count < most) continue;
+      result.push_back({points[static_cast<size_t>(point)].x_in_body, keypoints[keypoint].cast<double>()});
+    }
   }
   return result;
 }
@@ -268,10 +348,10 @@ std::vector<MatchInPosedImage> Refiner::MatchesWithPosed(int image) const {
 bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
   const TurntableAxis& axis = aligned_->scene.axis;
   const auto accept = [&](const TableAngleFit& fit, size_t candidates, double min_share, const char* how) {
-    if (!fit.found || fit.margin < kClearMargin ||
-        fit.inliers < min_share * static_cast<double>(candidates)) {
-      return false;
-    }
+    const bool is_overwhelming =
+        fit.margin >= kOverwhelmingMargin && fit.inliers >= kOverwhelmingInliers * options_.min_mend_inliers;
+    const bool is_enough = is_overwhelming || fit.inliers >= min_share * static_cast<double>(candidates);
+    if (!fit.found || fit.margin < kClearMargin || !is_enough) return false;
     const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
     AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
             fit.angle_rad);
@@ -632,6 +712,8 @@ JointReport Refiner::Adjust(JointModel model, bool covariance) {
 }
 
 JointReport Refiner::AdjustWith(JointOptions options) {
+  options.loss_scale_px = std::max(options.loss_scale_px, kLossSigmas * noise_px_);
+  options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   options.refine_focal_length &= !holds_cameras_;
   options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
@@ -664,7 +746,7 @@ void Refiner::Relabel(double max_error_px) {
   }
   // Matches on their epipolar lines.
   const std::vector<PosedImage> posed = Posed(true);
-  for (const ImagePairMatches& pair : features_.object_pairs) {
+  for (const ImagePairMatches& pair : object_pairs_) {
     const auto i = static_cast<size_t>(pair.image1);
     const auto j = static_cast<size_t>(pair.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
@@ -732,24 +814,30 @@ RefineReport Refiner::Run() {
   }
   if (has_background_) FindUnmoved();
 
-  double max_error_px = options_.max_error_px;
+  MeasureNoise();
+  const double first_error_px = std::max(options_.max_error_px, ErrorBound(0));
+  double max_error_px = first_error_px;
   JointModel model =
       joint_options_.model == JointModel::kAuto ? JointModel::kSharedStations : joint_options_.model;
   int last_observations = 0;
   for (int round = 0; round < options_.max_rounds; ++round) {
     if (reporter_.StopRequested()) throw Interrupted();
     const auto start = std::chrono::steady_clock::now();
-    if (round > 0) DropDoubtful(max_error_px);
+    if (round > 0) {
+      DropDoubtful(max_error_px);
+      TakeRawMatches(max_error_px);
+    }
     object_points_ = Triangulate(true, max_error_px);
     if (has_background_) background_points_ = Triangulate(false, max_error_px);
     for (size_t before = 0; before != aligned_->scene.views.size();) {
       before = aligned_->scene.views.size();
       if (before == features_.images.size()) break;
-      Mend(max_error_px);
+      // Drawn in, the bound would leave out what shook against its station.
+      Mend(first_error_px);
       if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
     }
     if (has_background_) {
-      PlaceStations(2 * options_.max_error_px);
+      PlaceStations(2 * first_error_px);
       background_points_ = Triangulate(false, max_error_px);
     }
     aligned_->object = BuildModel(
@@ -785,7 +873,8 @@ RefineReport Refiner::Run() {
                    std::to_string(figures.background_points) + " background points, rms " +
                    std::to_string(figures.background_rms_px) + " px; " + std::to_string(figures.seconds) +
                    " s");
-    max_error_px = std::clamp(kErrorSigmas * report_.joint.sigma_px, kLeastErrorPx, options_.max_error_px);
+    MeasureNoise();
+    max_error_px = ErrorBound(report_.joint.sigma_px);
     const int observations = report_.joint.object_observations;
     const bool is_settled = std::abs(observations - last_observations) <= 0.01 * observations;
     last_observations = observations;
@@ -797,6 +886,7 @@ RefineReport Refiner::Run() {
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;
   IndexViews();
+  TakeRawMatches(max_error_px);
   object_points_ = Triangulate(true, max_error_px);
   if (has_background_) background_points_ = Triangulate(false, max_error_px);
   WriteModels();

@@ -28,7 +28,8 @@ struct Likelihood {
 
 ForegroundTerms RegulariseForeground(const std::vector<float>& foreground_logit,
                                      const std::vector<uint32_t>& neighbours, int k,
-                                     const LossWeights& weights, std::vector<float>* d_logit) {
+                                     const LossWeights& weights, ThreadPool* threads,
+                                     std::vector<float>* d_logit) {
   const auto count = static_cast<int64_t>(foreground_logit.size());
   d_logit->assign(foreground_logit.size(), 0.0F);
   ForegroundTerms terms;
@@ -37,15 +38,14 @@ ForegroundTerms RegulariseForeground(const std::vector<float>& foreground_logit,
   std::vector<double> parts(num_chunks, 0);
   if (weights.entropy_3d > 0) {
     const float weight = weights.entropy_3d / static_cast<float>(count);
-#pragma omp parallel for schedule(static)
-    for (int64_t chunk = 0; chunk < num_chunks; ++chunk) {
+    threads->For(count, kChunk, [&](int64_t begin, int64_t end) {
       double sum = 0;
-      for (int64_t i = chunk * kChunk; i < std::min(count, (chunk + 1) * kChunk); ++i) {
+      for (int64_t i = begin; i < end; ++i) {
         sum += EntropyOfLogit(foreground_logit[i]);
         (*d_logit)[i] += weight * EntropyOfLogitAdjoint(foreground_logit[i]);
       }
-      parts[chunk] = sum;
-    }
+      parts[begin / kChunk] = sum;
+    });
     terms.entropy_3d = SumUp(parts) / static_cast<double>(count);
   }
   if (!(weights.local_consistency > 0) || k < 1 || neighbours.size() != static_cast<size_t>(count) * k)
@@ -55,15 +55,15 @@ ForegroundTerms RegulariseForeground(const std::vector<float>& foreground_logit,
   const auto weight = static_cast<float>(weights.local_consistency / num_edges);
   std::vector<Likelihood> likelihood(count);
   std::vector<float> to_neighbour(neighbours.size());
-#pragma omp parallel for schedule(static)
-  for (int64_t i = 0; i < count; ++i) {
-    const float logit = foreground_logit[i];
-    likelihood[i] = {Sigmoid(logit), Sigmoid(-logit), (logit > 0 ? logit : 0) + Log1pExpOfMinus(logit)};
-  }
-#pragma omp parallel for schedule(static)
-  for (int64_t chunk = 0; chunk < num_chunks; ++chunk) {
+  threads->For(count, kChunk, [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      const float logit = foreground_logit[i];
+      likelihood[i] = {Sigmoid(logit), Sigmoid(-logit), (logit > 0 ? logit : 0) + Log1pExpOfMinus(logit)};
+    }
+  });
+  threads->For(count, kChunk, [&](int64_t begin, int64_t end) {
     double sum = 0;
-    for (int64_t i = chunk * kChunk; i < std::min(count, (chunk + 1) * kChunk); ++i) {
+    for (int64_t i = begin; i < end; ++i) {
       const float a = foreground_logit[i];
       const Likelihood& own = likelihood[i];
       float own_gradient = 0;
@@ -80,8 +80,8 @@ ForegroundTerms RegulariseForeground(const std::vector<float>& foreground_logit,
       }
       (*d_logit)[i] += weight * own_gradient;
     }
-    parts[chunk] = sum;
-  }
+    parts[begin / kChunk] = sum;
+  });
   // A Gaussian may be the neighbour of many: in one order.
   for (size_t edge = 0; edge < neighbours.size(); ++edge) {
     (*d_logit)[neighbours[edge]] += weight * to_neighbour[edge];
@@ -136,7 +136,7 @@ double NormalRow(const ViewMaps& maps, int y, float weight, float* d_depth, floa
 
 }  // namespace
 
-ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights) {
+ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights, ThreadPool* threads) {
   const int width = maps.view->width;
   const int height = maps.view->height;
   const double num_pixels = static_cast<double>(width) * height;
@@ -147,12 +147,16 @@ ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights) {
   }
   ViewLossTerms terms;
   std::vector<double> rows(height, 0);
+  const auto for_rows = [&](const auto& body) {
+    threads->For(height, [&](int64_t begin, int64_t end) {
+      for (int64_t y = begin; y < end; ++y) body(static_cast<int>(y));
+    });
+  };
   if (maps.foreground != nullptr && (weights.entropy_2d > 0 || (weights.mask > 0 && maps.mask != nullptr))) {
     std::vector<double> mask_rows(height, 0);
     const float entropy_weight = weights.entropy_2d * per_pixel;
     const float mask_weight = maps.mask != nullptr ? weights.mask * per_pixel : 0;
-#pragma omp parallel for schedule(static)
-    for (int y = 0; y < height; ++y) {
+    for_rows([&](int y) {
       for (int x = 0; x < width; ++x) {
         const size_t at = y * maps.stride + x;
         const float p = maps.foreground[at];
@@ -166,7 +170,7 @@ ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights) {
           maps.d_foreground[at] += mask_weight * MaskCrossEntropyAdjoint(p, inside);
         }
       }
-    }
+    });
     terms.entropy_2d = SumUp(rows) / num_pixels;
     terms.mask = SumUp(mask_rows) / num_pixels;
   }
@@ -191,12 +195,8 @@ ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights) {
     const auto share = [&](int y, int which) {
       return shares.data() + (3 * static_cast<size_t>(y) + which) * row_floats + 1;
     };
-#pragma omp parallel for schedule(static)
-    for (int y = 0; y < height; ++y) {
-      rows[y] = NormalRow(maps, y, weight, share(y, 1), share(y, 0), share(y, 2));
-    }
-#pragma omp parallel for schedule(static)
-    for (int y = 0; y < height; ++y) {
+    for_rows([&](int y) { rows[y] = NormalRow(maps, y, weight, share(y, 1), share(y, 0), share(y, 2)); });
+    for_rows([&](int y) {
       float* out = maps.d_expected_depth + y * maps.stride;
       for (int x = 0; x < width; ++x) {
         float sum = share(y, 1)[x];
@@ -204,7 +204,7 @@ ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights) {
         if (y + 1 < height) sum += share(y + 1, 0)[x];
         out[x] = sum;
       }
-    }
+    });
     terms.normal = SumUp(rows) / num_pixels;
   }
   return terms;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "s2gs/backend.h"
+#include "s2gs/core/thread_pool.h"
 #include "s2gs/gaussians.h"
 
 namespace s2gs {
@@ -18,7 +19,8 @@ struct ForegroundTerms {
 /// The result does not depend on the number of threads.
 ForegroundTerms RegulariseForeground(const std::vector<float>& foreground_logit,
                                      const std::vector<uint32_t>& neighbours, int k,
-                                     const LossWeights& weights, std::vector<float>* d_logit);
+                                     const LossWeights& weights, ThreadPool* threads,
+                                     std::vector<float>* d_logit);
 
 /// A view's maps that (12), the masks' hint and the normals work on, and where the loss by them is added to.
 struct ViewLossTerms {
@@ -46,6 +48,6 @@ struct ViewMaps {
 
 /// Means over all pixels of the terms whose weights are not 0; overwrites the gradients of the maps that they
 /// use, and sets those of unused ones that are not null to 0.
-ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights);
+ViewLossTerms RegulariseView(const ViewMaps& maps, const LossWeights& weights, ThreadPool* threads);
 
 }  // namespace s2gs

@@ -64,23 +64,23 @@ void TileLists::SortByDepth(const std::vector<SplatRow>& rows) {
   }
 }
 
-void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height) {
+void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads) {
   tiles_x_ = (width + kTileSize - 1) / kTileSize;
   const int tiles_y = (height + kTileSize - 1) / kTileSize;
   tiles_.resize(static_cast<size_t>(tiles_x_) * tiles_y);
   reached_.resize(rows.size());
   tile_count_.resize(rows.size());
-  const auto count = static_cast<int64_t>(rows.size());
-#pragma omp parallel for schedule(static)
-  for (int64_t i = 0; i < count; ++i) {
-    tile_count_[i] = 0;
-    if (!IsDrawn(rows[i])) continue;
-    const TileRect tiles = TilesOf(rows[i]);
-    reached_[i] = Reached(rows[i], tiles, width, height);
-    tile_count_[i] = tiles.Count() == 1 || tiles.Count() > 64
-                         ? static_cast<uint32_t>(tiles.Count())
-                         : static_cast<uint32_t>(__builtin_popcountll(reached_[i]));
-  }
+  threads->For(static_cast<int64_t>(rows.size()), [&](int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+      tile_count_[i] = 0;
+      if (!IsDrawn(rows[i])) continue;
+      const TileRect tiles = TilesOf(rows[i]);
+      reached_[i] = Reached(rows[i], tiles, width, height);
+      tile_count_[i] = tiles.Count() == 1 || tiles.Count() > 64
+                           ? static_cast<uint32_t>(tiles.Count())
+                           : static_cast<uint32_t>(__builtin_popcountll(reached_[i]));
+    }
+  });
   slot_begin_.resize(rows.size() + 1);
   slot_begin_[0] = 0;
   for (size_t i = 0; i < rows.size(); ++i) slot_begin_[i + 1] = slot_begin_[i] + tile_count_[i];
@@ -90,8 +90,8 @@ void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height) 
   SortByDepth(rows);
 
   // Each row of tiles is filled by one thread, which goes through all splats in order.
-#pragma omp parallel for schedule(dynamic, 1)
-  for (int tile_y = 0; tile_y < tiles_y; ++tile_y) {
+  threads->For(tiles_y, 1, [&](int64_t row, int64_t) {
+    const int tile_y = static_cast<int>(row);
     for (int x = 0; x < tiles_x_; ++x) tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].clear();
     for (const uint64_t key : keys_) {
       const auto i = static_cast<uint32_t>(key);
@@ -112,7 +112,7 @@ void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height) 
         tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].push_back({i, static_cast<uint32_t>(slot)});
       }
     }
-  }
+  });
 }
 
 }  // namespace s2gs

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "s2gs/core/thread_pool.h"
 #include "s2gs/cpu/tile_kernel.h"
 
 namespace s2gs {
@@ -13,7 +14,7 @@ class TileLists {
  public:
   /// \param rows  one per Gaussian; those with an empty rectangle are not drawn.
   /// Splats of equal depth stay in the order of their rows.
-  void Build(const std::vector<SplatRow>& rows, int width, int height);
+  void Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads);
 
   int tiles_x() const { return tiles_x_; }
   int num_tiles() const { return static_cast<int>(tiles_.size()); }

@@ -76,6 +76,50 @@ __global__ void FindRangesKernel(const Key* keys, uint64_t bound, int num_tiles,
   if (i == count - 1 || static_cast<int64_t>(keys[i + 1]) != tile) end[tile] = static_cast<uint32_t>(i + 1);
 }
 
+// Tiles by the length of their lists, long ones first, to an eighth of an octave: what takes long should not
+// begin last. One block.
+constexpr int kOrderThreads = 1024;
+constexpr int kLengths = 256;
+__global__ __launch_bounds__(kOrderThreads) void OrderTilesKernel(const uint32_t* begin, const uint32_t* end,
+                                                                  int num_tiles, uint32_t* order) {
+  __shared__ uint32_t places[kLengths];
+  const auto rank = [&](int tile) {
+    const uint32_t length = end[tile] - begin[tile];
+    // The exponent and three bits of the mantissa.
+    const uint32_t octaves = length == 0 ? 0 : (__float_as_uint(static_cast<float>(length)) >> 20) - 127 * 8;
+    return kLengths - 1 - min(octaves, kLengths - 1U);
+  };
+  const auto thread = static_cast<int>(threadIdx.x);
+  if (thread < kLengths) places[thread] = 0;
+  __syncthreads();
+  for (int tile = thread; tile < num_tiles; tile += kOrderThreads) atomicAdd(places + rank(tile), 1U);
+  __syncthreads();
+  if (thread < 32) {
+    // Exclusive sums: eight lengths a lane.
+    constexpr int kPerLane = kLengths / 32;
+    uint32_t counts[kPerLane];
+    uint32_t sum = 0;
+    for (int i = 0; i < kPerLane; ++i) {
+      counts[i] = places[thread * kPerLane + i];
+      sum += counts[i];
+    }
+    uint32_t before = sum;
+    for (int offset = 1; offset < 32; offset *= 2) {
+      const uint32_t other = __shfl_up_sync(0xFFFFFFFFU, before, offset);
+      if (thread >= offset) before += other;
+    }
+    before -= sum;
+    for (int i = 0; i < kPerLane; ++i) {
+      places[thread * kPerLane + i] = before;
+      before += counts[i];
+    }
+  }
+  __syncthreads();
+  for (int tile = thread; tile < num_tiles; tile += kOrderThreads) {
+    order[atomicAdd(places + rank(tile), 1U)] = static_cast<uint32_t>(tile);
+  }
+}
+
 int BitsFor(uint64_t value) {
   int bits = 1;
   while (bits < 63 && (uint64_t{1} << bits) <= value) ++bits;
@@ -100,6 +144,7 @@ TileSorter::TileSorter(DeviceMemoryCount* memory)
       sorted_tile_ids_(memory),
       tile_begin_(memory),
       tile_end_(memory),
+      tile_order_(memory),
       scratch_(memory) {}
 
 void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
@@ -116,6 +161,7 @@ void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
   const size_t num_tiles = static_cast<size_t>(NumTiles(width)) * static_cast<size_t>(NumTiles(height));
   tile_begin_.Reserve(num_tiles);
   tile_end_.Reserve(num_tiles);
+  tile_order_.Reserve(num_tiles);
 }
 
 void TileSorter::ReserveIntersections(int64_t num_intersections) {
@@ -159,8 +205,16 @@ TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, i
   const int num_tiles = NumTiles(width) * NumTiles(height);
   CheckCuda(cudaMemsetAsync(tile_begin_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
   CheckCuda(cudaMemsetAsync(tile_end_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
-  const TileLists lists = {tile_begin_.get(), tile_end_.get(), sorted_tile_ids_.get()};
-  if (bound == 0) return lists;
+  const TileLists lists = {tile_begin_.get(), tile_end_.get(), sorted_tile_ids_.get(), tile_order_.get()};
+  const auto order = [&] {
+    OrderTilesKernel<<<1, kOrderThreads, 0, stream>>>(tile_begin_.get(), tile_end_.get(), num_tiles,
+                                                      tile_order_.get());
+    CheckCuda(cudaGetLastError(), "tile order");
+  };
+  if (bound == 0) {
+    order();
+    return lists;
+  }
   const auto sort = [&](auto* keys, auto* sorted_keys) {
     using Key = std::remove_pointer_t<decltype(keys)>;
     // Entries that no splat fills sort behind all tiles.
@@ -191,6 +245,7 @@ TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, i
   } else {
     sort(tile_keys_.get(), sorted_tile_keys_.get());
   }
+  order();
   return lists;
 }
 

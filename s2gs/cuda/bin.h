@@ -36,7 +36,7 @@ class TileSorter {
   DeviceBuffer<uint64_t> offsets_;
   DeviceBuffer<uint32_t> tile_keys_, sorted_tile_keys_;  ///< of 16 bits where these suffice.
   DeviceBuffer<uint32_t> tile_ids_, sorted_tile_ids_;
-  DeviceBuffer<uint32_t> tile_begin_, tile_end_;
+  DeviceBuffer<uint32_t> tile_begin_, tile_end_, tile_order_;
   DeviceBuffer<char> scratch_;
 };
 

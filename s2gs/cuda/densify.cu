@@ -73,11 +73,15 @@ __global__ void PlaceKernel(const uint8_t* actions, int count, const uint32_t* k
   }
 }
 
-__global__ void GatherKernel(const uint32_t* sources, const uint8_t* births, int count, const float* source,
-                             float* target, bool is_moment) {
+// One plane a row of blocks. \param births  null: all are old.
+__global__ void GatherKernel(const uint32_t* sources, const uint8_t* births, int count, const float* from,
+                             size_t from_stride, float* to, size_t to_stride) {
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   if (i >= count) return;
-  target[i] = is_moment && births[i] != kOld ? 0.0F : source[sources[i]];
+  const auto plane = static_cast<int>(blockIdx.y);
+  const bool is_moment = plane >= kNumPlanes;
+  const bool is_new = births != nullptr && births[i] != kOld;
+  to[plane * to_stride + i] = is_moment && is_new ? 0.0F : from[plane * from_stride + sources[i]];
 }
 
 __global__ void PlaceChildrenKernel(const uint32_t* sources, const uint8_t* births, int count, Planes from,
@@ -96,6 +100,15 @@ __global__ void PlaceChildrenKernel(const uint32_t* sources, const uint8_t* birt
 }
 
 }  // namespace
+
+void GatherModel(const uint32_t* sources, const uint8_t* births, int64_t count, const Planes& from,
+                 const Planes& to, cudaStream_t stream) {
+  if (count == 0) return;
+  const dim3 grid(NumBlocks(count, kThreads), 3 * kNumPlanes);
+  GatherKernel<<<grid, kThreads, 0, stream>>>(sources, births, static_cast<int>(count), from.data,
+                                              from.stride, to.data, to.stride);
+  CheckCuda(cudaGetLastError(), "choice of Gaussians");
+}
 
 DensifyPlan::DensifyPlan(DeviceMemoryCount* memory)
     : actions_(memory),
@@ -188,11 +201,8 @@ DensifyResult DensifyPlan::Make(const Planes& parameters, int64_t count, const f
   return result;
 }
 
-void DensifyPlan::Gather(const float* source, float* target, bool is_moment, cudaStream_t stream) const {
-  if (new_count_ == 0) return;
-  GatherKernel<<<NumBlocks(new_count_, kThreads), kThreads, 0, stream>>>(
-      sources_.get(), births_.get(), static_cast<int>(new_count_), source, target, is_moment);
-  CheckCuda(cudaGetLastError(), "densification");
+void DensifyPlan::Gather(const Planes& from, const Planes& to, cudaStream_t stream) const {
+  GatherModel(sources_.get(), births_.get(), new_count_, from, to, stream);
 }
 
 void DensifyPlan::PlaceChildren(const Planes& old_parameters, const Planes& new_parameters,

@@ -6,6 +6,12 @@
 
 namespace s2gs::cuda {
 
+/// Parameters and both moments, 3 kNumPlanes planes, of the Gaussians of the given indices.
+/// \param sources  `count` indices into `from`.
+/// \param births   null: all keep their moments; otherwise how each came about (0: it is the old one).
+void GatherModel(const uint32_t* sources, const uint8_t* births, int64_t count, const Planes& from,
+                 const Planes& to, cudaStream_t stream);
+
 /// Where each Gaussian of the model after a densification comes from.
 class DensifyPlan {
  public:
@@ -15,8 +21,8 @@ class DensifyPlan {
   DensifyResult Make(const Planes& parameters, int64_t count, const float* gradient_sum,
                      const float* view_count, const DensifyStep& step, cudaStream_t stream);
 
-  /// One plane of parameters (or moments, which new Gaussians begin without) of the new model.
-  void Gather(const float* source, float* target, bool is_moment, cudaStream_t stream) const;
+  /// Parameters and moments of the new model; new Gaussians begin without moments.
+  void Gather(const Planes& from, const Planes& to, cudaStream_t stream) const;
   /// Centres and scales of the children of splits, into planes that Gather has filled.
   void PlaceChildren(const Planes& old_parameters, const Planes& new_parameters, const DensifyStep& step,
                      cudaStream_t stream) const;

@@ -28,7 +28,7 @@ struct Planes {
   float* data;
   size_t stride;
 
-  __device__ float* At(int plane) const { return data + plane * stride; }
+  __host__ __device__ float* At(int plane) const { return data + plane * stride; }
 };
 
 __device__ inline SurfelParameters<float> LoadSurfel(const Planes& planes, int i) {
@@ -76,8 +76,11 @@ __device__ inline Splat<float> Unpack(const float4& a, const float4& b, const fl
 constexpr int kTile = 16;
 constexpr int kTileThreads = kTile * kTile;
 /// Threads of a block that draws; a warp draws 8 x 4 pixels. Several small blocks share a tile, because a
-/// block ends with the slowest of its warps.
-constexpr int kDrawThreads = 128;
+/// block's place is free again only when the slowest of its warps has ended.
+#ifndef S2GS_DRAW_THREADS
+#define S2GS_DRAW_THREADS 64
+#endif
+constexpr int kDrawThreads = S2GS_DRAW_THREADS;
 constexpr int kDrawBlocks = kTileThreads / kDrawThreads;
 
 inline __host__ __device__ int NumTiles(int size) { return (size + kTile - 1) / kTile; }
@@ -121,6 +124,7 @@ struct TileLists {
   const uint32_t* begin;
   const uint32_t* end;
   const uint32_t* ids;
+  const uint32_t* order;  ///< all tiles, those with long lists first.
 };
 
 /// Sums over the steps since the losses were last taken.

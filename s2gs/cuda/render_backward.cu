@@ -5,42 +5,46 @@
 namespace s2gs::cuda {
 namespace {
 
-// One step of WarpSum16: lanes that differ in bit kOffset share out 2 kHalf values between them.
-template <int kHalf, int kOffset>
-__device__ void ShareOut(float (&v)[kPackedFloats]) {
-  const bool is_upper = (threadIdx.x & kOffset) != 0;
-#pragma unroll
-  for (int i = 0; i < kHalf; ++i) {
-    const float sent = is_upper ? v[i] : v[i + kHalf];
-    const float kept = is_upper ? v[i + kHalf] : v[i];
-    v[i] = kept + __shfl_xor_sync(0xFFFFFFFFU, sent, kOffset);
-  }
+// Every hit writes the loss by its splat to a row of shared memory; then the rows of each splat are summed,
+// and only the sums go to global memory.
+constexpr int kRows = 64;  // of one warp.
+static_assert(kRows >= 32, "one splat may hit all pixels of a warp");
+
+struct HitRow {
+  float4 values[kPackedFloats / 4];
+  float4 normal_z;  // in x alone; a whole one keeps rows aligned and spreads them over the banks.
+};
+constexpr int kRowFloats = sizeof(HitRow) / sizeof(float);
+
+__device__ void StoreRow(const Splat<float>& d, bool with_geometry, HitRow* row) {
+  const PackedSplat packed = Pack(d);
+  row->values[0] = packed.a;
+  row->values[1] = packed.b;
+  row->values[2] = packed.c;
+  row->values[3] = packed.d;
+  if (with_geometry) row->normal_z.x = d.footprint.normal.z;
 }
 
-// Sums 16 values over the warp in 16 shuffles: each step halves the number of values that a lane is in charge
-// of. On return, lane l holds the sum of value (l / 2).
-__device__ float WarpSum16(float (&v)[kPackedFloats]) {
-  ShareOut<8, 16>(v);
-  ShareOut<4, 8>(v);
-  ShareOut<2, 4>(v);
-  ShareOut<1, 2>(v);
-  return v[0] + __shfl_xor_sync(0xFFFFFFFFU, v[0], 1);
-}
+struct BackwardScratch {
+  SplatGroup group;
+  HitRow rows[kRows];
+};
 
 template <typename C>
 __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput in, Maps maps,
                                                                      MapGradients d_maps,
                                                                      Vec3<float> background, float* d_splats,
                                                                      float* d_normal_z) {
-  __shared__ SplatBatch batch;
-  __shared__ uint32_t block_last;
-  const TilePixel where = FindTilePixel(in.width, in.height);
+  __shared__ BackwardScratch scratches[kDrawThreads / 32];
+  SplatGroup& group = scratches[threadIdx.x / 32].group;
+  HitRow* const rows = scratches[threadIdx.x / 32].rows;
+  const WarpPixel where = FindWarpPixel(in);
   const float pixel_x = static_cast<float>(where.x) + 0.5F, pixel_y = static_cast<float>(where.y) + 0.5F;
-  const int tile = static_cast<int>(blockIdx.y * gridDim.x + blockIdx.x);
-  const uint32_t begin = in.tiles.begin[tile];
+  const uint32_t begin = in.tiles.begin[where.tile];
   const size_t size = static_cast<size_t>(in.width) * in.height;
   const size_t at = static_cast<size_t>(where.y) * in.width + where.x;
-  const unsigned lane = threadIdx.x % 32;
+  const int lane = static_cast<int>(threadIdx.x) % 32;
+  const unsigned lanes_before = (1U << lane) - 1;
 
   PixelGradient<float> d{};
   PixelAdjoint<float> state{};
@@ -62,67 +66,78 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
     }
     state = BeginPixelAdjoint<C>(pixel, d, background);
   }
-  if (threadIdx.x == 0) block_last = 0;
-  __syncthreads();
-  const uint32_t warp_last = __reduce_max_sync(0xFFFFFFFFU, last);
-  if (lane == 0) atomicMax(&block_last, warp_last);
-  __syncthreads();
 
-  // Batches from the back; slot 0 is the hindmost of its batch.
-  for (uint32_t left = block_last; left > 0;) {
-    const int count = static_cast<int>(min(left, static_cast<uint32_t>(kDrawThreads)));
-    __syncthreads();
-    if (static_cast<int>(threadIdx.x) < count) {
-      batch.Load(static_cast<int>(threadIdx.x), in.splats, in.tiles.ids[begin + left - 1 - threadIdx.x],
-                 C::kGeometry);
-    }
-    __syncthreads();
-    for (int group = 0; group < count; group += 32) {
-      // The group's foremost splat is number left - 1 - min(group + 31, count - 1).
-      const auto foremost = left - 1 - static_cast<uint32_t>(min(group + 31, count - 1));
-      if (foremost >= warp_last) continue;
-      unsigned reaching = batch.Reaching(group, count, where);
-      while (reaching != 0) {
-        const int slot = group + __ffs(static_cast<int>(reaching)) - 1;
-        reaching &= reaching - 1;
-        const uint32_t number = left - 1 - static_cast<uint32_t>(slot);
-        const Splat<float> splat = batch.At<C>(slot);
-        PixelHit<float> hit;
-        const bool is_hit =
-            number < last && HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit);
-        if (!__any_sync(0xFFFFFFFFU, is_hit)) continue;
-        Splat<float> d_splat{};
-        if (is_hit) UndoHit<C>(splat, hit, d, in.near_depth, &state, &d_splat);
-        const Footprint<float>& f = d_splat.footprint;
-        float values[kPackedFloats] = {f.centre.x,
-                                       f.centre.y,
-                                       f.u.x,
-                                       f.u.y,
-                                       f.v.x,
-                                       f.v.y,
-                                       f.w.x,
-                                       f.w.y,
-                                       d_splat.opacity,
-                                       d_splat.color.x,
-                                       d_splat.color.y,
-                                       d_splat.color.z,
-                                       d_splat.foreground,
-                                       f.depth,
-                                       f.normal.x,
-                                       f.normal.y};
-        const float sum = WarpSum16(values);
-        const uint32_t id = batch.id[slot];
-        constexpr unsigned kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;
-        if (lane % 2 == 0 && lane / 2 < kUsed) {
-          atomicAdd(d_splats + static_cast<size_t>(id) * kPackedFloats + lane / 2, sum);
+  // Groups from the back; lane 0 takes the hindmost splat.
+  const uint32_t warp_last = __reduce_max_sync(kAllLanes, last);
+  const auto load_id = [&](uint32_t left) {
+    return static_cast<uint32_t>(lane) < left ? in.tiles.ids[begin + left - 1 - lane] : 0;
+  };
+  uint32_t next_id = load_id(warp_last);
+  for (uint32_t left = warp_last; left > 0;) {
+    const uint32_t rest = left > kGroup ? left - kGroup : 0;
+    const uint32_t id = next_id;
+    next_id = load_id(rest);
+    const int count = group.Keep(in, where, static_cast<uint32_t>(lane) < left, id,
+                                 left - 1 - static_cast<uint32_t>(lane), C::kGeometry);
+    left = rest;
+    for (int first = 0, end = 0; first < count; first = end) {
+      // As many splats as there are rows for.
+      unsigned hits = 0;           // slots that this lane's pixel may be hit by.
+      unsigned lanes_of_slot = 0;  // of the slot that has this lane's number: lanes that it may hit,
+      int row_of_slot = 0;         // and its first row.
+      int num_rows = 0;
+      for (end = first; end < count && num_rows <= kRows - 32; ++end) {
+        const bool may_hit = group.number[end] < last && group.MayHit(end, pixel_x, pixel_y);
+        const unsigned lanes = __ballot_sync(kAllLanes, may_hit);
+        if (may_hit) hits |= 1U << end;
+        if (lane == end) {
+          lanes_of_slot = lanes;
+          row_of_slot = num_rows;
         }
-        if constexpr (C::kGeometry) {
-          const float normal_z = WarpSum(f.normal.z);
-          if (lane == 1) atomicAdd(d_normal_z + id, normal_z);
+        num_rows += __popc(lanes);
+      }
+      if (num_rows == 0) continue;
+      while (__any_sync(kAllLanes, hits != 0)) {
+        const int slot = hits != 0 ? __ffs(static_cast<int>(hits)) - 1 : first;
+        const unsigned lanes = __shfl_sync(kAllLanes, lanes_of_slot, slot);
+        const int row = __shfl_sync(kAllLanes, row_of_slot, slot) + __popc(lanes & lanes_before);
+        if (hits != 0) {
+          hits &= hits - 1;
+          const Splat<float> splat = group.At<C>(slot);
+          Splat<float> d_splat{};
+          PixelHit<float> hit;
+          if (HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit)) {
+            UndoHit<C>(splat, hit, d, in.near_depth, &state, &d_splat);
+          }
+          StoreRow(d_splat, C::kGeometry, rows + row);
         }
       }
+      __syncwarp();
+      // Each half of the warp sums the rows of one splat, each lane one of the 16 values.
+      const int value = lane % kPackedFloats;
+      for (int pair = first; pair < end; pair += 2) {
+        const int slot = min(pair + lane / kPackedFloats, kGroup - 1);
+        const int num_hits = __popc(__shfl_sync(kAllLanes, lanes_of_slot, slot));
+        const int row = __shfl_sync(kAllLanes, row_of_slot, slot);
+        if (slot >= end || num_hits == 0 || pair + lane / kPackedFloats != slot) continue;
+        const float* source = reinterpret_cast<const float*>(rows + row) + value;
+        float sum = 0;
+        for (int i = 0; i < num_hits; ++i) sum += source[i * kRowFloats];
+        constexpr int kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;
+        if (value < kUsed) {
+          atomicAdd(d_splats + static_cast<size_t>(group.id[slot]) * kPackedFloats + value, sum);
+        }
+      }
+      if constexpr (C::kGeometry) {
+        // Lanes whose number is no slot of this round have no lanes noted.
+        const int num_hits = __popc(lanes_of_slot);
+        float sum = 0;
+        for (int i = 0; i < num_hits; ++i) sum += rows[row_of_slot + i].normal_z.x;
+        if (num_hits > 0) atomicAdd(d_normal_z + group.id[lane], sum);
+      }
+      __syncwarp();
     }
-    left -= static_cast<uint32_t>(count);
+    __syncwarp();
   }
 }
 
@@ -131,7 +146,7 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
 void RenderBackward(const RenderInput& input, RenderChannels channels, const Maps& maps,
                     const MapGradients& gradients, const Vec3<float>& background, float* d_splats,
                     float* d_normal_z, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.width), NumTiles(input.height), kDrawBlocks);
+  const auto grid = static_cast<unsigned>(NumTiles(input.width) * NumTiles(input.height) * kDrawBlocks);
   const auto run = [&](auto of) {
     RenderBackwardKernel<decltype(of)>
         <<<grid, kDrawThreads, 0, stream>>>(input, maps, gradients, background, d_splats, d_normal_z);

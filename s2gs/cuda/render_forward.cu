@@ -5,42 +5,56 @@
 namespace s2gs::cuda {
 namespace {
 
-template <typename C>
-__global__ __launch_bounds__(kDrawThreads) void RenderForwardKernel(RenderInput in, Maps maps) {
-  __shared__ SplatBatch batch;
-  const TilePixel where = FindTilePixel(in.width, in.height);
+// Draws the calling thread's pixel from front to back. Calls add(splat, hit, slot, pixel) for each of its
+// hits, until that returns false: the pixel is done. finish_group() is called by all lanes after each group.
+template <typename C, typename Add, typename FinishGroup>
+__device__ void DrawPixel(const RenderInput& in, const WarpPixel& where, SplatGroup* group, const Add& add,
+                          const FinishGroup& finish_group) {
+  const unsigned lane = threadIdx.x % 32;
   const float pixel_x = static_cast<float>(where.x) + 0.5F, pixel_y = static_cast<float>(where.y) + 0.5F;
-  const int tile = static_cast<int>(blockIdx.y * gridDim.x + blockIdx.x);
-  const uint32_t begin = in.tiles.begin[tile], end = in.tiles.end[tile];
-
-  Pixel<float> pixel = EmptyPixel<float>();
+  const uint32_t begin = in.tiles.begin[where.tile], end = in.tiles.end[where.tile];
   bool is_done = !where.is_inside;
-  uint32_t last = 0;
-  for (uint32_t first = begin; first < end; first += kDrawThreads) {
-    if (__syncthreads_and(is_done) != 0) break;
-    const int count = static_cast<int>(min(end - first, static_cast<uint32_t>(kDrawThreads)));
-    if (static_cast<int>(threadIdx.x) < count) {
-      batch.Load(static_cast<int>(threadIdx.x), in.splats, in.tiles.ids[first + threadIdx.x], C::kGeometry);
+  uint32_t next_id = begin + lane < end ? in.tiles.ids[begin + lane] : 0;
+  for (uint32_t first = begin; first < end; first += kGroup) {
+    if (__all_sync(kAllLanes, is_done)) break;
+    const uint32_t id = next_id;
+    const uint32_t at = first + lane;
+    next_id = at + kGroup < end ? in.tiles.ids[at + kGroup] : 0;
+    const int count = group->Keep(in, where, at < end, id, at - begin, C::kGeometry);
+    unsigned hits = 0;
+    for (int slot = 0; slot < count; ++slot) {
+      if (group->MayHit(slot, pixel_x, pixel_y)) hits |= 1U << slot;
     }
-    __syncthreads();
-    for (int group = 0; group < count; group += 32) {
-      if (__all_sync(0xFFFFFFFFU, is_done)) break;
-      unsigned reaching = batch.Reaching(group, count, where);
-      while (reaching != 0) {
-        const int slot = group + __ffs(static_cast<int>(reaching)) - 1;
-        reaching &= reaching - 1;
-        if (is_done) continue;
-        const Splat<float> splat = batch.At<C>(slot);
-        PixelHit<float> hit;
-        if (!HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit)) continue;
-        if (AddHit<C>(splat, hit, in.near_depth, &pixel)) {
-          last = first - begin + static_cast<uint32_t>(slot) + 1;
-        } else {
-          is_done = true;
-        }
+    if (is_done) hits = 0;
+    while (hits != 0) {
+      const int slot = __ffs(static_cast<int>(hits)) - 1;
+      hits &= hits - 1;
+      const Splat<float> splat = group->template At<C>(slot);
+      PixelHit<float> hit;
+      if (!HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit)) continue;
+      if (!add(splat, hit, slot)) {
+        is_done = true;
+        break;
       }
     }
+    __syncwarp();
+    finish_group(count);
   }
+}
+
+template <typename C>
+__global__ __launch_bounds__(kDrawThreads) void RenderForwardKernel(RenderInput in, Maps maps) {
+  __shared__ SplatGroup groups[kDrawThreads / 32];
+  SplatGroup& group = groups[threadIdx.x / 32];
+  const WarpPixel where = FindWarpPixel(in);
+  Pixel<float> pixel = EmptyPixel<float>();
+  uint32_t last = 0;
+  const auto add = [&](const Splat<float>& splat, const PixelHit<float>& hit, int slot) {
+    if (!AddHit<C>(splat, hit, in.near_depth, &pixel)) return false;
+    last = group.number[slot] + 1;
+    return true;
+  };
+  DrawPixel<C>(in, where, &group, add, [](int /*count*/) {});
 
   if (!where.is_inside) return;
   const size_t size = static_cast<size_t>(in.width) * in.height;
@@ -63,53 +77,46 @@ __global__ __launch_bounds__(kDrawThreads) void RenderForwardKernel(RenderInput 
   }
 }
 
-// The loop of RenderForwardKernel, for the weights alone.
 __global__ __launch_bounds__(kDrawThreads) void PeakWeightsKernel(RenderInput in, uint32_t* peak_bits) {
-  __shared__ SplatBatch batch;
   using C = Channels<false, false>;
-  const TilePixel where = FindTilePixel(in.width, in.height);
-  const float pixel_x = static_cast<float>(where.x) + 0.5F, pixel_y = static_cast<float>(where.y) + 0.5F;
-  const int tile = static_cast<int>(blockIdx.y * gridDim.x + blockIdx.x);
-  const uint32_t begin = in.tiles.begin[tile], end = in.tiles.end[tile];
+  __shared__ SplatGroup groups[kDrawThreads / 32];
+  __shared__ uint32_t all_peaks[kDrawThreads / 32][kGroup];  // of the group's splats, as bits.
+  SplatGroup& group = groups[threadIdx.x / 32];
+  uint32_t* const peaks = all_peaks[threadIdx.x / 32];
+  const int lane = static_cast<int>(threadIdx.x) % 32;
+  peaks[lane] = 0;
+  __syncwarp();
   Pixel<float> pixel = EmptyPixel<float>();
-  bool is_done = !where.is_inside;
-  for (uint32_t first = begin; first < end; first += kDrawThreads) {
-    if (__syncthreads_and(is_done) != 0) break;
-    const int count = static_cast<int>(min(end - first, static_cast<uint32_t>(kDrawThreads)));
-    if (static_cast<int>(threadIdx.x) < count) {
-      batch.Load(static_cast<int>(threadIdx.x), in.splats, in.tiles.ids[first + threadIdx.x], false);
-    }
-    __syncthreads();
-    for (int slot = 0; slot < count; ++slot) {
-      const Splat<float> splat = batch.At<C>(slot);
-      PixelHit<float> hit;
-      float weight = 0;
-      if (!is_done && HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit)) {
-        weight = hit.alpha * pixel.transmittance;
-        if (!AddHit<C>(splat, hit, in.near_depth, &pixel)) {
-          is_done = true;
-          weight = 0;
-        }
-      }
-      // Floats that are not negative are ordered as their bits.
-      const uint32_t largest = __reduce_max_sync(0xFFFFFFFFU, __float_as_uint(weight));
-      if (threadIdx.x % 32 == 0 && largest > 0) atomicMax(peak_bits + batch.id[slot], largest);
-    }
-  }
+  const auto add = [&](const Splat<float>& splat, const PixelHit<float>& hit, int slot) {
+    const float weight = hit.alpha * pixel.transmittance;
+    if (!AddHit<C>(splat, hit, in.near_depth, &pixel)) return false;
+    // Floats that are not negative are ordered as their bits.
+    atomicMax(peaks + slot, __float_as_uint(weight));
+    return true;
+  };
+  const auto finish_group = [&](int count) {
+    if (lane < count && peaks[lane] > 0) atomicMax(peak_bits + group.id[lane], peaks[lane]);
+    peaks[lane] = 0;
+    __syncwarp();
+  };
+  DrawPixel<C>(in, FindWarpPixel(in), &group, add, finish_group);
+}
+
+unsigned DrawGrid(const RenderInput& input) {
+  return static_cast<unsigned>(NumTiles(input.width) * NumTiles(input.height) * kDrawBlocks);
 }
 
 }  // namespace
 
 void RenderPeakWeights(const RenderInput& input, float* peak_weights, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.width), NumTiles(input.height), kDrawBlocks);
-  PeakWeightsKernel<<<grid, kDrawThreads, 0, stream>>>(input, reinterpret_cast<uint32_t*>(peak_weights));
+  PeakWeightsKernel<<<DrawGrid(input), kDrawThreads, 0, stream>>>(input,
+                                                                  reinterpret_cast<uint32_t*>(peak_weights));
   CheckCuda(cudaGetLastError(), "peak weights");
 }
 
 void RenderForward(const RenderInput& input, RenderChannels channels, const Maps& maps, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.width), NumTiles(input.height), kDrawBlocks);
   const auto run = [&](auto of) {
-    RenderForwardKernel<decltype(of)><<<grid, kDrawThreads, 0, stream>>>(input, maps);
+    RenderForwardKernel<decltype(of)><<<DrawGrid(input), kDrawThreads, 0, stream>>>(input, maps);
   };
   if (channels.geometry) {
     channels.foreground ? run(Channels<true, true>()) : run(Channels<true, false>());

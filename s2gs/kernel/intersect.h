@@ -255,8 +255,7 @@ S2GS_HD inline bool BoundSplat(const Surfel<T>& s, const Footprint<T>& footprint
   const T cutoff2 = CutoffSquaredRadius(s.opacity);
   if (!(cutoff2 > T(0))) return false;
   const T cutoff = sqrt(cutoff2);
-  const T filter = cutoff * T(0.70710678118654752);  // sqrt(1 / kLowPassInverseVariance)
-  static_assert(kLowPassInverseVariance == 2, "the constant above");
+  const T filter = cutoff * T(kLowPassSigma);
   T x_lower = footprint.centre.x - filter, x_upper = footprint.centre.x + filter;
   T y_lower = footprint.centre.y - filter, y_upper = footprint.centre.y + filter;
   if (footprint.u.x != T(kMaxInverseRadius)) {
@@ -300,6 +299,18 @@ S2GS_HD inline bool BoundSplat(const Surfel<T>& s, const Footprint<T>& footprint
   *rect = {begin(x_lower, camera.width), begin(y_lower, camera.height), end(x_upper, camera.width),
            end(y_upper, camera.height)};
   return rect->x_begin < rect->x_end && rect->y_begin < rect->y_end;
+}
+
+/// A quick test before HitSplat: never false where HitSplat is true. Lets a few pixels beyond the cut
+/// through. \param cutoff2  CutoffSquaredRadius(opacity).
+template <typename T>
+S2GS_HD inline bool MayHitSplat(const Footprint<T>& s, T cutoff2, T pixel_x, T pixel_y) {
+  const Vec2<T> offset = {pixel_x - s.centre.x, pixel_y - s.centre.y};
+  const T bound = cutoff2 + T(1e-3) * (T(1) + cutoff2);
+  const T q = T(1) + Dot(s.w, offset);
+  const T a = Dot(s.u, offset), b = Dot(s.v, offset);
+  return T(kLowPassInverseVariance) * Dot(offset, offset) <= bound ||
+         (q > T(0) && a * a + b * b <= bound * (q * q));
 }
 
 /// Whether a splat reaches alpha 1/255 anywhere in a rectangle of pixel centres [x0, x1] x [y0, y1]: exact up

@@ -34,7 +34,8 @@ double VisitedPixels(const Gaussians& gaussians, const PinholeView& view) {
   std::vector<SplatRow> rows(gaussians.size());
   for (size_t i = 0; i < rows.size(); ++i) ProjectGaussian(gaussians, i, setup, &rows[i]);
   TileLists lists;
-  lists.Build(rows, view.width, view.height);
+  ThreadPool threads(1);
+  lists.Build(rows, view.width, view.height, &threads);
   double pixels = 0;
   for (int tile = 0; tile < lists.num_tiles(); ++tile) {
     const int x0 = tile % lists.tiles_x() * kTileSize;

@@ -2,7 +2,8 @@
 // get harder in one respect at a time. No SfM runs: its result is the exact models with errors, missing and
 // wrong poses.
 //
-//   turntable_stress [SEEDS] [THREADS]      prints a Markdown table
+//   turntable_stress [SEEDS] [THREADS] [CELL]      prints a Markdown table, of all cells or of the one named,
+//                                                  and runs that failed on stderr
 
 #include <algorithm>
 #include <atomic>
@@ -34,6 +35,9 @@ struct Cell {
 struct Outcome {
   bool success = false;
   int images = 0;
+  int all_images = 0;
+  JointModel model = JointModel::kSharedStations;
+  double sigma_px = 0;
   double angle_median_deg = 0;
   double angle_max_deg = 0;
   double rotation_median_deg = 0;
@@ -89,8 +93,13 @@ std::vector<Cell> Cells() {
     add(label("steps %.0f", steps), [=](auto* o) {
       o->steps = steps;
       o->step_deg = steps == 3 ? 20 : 360.0 / steps;
-      if (steps > 20) o->stations = 2;
-      if (steps > 20) o->max_view_change_deg = 25;
+      if (steps > 20) {
+        // Few pairs, for the time it takes; but both stations have to see the same.
+        o->stations = 2;
+        o->min_elevation_deg = 25;
+        o->max_elevation_deg = 40;
+        o->max_view_change_deg = 25;
+      }
     });
   }
   for (const double step : {2.0, 10.0, 60.0, 120.0}) {
@@ -178,6 +187,7 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
   JointOptions joint;
   joint.num_threads = 1;
   AlignedScene aligned;
+  RefineReport refined;
   if (single_axis) {
     SingleAxisSolution solution;
     SingleAxisOptions axis_options;
@@ -185,16 +195,19 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
     axis_options.max_search_pairs = 30;
     aligned = SceneFromSingleAxis(features, has_background ? &background : nullptr, axis_options, reporter,
                                   &solution);
-    if (solution.found) RefineScan(features, nullptr, joint, {}, reporter, &aligned);
+    if (solution.found) refined = RefineScan(features, nullptr, joint, {}, reporter, &aligned);
   } else {
     std::map<std::string, int> stations;
     for (const ScanImage& image : features.images) stations[image.name] = image.station;
     aligned = AlignScene(object, has_background ? &background : nullptr, stations);
-    if (!aligned.scene.views.empty()) RefineScan(features, &object, joint, {}, reporter, &aligned);
+    if (!aligned.scene.views.empty()) refined = RefineScan(features, &object, joint, {}, reporter, &aligned);
   }
 
   Outcome outcome;
   outcome.images = static_cast<int>(aligned.scene.views.size());
+  outcome.all_images = static_cast<int>(turntable.scene.views.size());
+  outcome.model = refined.model;
+  outcome.sigma_px = refined.joint.sigma_px;
   PoseMap estimate;
   PoseMap truth;
   std::map<std::string, const View*> truth_of;
@@ -250,7 +263,12 @@ std::string Summary(const std::vector<Outcome>& outcomes) {
 int main(int argc, char** argv) {
   const int seeds = argc > 1 ? std::atoi(argv[1]) : 20;
   const int threads = argc > 2 ? std::atoi(argv[2]) : 2;
-  const std::vector<s2gs::Cell> cells = s2gs::Cells();
+  std::vector<s2gs::Cell> cells = s2gs::Cells();
+  if (argc > 3) {
+    cells.erase(std::remove_if(cells.begin(), cells.end(),
+                               [&](const s2gs::Cell& cell) { return cell.name != argv[3]; }),
+                cells.end());
+  }
   struct Task {
     size_t cell;
     int seed;
@@ -277,6 +295,21 @@ int main(int argc, char** argv) {
     });
   }
   for (std::thread& worker : workers) worker.join();
+  for (const bool single_axis : {false, true}) {
+    for (size_t c = 0; c < cells.size(); ++c) {
+      for (int seed = 0; seed < seeds; ++seed) {
+        const s2gs::Outcome& run = outcomes[single_axis ? 1 : 0][c][static_cast<size_t>(seed)];
+        if (run.success) continue;
+        std::fprintf(
+            stderr,
+            "failed: %s, %s, seed %d: %d of %d images, %s, sigma %.2f px, angle %.3f / %.2f, rotation "
+            "%.3f / %.2f\n",
+            cells[c].name.c_str(), single_axis ? "single axis" : "free SfM", seed + 1, run.images,
+            run.all_images, s2gs::JointModelName(run.model), run.sigma_px, run.angle_median_deg,
+            run.angle_max_deg, run.rotation_median_deg, run.rotation_max_deg);
+      }
+    }
+  }
   std::printf("| | free SfM: success | angle | rotation | single axis: success | angle | rotation |\n");
   std::printf("|---|---|---|---|---|---|---|\n");
   for (size_t c = 0; c < cells.size(); ++c) {

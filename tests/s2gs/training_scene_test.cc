@@ -5,11 +5,8 @@
 #include <filesystem>
 #include <string>
 
-#include "s2gs/image_file.h"
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/turntable_file.h"
 #include "tests/bad_input.h"
-#include "tests/synthetic_turntable.h"
+#include "tests/s2gs/turntable_workspace.h"
 #include "tests/temporary_folder.h"
 
 namespace s2gs {
@@ -30,52 +27,14 @@ class TrainingSceneFiles : public testing::Test {
     options.num_platter_points = 40;
     options.num_background_points = 50;
     turntable_ = MakeSyntheticTurntable(options);
-    ColmapModel object;
-    ColmapModel background;
-    for (const Camera& camera : turntable_.scene.cameras) {
-      object.cameras[camera.camera_id] = background.cameras[camera.camera_id] = camera;
-    }
-    TurntableFile file;
-    file.axis = turntable_.scene.axis;
-    file.num_stations = turntable_.scene.num_stations;
-    uint32_t id = 1;
-    for (const View& view : turntable_.scene.views) {
-      ColmapImage image;
-      image.image_id = id++;
-      image.name = view.name;
-      image.camera_id = view.camera_id;
-      image.cam_from_world = view.CamFromObject();
-      object.images[image.image_id] = image;
-      image.cam_from_world = view.cam_from_world;
-      background.images[image.image_id] = image;
-      file.images.push_back({view.name, view.station, view.angle_deg, view.world_from_object});
-      WritePhoto(view.name, 32, 24);
-    }
-    uint64_t point_id = 1;
-    for (const SyntheticPoint& point : turntable_.points) {
-      ColmapPoint3D p;
-      p.point3D_id = point_id++;
-      p.xyz = point.x;
-      p.rgb = point.color;
-      (IsRotating(point.body) ? object : background).points3D[p.point3D_id] = p;
-    }
-    paths_ = {folder_ / "sparse/0",
-              folder_ / "sparse/static",
-              folder_ / "turntable.json",
-              folder_ / "images",
-              {},
-              {}};
-    fs::create_directories(paths_.object_model);
-    fs::create_directories(paths_.static_model);
-    WriteColmapModel(paths_.object_model, object, ColmapFormat::kText);
-    WriteColmapModel(paths_.static_model, background, ColmapFormat::kText);
-    WriteTurntableFile(paths_.turntable, file);
+    paths_ = WriteTurntableWorkspace(folder_.path(), turntable_, [](int) { return GreyPhoto(32, 24); });
   }
 
-  void WritePhoto(const std::string& name, int width, int height) {
-    const fs::path path = folder_ / "images" / (name);
-    fs::create_directories(path.parent_path());
-    WriteImage(path, {width, height, 3, std::vector<uint8_t>(static_cast<size_t>(3) * width * height, 100)});
+  static Image8 GreyPhoto(int width, int height) {
+    return {width, height, 3, std::vector<uint8_t>(static_cast<size_t>(3) * width * height, 100)};
+  }
+  void WritePhoto(const std::string& name, int width, int height) const {
+    WriteImage(folder_ / "images" / name, GreyPhoto(width, height));
   }
 
   TemporaryFolder folder_;

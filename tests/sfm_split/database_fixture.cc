@@ -161,4 +161,23 @@ INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F, E, H, qvec
    X'000000000000f03f00000000000000400000000000000840');
 )sql";
 
+std::filesystem::path MakeDatabase(const std::filesystem::path& path, const char* schema,
+                                   const std::string& more_sql) {
+  RawDatabase raw(path);
+  raw.Execute(std::string(schema) + kSmallContent + more_sql);
+  return path;
+}
+
+void ReadEverything(const ColmapDatabase& database) {
+  database.ReadCameras();
+  for (const DatabaseImage& image : database.ReadImages()) {
+    database.ReadKeypoints(image.image_id);
+    database.ReadDescriptors(image.image_id);
+  }
+  database.ReadMatches(1, 2);
+  database.ReadTwoViewGeometry(2, 1);
+  database.ForEachMatches([](uint32_t, uint32_t, const FeatureMatches&) {});
+  database.ForEachTwoViewGeometry([](uint32_t, uint32_t, const TwoViewGeometry&) {});
+}
+
 }  // namespace s2gs

@@ -4,6 +4,8 @@
 #include <string>
 #include <utility>
 
+#include "sfm_split/colmap_database.h"
+
 struct sqlite3;
 
 namespace s2gs {
@@ -37,5 +39,12 @@ extern const char kColmapSchema42[];
 /// and 1 keypoints of 6, 4 and 2 columns, descriptors of image 1, matches of pairs (1, 2) and (2, 5), and the
 /// geometry of (1, 2). Literal SQL that fits all three schemas.
 extern const char kSmallContent[];
+
+/// A database of kSmallContent at `path`, which is returned; `more_sql` is executed at its end.
+std::filesystem::path MakeDatabase(const std::filesystem::path& path, const char* schema = kColmapSchema38,
+                                   const std::string& more_sql = "");
+
+/// Reads everything there is, which must not crash whatever the file holds.
+void ReadEverything(const ColmapDatabase& database);
 
 }  // namespace s2gs

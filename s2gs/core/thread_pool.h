@@ -1,0 +1,59 @@
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace s2gs {
+
+/// Threads that share the iterations of loops. Unlike OpenMP's, a loop never waits for a thread that has not
+/// begun to work on it, and idle threads sleep instead of spinning: both matter for loops of a few
+/// milliseconds on a machine that does other work besides, where a spinning thread takes the core away from
+/// the one that it waits for.
+class ThreadPool {
+ public:
+  /// \param num_threads  with the caller's own; at least 1.
+  explicit ThreadPool(int num_threads);
+  ThreadPool(const ThreadPool&) = delete;
+  ThreadPool& operator=(const ThreadPool&) = delete;
+  ~ThreadPool();
+
+  int num_threads() const { return static_cast<int>(workers_.size()) + 1; }
+
+  /// Calls body(begin, end) for pieces of [0, count), of `grain` iterations each but for the last one, by any
+  /// thread in any order, and returns when all are done. What a body throws first is thrown on; pieces that
+  /// have not begun by then are left out. One loop at a time.
+  void For(int64_t count, int64_t grain, const std::function<void(int64_t begin, int64_t end)>& body);
+  /// The same with a few pieces for each thread.
+  void For(int64_t count, const std::function<void(int64_t begin, int64_t end)>& body);
+
+ private:
+  struct Loop {
+    int64_t count = 0;
+    int64_t grain = 1;
+    const std::function<void(int64_t, int64_t)>* body = nullptr;
+    std::atomic<int64_t> next{0};
+    std::mutex mutex;
+    std::exception_ptr exception;
+  };
+
+  static void WorkOn(Loop* loop);
+  void Work();
+
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::condition_variable finished_;
+  Loop* loop_ = nullptr;  // that threads may join.
+  std::atomic<uint64_t> num_loops_{0};
+  std::atomic<int> num_working_{0};  // threads that have joined.
+  int num_asleep_ = 0;
+  bool is_ending_ = false;
+  std::vector<std::thread> workers_;
+};
+
+}  // namespace s2gs
