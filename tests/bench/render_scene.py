@@ -49,7 +49,7 @@ def noise_texture(volume, base, strength, tile):
 
 def draw_picture(rng, pixels, busy):
     """A printed picture: washes, shapes, lines and words' strokes; linear colours, pixels x pixels x 3."""
-    wash = zoom(rng.standard_normal((8, 8, 3)), (pixels / 8, pixels / 8, 1), order=3, mode='grid-wrap', grid_mode=True)
+    wash = np.stack([gaussian_filter(rng.standard_normal((pixels, pixels)), pixels / 14, mode='wrap') for _ in range(3)], 2)
     wash = 0.5 + 0.12 * wash / wash.std() + 0.25 * (rng.random(3) - 0.5)
     image = Image.fromarray((np.clip(wash, 0.05, 0.95) * 255).astype(np.uint8))
     draw = ImageDraw.Draw(image)
@@ -462,7 +462,7 @@ def main():
         shots += [(s, angle, 'train') for angle in turned]
     for k in range(options.held_out):
         s = k % options.stations
-        shots.append((s, shots[s * options.steps + int(rng.integers(options.steps - 1))][1] + step * (0.3 + 0.4 * rng.random()), 'test'))
+        shots.append((s, shots[s * options.steps + int(rng.integers(max(1, options.steps - 1)))][1] + step * (0.3 + 0.4 * rng.random()), 'test'))
 
     height = np.concatenate([v for v, _, _ in parts])[:, 2].max()
     extent = np.concatenate([mesh['v'] for mesh in table.meshes])
