@@ -462,7 +462,7 @@ def main():
         shots += [(s, angle, 'train') for angle in turned]
     for k in range(options.held_out):
         s = k % options.stations
-        shots.append((s, shots[s * options.steps + int(rng.integers(options.steps - 1))][1] + step * (0.3 + 0.4 * rng.random()), 'test'))
+        shots.append((s, shots[s * options.steps + int(rng.integers(max(1, options.steps - 1)))][1] + step * (0.3 + 0.4 * rng.random()), 'test'))
 
     height = np.concatenate([v for v, _, _ in parts])[:, 2].max()
     extent = np.concatenate([mesh['v'] for mesh in table.meshes])
