@@ -2,6 +2,7 @@
 // functions: an inline function of a library compiled here for AVX2 could be the copy that the linker keeps.
 
 #include "s2gs/cpu/tile_kernel.h"
+#include "s2gs/kernel/constants.h"
 
 namespace s2gs {
 namespace S2GS_TILE_NAMESPACE {
@@ -13,7 +14,7 @@ namespace {
 constexpr float kMinAlphaF = 1.0F / 255;
 constexpr float kMaxAlphaF = 0.99F;
 constexpr float kMinTransmittanceF = 1e-4F;
-constexpr float kLowPass = 2;
+constexpr float kLowPass = static_cast<float>(kLowPassInverseVariance);
 
 typedef float Pack __attribute__((vector_size(32)));
 typedef int32_t Ints __attribute__((vector_size(32)));

@@ -11,9 +11,12 @@ constexpr double kMaxAlpha = 0.99;
 /// Compositing stops before the splat that would bring the transmittance below this.
 constexpr double kMinTransmittance = 1e-4;
 
-/// The low-pass filter of 2DGS: a splat is at least a Gaussian of standard deviation sqrt(1/2) px about the
-/// projection of its centre.
-constexpr double kLowPassInverseVariance = 2;  ///< [1/px^2]
+/// The low-pass filter of 2DGS: a splat is at least a Gaussian of this standard deviation about the
+/// projection of its centre. A photo's pixel is the mean over a square of 1 px, whose standard deviation is
+/// sqrt(1/12) px. 2DGS takes sqrt(1/2): discs seen edge-on then stand out from silhouettes, and the surface
+/// learnt from these lies about half a pixel too deep.
+constexpr double kLowPassSigma = 0.3;                                            ///< [px]
+constexpr double kLowPassInverseVariance = 1 / (kLowPassSigma * kLowPassSigma);  ///< [1/px^2]
 
 /// A disc whose normal is within .057 degrees of a right angle to the ray through its centre is seen edge-on:
 /// only its low-pass dot is drawn. Bounds the derivatives by the normal, which grow with 1 / cos^2.

@@ -255,8 +255,7 @@ S2GS_HD inline bool BoundSplat(const Surfel<T>& s, const Footprint<T>& footprint
   const T cutoff2 = CutoffSquaredRadius(s.opacity);
   if (!(cutoff2 > T(0))) return false;
   const T cutoff = sqrt(cutoff2);
-  const T filter = cutoff * T(0.70710678118654752);  // sqrt(1 / kLowPassInverseVariance)
-  static_assert(kLowPassInverseVariance == 2, "the constant above");
+  const T filter = cutoff * T(kLowPassSigma);
   T x_lower = footprint.centre.x - filter, x_upper = footprint.centre.x + filter;
   T y_lower = footprint.centre.y - filter, y_upper = footprint.centre.y + filter;
   if (footprint.u.x != T(kMaxInverseRadius)) {

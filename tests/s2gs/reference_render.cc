@@ -73,7 +73,7 @@ void Meet(const ReferenceSplat& s, const PinholeView& view, double px, double py
           double* depth) {
   const double screen_x = view.fx * s.centre.x() / s.centre.z() + view.cx;
   const double screen_y = view.fy * s.centre.y() / s.centre.z() + view.cy;
-  double r2 = 2 * ((px - screen_x) * (px - screen_x) + (py - screen_y) * (py - screen_y));
+  double r2 = ((px - screen_x) * (px - screen_x) + (py - screen_y) * (py - screen_y)) / (0.3 * 0.3);
   *depth = s.centre.z();
   const Vector3d ray((px - view.cx) / view.fx, (py - view.cy) / view.fy, 1);
   const double facing = s.normal.dot(s.centre);

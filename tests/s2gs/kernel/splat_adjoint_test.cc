@@ -151,7 +151,7 @@ PixelScene RandomPixelScene(uint64_t seed) {
     SurfelParameters<double> g = RandomSurfel(random);
     g.centre = 0.4 * g.centre;
     if (i % 2 == 1) g.log_scale = {-6, -5};  // low-pass branch
-    if (i % 2 == 1) g.centre = 0.02 * g.centre;
+    if (i % 2 == 1) g.centre = 0.0085 * g.centre;
     if (i % 3 == 2) {
       if (i % 2 == 0) {
         g.centre.x = NAN;
