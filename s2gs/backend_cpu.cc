@@ -211,7 +211,8 @@ class CpuBackend : public Backend {
         }
         if (foreground) out.foreground[to] = planes.foreground[from];
         if (!request.geometry) continue;
-        out.expected_depth[to] = out.alpha[to] > 0 ? planes.depth[from] / out.alpha[to] : 0;
+        const float weight = planes.weight[from];
+        out.expected_depth[to] = weight > 0 ? planes.depth[from] / weight : 0;
         out.median_depth[to] = planes.median[from];
         out.distortion[to] = planes.distortion[from];
         for (int c = 0; c < 3; ++c) out.normal[3 * to + c] = planes.normal[c][from];
@@ -289,6 +290,7 @@ class CpuBackend : public Backend {
     maps.stride = planes.stride;
     maps.transmittance = planes.transmittance;
     maps.foreground = planes.foreground;
+    maps.weight = planes.weight;
     maps.depth = planes.depth;
     maps.distortion = planes.distortion;
     maps.d_alpha = gradients.alpha;

@@ -257,12 +257,13 @@ class CudaBackend : public Backend {
     if (channels.foreground) view.foreground = DownloadArray(maps.foreground, size);
     if (channels.geometry) {
       const std::vector<float> normal = DownloadArray(maps.normal, 3 * size);
+      const std::vector<float> weight = DownloadArray(maps.weight, size);
       view.expected_depth = DownloadArray(maps.depth, size);
       view.median_depth = DownloadArray(maps.median_depth, size);
       view.distortion = DownloadArray(maps.distortion, size);
       view.normal.resize(3 * size);
       for (size_t i = 0; i < size; ++i) {
-        view.expected_depth[i] = view.alpha[i] > 0 ? view.expected_depth[i] / view.alpha[i] : 0.0F;
+        view.expected_depth[i] = weight[i] > 0 ? view.expected_depth[i] / weight[i] : 0.0F;
         for (size_t c = 0; c < 3; ++c) view.normal[3 * i + c] = normal[c * size + i];
       }
     }
@@ -492,13 +493,14 @@ class CudaBackend : public Backend {
       maps.foreground = foreground_plane_.get();
     }
     if (channels.geometry) {
-      geometry_planes_.Reserve(8 * size);
+      geometry_planes_.Reserve(9 * size);
       maps.depth = geometry_planes_.get();
       maps.normal = geometry_planes_.get() + size;
       maps.median_depth = geometry_planes_.get() + 4 * size;
       maps.distortion = geometry_planes_.get() + 5 * size;
       maps.m1 = geometry_planes_.get() + 6 * size;
       maps.m2 = geometry_planes_.get() + 7 * size;
+      maps.weight = geometry_planes_.get() + 8 * size;
     }
     return maps;
   }

@@ -96,8 +96,8 @@ namespace {
 float DepthAt(const ViewMaps& maps, int x, int y) {
   if (x < 0 || y < 0 || x >= maps.view->width || y >= maps.view->height) return 0;
   const size_t at = y * maps.stride + x;
-  const float alpha = 1 - maps.transmittance[at];
-  return alpha > 0 ? maps.depth[at] / alpha : 0;
+  const float weight = maps.weight[at];
+  return weight > 0 ? maps.depth[at] / weight : 0;
 }
 
 // The normals' term of one row. The loss by the depths of the row above and below goes to `d_up`, `d_down`.

@@ -36,7 +36,8 @@ struct ViewMaps {
   const float* transmittance = nullptr;
   const float* foreground = nullptr;
   const float* normal[3] = {};
-  const float* depth = nullptr;  ///< sum of w z.
+  const float* weight = nullptr;  ///< sum of w.
+  const float* depth = nullptr;   ///< sum of w z.
   const float* distortion = nullptr;
   const uint8_t* mask = nullptr;  ///< of the photo, height * width; null: none.
   float* d_alpha = nullptr;

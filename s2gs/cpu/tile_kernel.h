@@ -50,7 +50,8 @@ struct ViewPlanes {
   float* color[3] = {};  ///< without the background.
   float* foreground = nullptr;
   float* normal[3] = {};
-  float* depth = nullptr;  ///< sum of w z.
+  float* weight = nullptr;  ///< sum of w.
+  float* depth = nullptr;   ///< sum of w z.
   float* median = nullptr;
   float* distortion = nullptr;
   float* m1 = nullptr;

@@ -124,7 +124,7 @@ void ForwardTile(const TileJob& job) {
   Pack foreground[kForeground ? kTilePacks : 1];
   constexpr int kGeometryPacks = kGeometry ? kTilePacks : 1;
   Pack normal[3][kGeometryPacks], depth[kGeometryPacks], median[kGeometryPacks], distortion[kGeometryPacks];
-  Pack m1[kGeometryPacks], m2[kGeometryPacks];
+  Pack total[kGeometryPacks], m1[kGeometryPacks], m2[kGeometryPacks];
   Ints stop[kTilePacks];
   bool is_done[kTilePacks];
   const Ints never = Splat8(job.num_entries);
@@ -137,7 +137,7 @@ void ForwardTile(const TileJob& job) {
     if (kForeground) foreground[i] = zero;
     if (kGeometry) {
       for (int c = 0; c < 3; ++c) normal[c][i] = zero;
-      depth[i] = median[i] = distortion[i] = m1[i] = m2[i] = zero;
+      depth[i] = median[i] = distortion[i] = total[i] = m1[i] = m2[i] = zero;
     }
   }
   int num_done = 0;
@@ -175,7 +175,8 @@ void ForwardTile(const TileJob& job) {
         if (kForeground) foreground[i] += weight * s.foreground;
         if (kGeometry) {
           const Pack m = -job.near_depth / hit.depth;
-          distortion[i] += weight * (m * (m * (1.0F - before) - 2.0F * m1[i]) + m2[i]);
+          distortion[i] += weight * (m * (m * total[i] - 2.0F * m1[i]) + m2[i]);
+          total[i] += weight;
           m1[i] += weight * m;
           m2[i] += weight * m * m;
           depth[i] += weight * hit.depth;
@@ -203,6 +204,7 @@ void ForwardTile(const TileJob& job) {
     if (kForeground) Store(out.foreground + at, foreground[i]);
     if (kGeometry) {
       for (int c = 0; c < 3; ++c) Store(out.normal[c] + at, normal[c][i]);
+      Store(out.weight + at, total[i]);
       Store(out.depth + at, depth[i]);
       Store(out.median + at, median[i]);
       Store(out.distortion + at, distortion[i]);
@@ -220,7 +222,7 @@ void BackwardTile(const TileJob& job) {
   Pack d_foreground[kForeground ? kTilePacks : 1];
   constexpr int kGeometryPacks = kGeometry ? kTilePacks : 1;
   Pack d_normal[3][kGeometryPacks], d_depth[kGeometryPacks], d_distortion[kGeometryPacks];
-  Pack depth[kGeometryPacks], inverse_alpha[kGeometryPacks], alpha[kGeometryPacks], m1[kGeometryPacks],
+  Pack depth[kGeometryPacks], inverse_total[kGeometryPacks], total[kGeometryPacks], m1[kGeometryPacks],
       m2[kGeometryPacks];
   Ints stop[kTilePacks];
   int32_t last[kTilePacks];  // the largest stop of the pack
@@ -239,10 +241,10 @@ void BackwardTile(const TileJob& job) {
       for (int c = 0; c < 3; ++c) d_normal[c][i] = Load(job.gradients.normal[c] + at);
       d_depth[i] = Load(job.gradients.expected_depth + at);
       d_distortion[i] = Load(job.gradients.distortion + at);
-      alpha[i] = 1.0F - transmittance[i];
-      const Ints is_filled = alpha[i] > 0.0F;
-      inverse_alpha[i] = Where(is_filled, 1.0F / Select(is_filled, alpha[i], Splat8(1.0F)));
-      depth[i] = Load(view.depth + at) * inverse_alpha[i];
+      total[i] = Load(view.weight + at);
+      const Ints is_filled = total[i] > 0.0F;
+      inverse_total[i] = Where(is_filled, 1.0F / Select(is_filled, total[i], Splat8(1.0F)));
+      depth[i] = Load(view.depth + at) * inverse_total[i];
       m1[i] = Load(view.m1 + at);
       m2[i] = Load(view.m2 + at);
     }
@@ -287,13 +289,13 @@ void BackwardTile(const TileJob& job) {
         if (kGeometry) {
           const Pack m = -job.near_depth / hit.depth;
           by_weight += d_normal[0][i] * s.nx + d_normal[1][i] * s.ny + d_normal[2][i] * s.nz +
-                       d_depth[i] * (hit.depth - depth[i]) * inverse_alpha[i] +
-                       d_distortion[i] * (m * (m * alpha[i] - 2.0F * m1[i]) + m2[i]);
+                       d_depth[i] * (hit.depth - depth[i]) * inverse_total[i] +
+                       d_distortion[i] * (m * (m * total[i] - 2.0F * m1[i]) + m2[i]);
           g_nx += weight * d_normal[0][i];
           g_ny += weight * d_normal[1][i];
           g_nz += weight * d_normal[2][i];
-          d_hit_depth = weight * (d_depth[i] * inverse_alpha[i] -
-                                  d_distortion[i] * 2.0F * (m * alpha[i] - m1[i]) * m / hit.depth);
+          d_hit_depth = weight * (d_depth[i] * inverse_total[i] -
+                                  d_distortion[i] * 2.0F * (m * total[i] - m1[i]) * m / hit.depth);
         }
         const Pack d_alpha = transmittance[i] * by_weight - behind[i] * inverse_left;
         behind[i] += weight * by_weight;

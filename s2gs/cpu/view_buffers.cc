@@ -25,6 +25,7 @@ void ViewBuffers::Prepare(int width, int height, bool geometry, bool foreground,
   for (int c = 0; c < 3; ++c) planes_.color[c] = Plane(kColor + c);
   if (geometry) {
     for (int c = 0; c < 3; ++c) planes_.normal[c] = Plane(kNormal + c);
+    planes_.weight = Plane(kWeight);
     planes_.depth = Plane(kDepth);
     planes_.median = Plane(kMedian);
     planes_.distortion = Plane(kDistortion);

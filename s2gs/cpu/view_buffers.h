@@ -43,7 +43,8 @@ class ViewBuffers {
     kByNormal = 45,
     kByDepth = 48,
     kByDistortion = 49,
-    kNumPlanes = 50,
+    kWeight = 50,
+    kNumPlanes = 51,
   };
 
   float* Plane(int index) { return values_.data() + plane_floats_ * index + kMargin; }

@@ -104,6 +104,7 @@ struct Maps {
   float* transmittance;  ///< final.
   uint32_t* last;        ///< one past the last contributor, counted within the tile's list.
   float* foreground;
+  float* weight;  ///< sum of w.
   float* depth;   ///< sum of w z.
   float* normal;  ///< 3 planes.
   float* median_depth;

@@ -197,8 +197,8 @@ __global__ __launch_bounds__(kThreads) void MapLossKernel(ImageLossInput in, Map
       float d_alpha = 0;
       if (in.weights.normal != 0 && x > 0 && y > 0 && x < width - 1 && y < height - 1) {
         const auto depth = [&](int at) {
-          const float alpha = 1 - maps.transmittance[at];
-          return alpha > 0 ? maps.depth[at] / alpha : 0.0F;
+          const float weight = maps.weight[at];
+          return weight > 0 ? maps.depth[at] / weight : 0.0F;
         };
         const DepthStencil<float> z = {depth(i - 1), depth(i + 1), depth(i - width), depth(i + width)};
         const float pixel_x = static_cast<float>(x) + 0.5F, pixel_y = static_cast<float>(y) + 0.5F;

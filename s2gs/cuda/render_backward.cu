@@ -60,6 +60,7 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
       d.normal = {d_maps.normal[at], d_maps.normal[size + at], d_maps.normal[2 * size + at]};
       d.expected_depth = d_maps.expected_depth[at];
       d.distortion = d_maps.distortion[at];
+      pixel.weight = maps.weight[at];
       pixel.depth = maps.depth[at];
       pixel.m1 = maps.m1[at];
       pixel.m2 = maps.m2[at];

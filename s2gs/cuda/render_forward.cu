@@ -66,6 +66,7 @@ __global__ __launch_bounds__(kDrawThreads) void RenderForwardKernel(RenderInput 
   maps.last[i] = last;
   if constexpr (C::kForeground) maps.foreground[i] = pixel.foreground;
   if constexpr (C::kGeometry) {
+    maps.weight[i] = pixel.weight;
     maps.depth[i] = pixel.depth;
     maps.normal[i] = pixel.normal.x;
     maps.normal[size + i] = pixel.normal.y;

@@ -31,6 +31,7 @@ struct Pixel {
   Vec3<T> color;
   T foreground;
   Vec3<T> normal;
+  T weight;        ///< sum of w: 1 - transmittance, without its rounding where little is drawn.
   T depth;         ///< sum of w z.
   T median_depth;  ///< z where the transmittance falls through 1/2; 0 until then.
   T distortion;    ///< sum over pairs of w_i w_j (m_i - m_j)^2, as in 2DGS.
@@ -40,7 +41,7 @@ struct Pixel {
 template <typename T>
 S2GS_HD inline Pixel<T> EmptyPixel() {
   const T zero(0);
-  return {T(1), {zero, zero, zero}, zero, {zero, zero, zero}, zero, zero, zero, zero, zero};
+  return {T(1), {zero, zero, zero}, zero, {zero, zero, zero}, zero, zero, zero, zero, zero, zero};
 }
 
 /// 2DGS maps depths to [0, 1] by 1 - near / z before it measures their spread. Only differences of m count,
@@ -61,8 +62,8 @@ S2GS_HD inline bool AddHit(const Splat<T>& s, const PixelHit<T>& hit, T near_dep
   if constexpr (C::kForeground) pixel->foreground += weight * s.foreground;
   if constexpr (C::kGeometry) {
     const T m = MappedDepth(hit.depth, near_depth);
-    const T before = T(1) - pixel->transmittance;
-    pixel->distortion += weight * (m * (m * before - T(2) * pixel->m1) + pixel->m2);
+    pixel->distortion += weight * (m * (m * pixel->weight - T(2) * pixel->m1) + pixel->m2);
+    pixel->weight += weight;
     pixel->m1 += weight * m;
     pixel->m2 += weight * m * m;
     pixel->depth += weight * hit.depth;
@@ -76,8 +77,7 @@ S2GS_HD inline bool AddHit(const Splat<T>& s, const PixelHit<T>& hit, T near_dep
 /// sum of w z over sum of w; 0 for an empty pixel.
 template <typename T>
 S2GS_HD inline T ExpectedDepth(const Pixel<T>& pixel) {
-  const T alpha = T(1) - pixel.transmittance;
-  return alpha > T(0) ? pixel.depth / alpha : T(0);
+  return pixel.weight > T(0) ? pixel.depth / pixel.weight : T(0);
 }
 
 /// The loss by one pixel's maps.
@@ -94,11 +94,11 @@ struct PixelGradient {
 /// State of the backward pass of one pixel, which goes from back to front.
 template <typename T>
 struct PixelAdjoint {
-  T transmittance;  ///< in front of the hits already gone through; the final one at first.
-  T behind;         ///< sum over the hits gone through of w_i dL/dw_i, and the background's share.
-  T inverse_alpha;  ///< of the whole pixel.
-  T depth;          ///< the pixel's expected depth.
-  T alpha, m1, m2;  ///< totals of the whole pixel.
+  T transmittance;   ///< in front of the hits already gone through; the final one at first.
+  T behind;          ///< sum over the hits gone through of w_i dL/dw_i, and the background's share.
+  T inverse_weight;  ///< of the whole pixel.
+  T depth;           ///< the pixel's expected depth.
+  T weight, m1, m2;  ///< totals of the whole pixel.
 };
 
 /// \param background  the colour behind everything.
@@ -109,9 +109,9 @@ S2GS_HD inline PixelAdjoint<T> BeginPixelAdjoint(const Pixel<T>& pixel, const Pi
   state.transmittance = pixel.transmittance;
   state.behind = pixel.transmittance * (Dot(d.color, background) - d.alpha);
   if constexpr (C::kGeometry) {
-    state.alpha = T(1) - pixel.transmittance;
-    state.inverse_alpha = state.alpha > T(0) ? T(1) / state.alpha : T(0);
-    state.depth = pixel.depth * state.inverse_alpha;
+    state.weight = pixel.weight;
+    state.inverse_weight = state.weight > T(0) ? T(1) / state.weight : T(0);
+    state.depth = pixel.depth * state.inverse_weight;
     state.m1 = pixel.m1;
     state.m2 = pixel.m2;
   }
@@ -137,12 +137,13 @@ S2GS_HD inline void UndoHit(const Splat<T>& s, const PixelHit<T>& hit, const Pix
   if constexpr (C::kGeometry) {
     const T m = MappedDepth(hit.depth, near_depth);
     by_weight += Dot(d.normal, s.footprint.normal) +
-                 d.expected_depth * (hit.depth - state->depth) * state->inverse_alpha +
-                 d.distortion * (m * (m * state->alpha - T(2) * state->m1) + state->m2);
+                 d.expected_depth * (hit.depth - state->depth) * state->inverse_weight +
+                 d.distortion * (m * (m * state->weight - T(2) * state->m1) + state->m2);
     d_splat->footprint.normal += weight * d.normal;
     // dm/dz = near / z^2 = -m / z
-    d_depth = weight * (d.expected_depth * state->inverse_alpha -
-                        d.distortion * T(2) * (m * state->alpha - state->m1) * m * FastReciprocal(hit.depth));
+    d_depth =
+        weight * (d.expected_depth * state->inverse_weight -
+                  d.distortion * T(2) * (m * state->weight - state->m1) * m * FastReciprocal(hit.depth));
   }
   const T d_alpha = state->transmittance * by_weight - state->behind * inverse_left;
   state->behind += weight * by_weight;

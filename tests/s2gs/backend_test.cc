@@ -364,6 +364,27 @@ TEST_P(BackendTest, ManyLayersKeepTheirTransmittance) {
   }
 }
 
+// 2^32 pairs of a splat and a tile are 0 in 32 bits, 2^31 + 2^16 are negative: they are counted, refused, and
+// nothing is allocated for them.
+TEST_P(BackendTest, CountsPairsIn64Bits) {
+  if (GetParam() == BackendKind::kCpu) GTEST_SKIP() << "TileLists.CountsPairsIn64Bits";
+  RenderRequest request;
+  request.view = TestView(4096, 4096);  // 2^16 tiles
+  request.view.cam_from_world.rotation.setIdentity();
+  for (const int layers : {(1 << 15) + 1, 1 << 16}) {
+    SCOPED_TRACE(layers);
+    ReferenceGaussian g{};
+    g[kRefRotation] = 1;
+    g[kRefLogScale] = g[kRefLogScale + 1] = 8;
+    g[kRefForeground] = -20;
+    TrainState state;
+    state.gaussians = FromReference(std::vector<ReferenceGaussian>(layers, g), 0);
+    backend_->SetState(state);
+    EXPECT_THROW(backend_->Render(request), UserError);
+    EXPECT_LT(backend_->Info().peak_memory_bytes, int64_t{2} << 30U);
+  }
+}
+
 TEST_P(BackendTest, NeighboursAreTheNearest) {
   for (const size_t count : {2U, 3U, 70U, 3000U}) {
     auto scene = RandomScene(count, 17, -2);

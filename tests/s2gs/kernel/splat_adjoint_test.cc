@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <memory>
+#include <string>
 #include <vector>
 
 #include "s2gs/kernel/composite.h"
@@ -147,11 +149,16 @@ PixelScene RandomPixelScene(uint64_t seed) {
   scene.camera = KernelCamera(random);
   scene.pixel_x = 25.5;
   scene.pixel_y = 17.5;
+  // The origin of world and object on the pixel's ray: whatever p is, small splats about it are hit.
+  const Vec3<double> ray = {(scene.pixel_x - scene.camera.cx) / scene.camera.fx,
+                            (scene.pixel_y - scene.camera.cy) / scene.camera.fy, 1};
+  scene.camera.cam_from_world_translation = 4.0 * ray;
+  scene.camera.cam_from_object_translation = 3.9 * ray;
   for (int i = 0; i < kNumSplats; ++i) {
     SurfelParameters<double> g = RandomSurfel(random);
     g.centre = 0.4 * g.centre;
-    if (i % 2 == 1) g.log_scale = {-6, -5};  // low-pass branch
-    if (i % 2 == 1) g.centre = 0.0085 * g.centre;
+    if (i % 2 == 1) g.log_scale = {-6, -5};      // low-pass branch
+    if (i % 2 == 1) g.centre = 0.08 * g.centre;  // some .3 px about the ray
     if (i % 3 == 2) {
       if (i % 2 == 0) {
         g.centre.x = NAN;
@@ -178,46 +185,84 @@ double RelativeError(const double* actual, const double* expected, int count) {
   return norm == 0 ? difference : difference / norm;
 }
 
-class SplatAdjoint : public testing::TestWithParam<ForegroundRule> {};
-
-// The worst measured: below 5e-7 in double, 4.0e-4 in float.
-TEST_P(SplatAdjoint, EqualsJets) {
-  using FullJet = ceres::Jet<double, kNumUnknowns>;
+struct Comparison {
+  double worst_double = 0, worst_float = 0;  ///< largest relative errors of the adjoints against Jets.
   int total_hits = 0;
-  double worst_double = 0, worst_float = 0;
-  for (uint64_t seed = 0; seed < 60; ++seed) {
-    const PixelScene scene = RandomPixelScene(seed);
-    auto jets = std::make_unique<std::array<FullJet, kNumUnknowns>>();
-    for (int i = 0; i < kNumUnknowns; ++i) (*jets)[i] = FullJet(scene.unknowns[i], i);
-    int num_hits = 0;
-    const FullJet loss = PixelLoss(*jets, scene.camera, GetParam(), scene.pixel_x, scene.pixel_y,
-                                   scene.weights, scene.background, &num_hits);
-    total_hits += num_hits;
-    const auto gradient = PixelLossAdjoint(scene.unknowns, scene.camera, GetParam(), scene.pixel_x,
-                                           scene.pixel_y, scene.weights, scene.background);
-    std::array<float, kNumUnknowns> unknowns_float{};
-    for (int i = 0; i < kNumUnknowns; ++i) unknowns_float[i] = static_cast<float>(scene.unknowns[i]);
-    const auto gradient_float = PixelLossAdjoint<float>(
-        unknowns_float, Convert<float>(scene.camera), GetParam(), static_cast<float>(scene.pixel_x),
-        static_cast<float>(scene.pixel_y), scene.weights, scene.background);
-    // Each kind of parameter on its own scale, so that small gradients count too.
-    for (int i = 0; i < kPerSplat; ++i) {
-      std::array<double, kNumSplats> expected{}, actual{}, actual_float{};
-      for (int s = 0; s < kNumSplats; ++s) {
-        expected[s] = loss.v[s * kPerSplat + i];
-        actual[s] = gradient[s * kPerSplat + i];
-        actual_float[s] = static_cast<double>(gradient_float[s * kPerSplat + i]);
-        ASSERT_TRUE(std::isfinite(actual[s]) && std::isfinite(actual_float[s]));
-      }
-      worst_double = std::max(worst_double, RelativeError(actual.data(), expected.data(), kNumSplats));
-      worst_float = std::max(worst_float, RelativeError(actual_float.data(), expected.data(), kNumSplats));
+};
+
+void CompareWithJets(const PixelScene& scene, ForegroundRule rule, Comparison* comparison) {
+  using FullJet = ceres::Jet<double, kNumUnknowns>;
+  auto jets = std::make_unique<std::array<FullJet, kNumUnknowns>>();
+  for (int i = 0; i < kNumUnknowns; ++i) (*jets)[i] = FullJet(scene.unknowns[i], i);
+  int num_hits = 0;
+  const FullJet loss = PixelLoss(*jets, scene.camera, rule, scene.pixel_x, scene.pixel_y, scene.weights,
+                                 scene.background, &num_hits);
+  comparison->total_hits += num_hits;
+  const auto gradient = PixelLossAdjoint(scene.unknowns, scene.camera, rule, scene.pixel_x, scene.pixel_y,
+                                         scene.weights, scene.background);
+  std::array<float, kNumUnknowns> unknowns_float{};
+  for (int i = 0; i < kNumUnknowns; ++i) unknowns_float[i] = static_cast<float>(scene.unknowns[i]);
+  const auto gradient_float = PixelLossAdjoint<float>(
+      unknowns_float, Convert<float>(scene.camera), rule, static_cast<float>(scene.pixel_x),
+      static_cast<float>(scene.pixel_y), scene.weights, scene.background);
+  // Each kind of parameter on its own scale, so that small gradients count too.
+  for (int i = 0; i < kPerSplat; ++i) {
+    std::array<double, kNumSplats> expected{}, actual{}, actual_float{};
+    for (int s = 0; s < kNumSplats; ++s) {
+      expected[s] = loss.v[s * kPerSplat + i];
+      actual[s] = gradient[s * kPerSplat + i];
+      actual_float[s] = static_cast<double>(gradient_float[s * kPerSplat + i]);
+      ASSERT_TRUE(std::isfinite(actual[s]) && std::isfinite(actual_float[s]));
     }
+    comparison->worst_double =
+        std::max(comparison->worst_double, RelativeError(actual.data(), expected.data(), kNumSplats));
+    comparison->worst_float =
+        std::max(comparison->worst_float, RelativeError(actual_float.data(), expected.data(), kNumSplats));
   }
-  RecordProperty("worst_double", std::to_string(worst_double));
-  RecordProperty("worst_float", std::to_string(worst_float));
-  EXPECT_LT(worst_double, 1e-6);
-  EXPECT_LT(worst_float, 1e-3);
-  EXPECT_GT(total_hits, 180);  // 3 and more a pixel.
+}
+
+class SplatAdjoint : public testing::TestWithParam<ForegroundRule> {
+ protected:
+  void Record(const Comparison& comparison) {
+    RecordProperty("worst_double", std::to_string(comparison.worst_double));
+    RecordProperty("worst_float", std::to_string(comparison.worst_float));
+    RecordProperty("hits", comparison.total_hits);
+  }
+};
+
+// The worst measured: 5e-7 in double, 1.8e-4 in float.
+TEST_P(SplatAdjoint, EqualsJets) {
+  Comparison comparison;
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    CompareWithJets(RandomPixelScene(seed), GetParam(), &comparison);
+  }
+  Record(comparison);
+  EXPECT_LT(comparison.worst_double, 1e-6);
+  EXPECT_LT(comparison.worst_float, 5e-4);
+  EXPECT_GT(comparison.total_hits, 300);  // 5 and more a pixel.
+}
+
+// One splat of alpha .004 to .007 alone. Its expected depth is its own, so none of the loss by it may reach
+// alpha; what is left there is the rounding of depths, 200 times as large. The worst measured: 5e-7 in
+// double, 2.8e-3 in float, and .66 where expected depths were divided by 1 - transmittance.
+TEST_P(SplatAdjoint, EqualsJetsWhereLittleIsDrawn) {
+  Comparison comparison;
+  for (uint64_t seed = 0; seed < 60; ++seed) {
+    PixelScene scene = RandomPixelScene(seed);
+    for (int i = 0; i < kNumSplats; ++i) {
+      double* values = scene.unknowns.data() + i * kPerSplat;
+      auto surfel = SurfelFromArray(values);
+      surfel.centre.x = i == 0 ? 0.1 * surfel.centre.x : NAN;
+      surfel.centre.y *= 0.1;
+      surfel.opacity_logit = -5;
+      SurfelToArray(surfel, values);
+    }
+    CompareWithJets(scene, GetParam(), &comparison);
+  }
+  Record(comparison);
+  EXPECT_LT(comparison.worst_double, 1e-6);
+  EXPECT_LT(comparison.worst_float, 5e-3);
+  EXPECT_GT(comparison.total_hits, 20);
 }
 
 INSTANTIATE_TEST_SUITE_P(Rules, SplatAdjoint,
