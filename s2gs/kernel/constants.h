@@ -14,7 +14,7 @@ constexpr double kMinTransmittance = 1e-4;
 /// The low-pass filter of 2DGS: a splat is at least a Gaussian of this standard deviation about the
 /// projection of its centre. A photo's pixel is the mean over a square of 1 px, whose standard deviation is
 /// sqrt(1/12) px. 2DGS takes sqrt(1/2): discs seen edge-on then stand out from silhouettes, and the surface
-/// learnt from these lies about half a pixel too deep.
+/// learnt lies deeper (BENCHMARK.md).
 constexpr double kLowPassSigma = 0.3;                                            ///< [px]
 constexpr double kLowPassInverseVariance = 1 / (kLowPassSigma * kLowPassSigma);  ///< [1/px^2]
 
