@@ -26,6 +26,7 @@
 #include "s2gs/image_file.h"
 #include "s2gs/photos.h"
 #include "s2gs/render_pictures.h"
+#include "s2gs/rotating_mask.h"
 #include "s2gs/training_scene.h"
 #include "s2gs/undistort.h"
 #include "sfm_split/colmap_maps.h"
@@ -156,8 +157,7 @@ class Renderer {
   // What other stages and COLMAP work on. \param dense_view  null: no maps.
   void RenderForWorkspace(const ScenePhoto& photo, const PinholeView* dense_view) {
     if (a_.masks) {
-      const Image8 mask = MaskImage(RotatingMask(backend_->Render(WholeScene(photo.view))));
-      WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, mask));
+      WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, Mask(photo)));
     }
     if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
   }
@@ -168,11 +168,11 @@ class Renderer {
     if (a_.color || a_.foreground || a_.comparison) {
       const RenderedView view = backend_->Render(WholeScene(photo.view));
       const Image8 color = ToImage8(view);
-      const Image8 mask = MaskImage(RotatingMask(view));
       if (a_.color) WriteImage(InFolder(output_ / "color" / file), color);
       if (a_.foreground) WriteImage(InFolder(output_ / "foreground" / file), SoftForeground(photo));
       if (a_.comparison) {
-        WriteImage(InFolder(output_ / "comparison" / file), ComparisonPicture(Photo(photo), color, mask));
+        WriteImage(InFolder(output_ / "comparison" / file),
+                   ComparisonPicture(Photo(photo), color, Mask(photo)));
       }
     }
     if (a_.pictures) {
@@ -196,7 +196,7 @@ class Renderer {
     Image8 overview{kOverviewWidth, 0, 3, {}};
     for (const ScenePhoto* photo : photos) {
       const RenderedView view = backend_->Render(WholeScene(photo->view));
-      const Image8 row = ComparisonPicture(Photo(*photo), ToImage8(view), MaskImage(RotatingMask(view)));
+      const Image8 row = ComparisonPicture(Photo(*photo), ToImage8(view), Mask(*photo));
       const int height = std::max(1, row.height * kOverviewWidth / row.width);
       rows.push_back(ResizeByArea(row, kOverviewWidth, height));
       overview.height += height;
@@ -222,6 +222,10 @@ class Renderer {
   const TrainingScene& scene() const { return scene_; }
 
  private:
+  Image8 Mask(const ScenePhoto& photo) {
+    return MaskImage(RotatingMask(backend_->Render(MaskRequest(scene_, photo.view))));
+  }
+
   Image8 SoftForeground(const ScenePhoto& photo) {
     RenderRequest request = WholeScene(photo.view);
     request.hard_foreground = false;

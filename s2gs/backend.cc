@@ -6,6 +6,21 @@ namespace s2gs {
 
 const char* BackendName(BackendKind kind) { return kind == BackendKind::kCuda ? "CUDA" : "CPU"; }
 
+DrawnSelection<float> SelectionOf(const RenderRequest& request) {
+  const auto to_vec = [](const Eigen::Vector3d& v) {
+    return Vec3<float>{static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
+  };
+  DrawnSelection<float> selection;
+  selection.body = request.drawn;
+  if (request.without_static) {
+    const RotatingRegion& region = *request.without_static;
+    selection.without_static = {to_vec(region.axis.point), to_vec(region.axis.direction),
+                                static_cast<float>(region.radius), static_cast<float>(region.low),
+                                static_cast<float>(region.high)};
+  }
+  return selection;
+}
+
 Placement Backend::GetPlacement() const {
   Gaussians gaussians = GetGaussians();
   return {std::move(gaussians.centre), std::move(gaussians.foreground_logit)};

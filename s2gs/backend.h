@@ -4,11 +4,14 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "s2gs/gaussians.h"
 #include "s2gs/image_file.h"
+#include "s2gs/kernel/selection.h"
+#include "s2gs/rotating_region.h"
 #include "sfm_split/error.h"
 #include "sfm_split/rigid3.h"
 
@@ -34,14 +37,12 @@ enum class SceneBodies {
   kStaticOnly,  ///< 2DGS without masks: p is 0 for all.
 };
 
-/// Which Gaussians are drawn.
-enum class DrawnBody { kAll, kForeground, kBackground };  ///< foreground: p >= tau.
-
 struct RenderRequest {
   PinholeView view;
   SceneBodies bodies = SceneBodies::kBoth;
   bool freeze_foreground = false;  ///< p is settled, as in TrainStep.
   DrawnBody drawn = DrawnBody::kAll;
+  std::optional<RotatingRegion> without_static;       ///< static Gaussians in it are not drawn.
   std::array<float, 3> background_color = {0, 0, 0};  ///< [0, 1]
   bool geometry = false;                              ///< depth, normal and distortion maps.
   bool foreground = false;                            ///< the map of p.
@@ -159,6 +160,9 @@ struct BackendInfo {
   int64_t memory_bytes = 0;  ///< in use by the model, its optimiser and buffers.
   int64_t peak_memory_bytes = 0;
 };
+
+/// The request's choice as the kernels need it.
+DrawnSelection<float> SelectionOf(const RenderRequest& request);
 
 /// Where the kernels run. A backend owns iteration over splats and pixels, tiles, sorting, memory and
 /// reduction; the mathematics is kernel/'s, the same for all. Calls come from one thread. Errors of the

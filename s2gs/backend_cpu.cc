@@ -67,7 +67,7 @@ class CpuBackend : public Backend {
   RenderedView Render(const RenderRequest& request) override {
     ViewSetup setup =
         MakeViewSetup(request.view, request.bodies, request.freeze_foreground, state_.gaussians.sh_degree);
-    setup.drawn = request.drawn;
+    setup.selection = SelectionOf(request);
     setup.hard_map = request.hard_foreground;
     const bool foreground = request.foreground || request.hard_foreground;
     view_.Prepare(request.view.width, request.view.height, request.geometry, foreground, false);

@@ -233,7 +233,7 @@ class CudaBackend : public Backend {
     ProjectOptions options;
     options.camera = ToSplatCamera(request.view);
     options.rule = RuleFor(request.bodies, request.freeze_foreground);
-    options.drawn = request.drawn;
+    options.selection = SelectionOf(request);
     options.hard_map = request.hard_foreground;
     options.sh_degree = sh_degree_;
     const RenderChannels channels = {request.geometry, request.foreground || request.hard_foreground};

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "s2gs/rotating_mask.h"
+
 namespace s2gs {
 namespace {
 
@@ -43,13 +45,6 @@ Image8 ToImage8(const RenderedView& view) {
   return image;
 }
 
-PixelMask RotatingMask(const RenderedView& view) {
-  PixelMask mask{view.width, view.height, {}};
-  mask.inside.reserve(view.foreground.size());
-  for (const float value : view.foreground) mask.inside.push_back(value > 0.5F ? 1 : 0);
-  return mask;
-}
-
 HeldOutErrors MeasureHeldOut(const TrainingScene& scene, Backend* backend) {
   Mean psnr;
   Mean ssim;
@@ -63,8 +58,6 @@ HeldOutErrors MeasureHeldOut(const TrainingScene& scene, Backend* backend) {
     RenderRequest request;
     request.view = photo.view;
     request.bodies = scene.bodies();
-    request.foreground = true;
-    request.hard_foreground = true;
     const RenderedView view = backend->Render(request);
     const Image8 image = ToImage8(view);
     const SsimMap similarity = ComputeSsim(image, photo.image);
@@ -77,7 +70,7 @@ HeldOutErrors MeasureHeldOut(const TrainingScene& scene, Backend* backend) {
     for (const uint8_t value : truth) mask.inside.push_back(value > 127 ? 1 : 0);
     object_psnr.Add(Psnr(image, photo.image, &mask));
     object_ssim.Add(similarity.Mean(mask));
-    iou.Add(Iou(RotatingMask(view), mask));
+    iou.Add(Iou(RotatingMask(backend->Render(MaskRequest(scene, photo.view))), mask));
   }
   errors.psnr = psnr.Value();
   errors.ssim = ssim.Value();

@@ -26,7 +26,4 @@ HeldOutErrors MeasureHeldOut(const TrainingScene& scene, Backend* backend);
 /// A rendered view in 8 bits, clamped and rounded.
 Image8 ToImage8(const RenderedView& view);
 
-/// The pixels where the map of the indicator p >= tau is above one half.
-PixelMask RotatingMask(const RenderedView& view);
-
 }  // namespace s2gs

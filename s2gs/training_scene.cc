@@ -24,10 +24,11 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
-constexpr double kMinTurnDeg = 0.5;         // below which nothing is said to turn.
-constexpr double kPoseAgreement = 1e-3;     // of the two models' poses, in radians and scene sizes.
-constexpr double kRegionQuantile = 0.995;   // of the rotating points: the few beyond are outliers.
-constexpr double kRegionMargin = 1.15;      // SfM points end before the surface does.
+constexpr double kMinTurnDeg = 0.5;        // below which nothing is said to turn.
+constexpr double kPoseAgreement = 1e-3;    // of the two models' poses, in radians and scene sizes.
+constexpr double kRegionQuantile = 0.995;  // of the rotating points: the few beyond are outliers.
+constexpr double kRegionMargin = 1.15;     // SfM points end before the surface does.
+constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a disc whose top alone has points.
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
 
 bool Exists(const fs::path& path) {
@@ -175,7 +176,8 @@ std::optional<RotatingRegion> FindRegion(const SceneFiles& files) {
   region.radius = kRegionMargin * Quantile(std::move(radii), kRegionQuantile);
   region.low = Quantile(heights, 1 - kRegionQuantile);
   region.high = Quantile(std::move(heights), kRegionQuantile);
-  const double slack = (kRegionMargin - 1) * (region.high - region.low);
+  const double slack =
+      std::max((kRegionMargin - 1) * (region.high - region.low), kRegionSlack * region.radius);
   region.low -= slack;
   region.high += slack;
   return region;
@@ -353,13 +355,6 @@ OptionCheck TrainingSceneOptions::Check() const {
     return OptionFault{"test_every", std::to_string(test_every), "test_every = 0 or test_every >= 2"};
   }
   return std::nullopt;
-}
-
-bool RotatingRegion::Contains(const Eigen::Vector3d& x_in_object, double margin) const {
-  const Eigen::Vector3d from_axis = x_in_object - axis.point;
-  const double height = from_axis.dot(axis.direction);
-  return height >= low - margin && height <= high + margin &&
-         (from_axis - height * axis.direction).norm() <= radius + margin;
 }
 
 SceneBodies TrainingScene::bodies() const {

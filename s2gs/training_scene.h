@@ -64,15 +64,6 @@ struct ScenePhoto {
   int station = 0;
 };
 
-/// The region that the rotating part fills: a cylinder about the axis. In the scene's frame.
-struct RotatingRegion {
-  TurntableAxis axis;
-  double radius = 0;
-  double low = 0, high = 0;  ///< along the axis from its point.
-
-  bool Contains(const Eigen::Vector3d& x_in_object, double margin) const;
-};
-
 /// Everything that training starts from, in normalised lengths: x = (x_in_workspace - origin) / size.
 struct TrainingScene {
   TrainMode mode = TrainMode::kStatic;  ///< never kAuto.

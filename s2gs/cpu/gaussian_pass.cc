@@ -68,8 +68,7 @@ bool ProjectGaussian(const Gaussians& gaussians, size_t i, const ViewSetup& setu
   row->x_begin = row->x_end = row->y_begin = row->y_end = 0;
   const SurfelParameters<float> g = LoadSurfel(gaussians, i);
   const bool is_foreground = IsForeground(g.foreground_logit, setup.rule);
-  if (setup.drawn == DrawnBody::kForeground && !is_foreground) return false;
-  if (setup.drawn == DrawnBody::kBackground && is_foreground) return false;
+  if (!IsSelected(setup.selection, g.centre, is_foreground)) return false;
   Surfel<float> surfel;
   Footprint<float> footprint;
   PixelRect rect;

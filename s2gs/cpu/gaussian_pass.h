@@ -16,7 +16,7 @@ namespace s2gs {
 struct ViewSetup {
   SplatCamera<float> camera;
   ForegroundRule rule = ForegroundRule::kSoft;
-  DrawnBody drawn = DrawnBody::kAll;
+  DrawnSelection<float> selection;
   bool hard_map = false;  ///< the map of p shows the indicator p >= tau.
   int sh_degree = 0;
 };

@@ -16,8 +16,7 @@ __device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions
   Surfel<float> surfel;
   if (!TransformSurfel(g, options.camera, options.rule, &surfel)) return false;
   const bool is_foreground = IsForeground(g.foreground_logit, options.rule);
-  if (options.drawn == DrawnBody::kForeground && !is_foreground) return false;
-  if (options.drawn == DrawnBody::kBackground && is_foreground) return false;
+  if (!IsSelected(options.selection, g.centre, is_foreground)) return false;
   if (!ComputeFootprint(surfel, options.camera, &splat->footprint)) return false;
   if (!BoundSplat(surfel, splat->footprint, options.camera, rect)) return false;
   splat->opacity = surfel.opacity;

@@ -9,7 +9,7 @@ namespace s2gs::cuda {
 struct ProjectOptions {
   SplatCamera<float> camera;
   ForegroundRule rule = ForegroundRule::kSoft;
-  DrawnBody drawn = DrawnBody::kAll;
+  DrawnSelection<float> selection;
   bool hard_map = false;  ///< the map of p shows P in its place.
   int sh_degree = 0;
 };

@@ -194,6 +194,9 @@ ReferenceMaps RenderReference(const std::vector<ReferenceGaussian>& gaussians, c
     const bool is_object = IsObject(g, rule);
     if (request.drawn == DrawnBody::kForeground && !is_object) continue;
     if (request.drawn == DrawnBody::kBackground && is_object) continue;
+    if (request.without_static && !is_object &&
+        request.without_static->Contains({g[kRefCentre], g[kRefCentre + 1], g[kRefCentre + 2]}, 0))
+      continue;
     if (!MakeSplat(g, view, rule, sh_degree, &splat)) continue;
     if (request.hard_foreground) splat.foreground = is_object ? 1 : 0;
     splats.push_back(splat);

@@ -1,0 +1,126 @@
+#include "s2gs/rotating_mask.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <vector>
+
+#include "tests/s2gs/reference_render.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kSize = 60;          // [px]
+constexpr double kFocal = 60;      // [px]
+constexpr double kDistance = 4;    // of the camera above the disc.
+constexpr double kDiscRadius = 1;  // 15 px in the view
+
+// A round splat that faces the camera, which looks down along -z.
+ReferenceGaussian Splat(double x, double y, double z, double scale, bool rotates) {
+  ReferenceGaussian g{};
+  g[kRefCentre] = x;
+  g[kRefCentre + 1] = y;
+  g[kRefCentre + 2] = z;
+  g[kRefLogScale] = g[kRefLogScale + 1] = std::log(scale);
+  g[kRefRotation] = 1;
+  g[kRefOpacity] = 8;
+  g[kRefForeground] = rotates ? 10 : -10;
+  return g;
+}
+
+// A disc of rotating splats on a static ground.
+std::vector<ReferenceGaussian> DiscOnGround() {
+  std::vector<ReferenceGaussian> scene;
+  constexpr double kStep = 0.05;
+  for (int i = -40; i <= 40; ++i) {
+    for (int j = -40; j <= 40; ++j) {
+      const double x = i * kStep;
+      const double y = j * kStep;
+      scene.push_back(Splat(x, y, -0.5, kStep, false));
+      if (std::hypot(x, y) <= kDiscRadius) scene.push_back(Splat(x, y, 0, kStep / 2, true));
+    }
+  }
+  return scene;
+}
+
+TrainingScene TurntableScene(int num_stations) {
+  TrainingScene scene;
+  scene.mode = TrainMode::kS2gs;
+  scene.axis = TurntableAxis();
+  scene.region = RotatingRegion{TurntableAxis(), 1.15 * kDiscRadius, -0.25, 0.25};
+  for (int station = 0; station < num_stations; ++station) {
+    ScenePhoto photo;
+    photo.station = station;
+    PinholeView& view = photo.view;
+    view.width = view.height = kSize;
+    view.fx = view.fy = kFocal;
+    view.cx = view.cy = kSize / 2.0;
+    view.cam_from_world = {Eigen::Quaterniond(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX())),
+                           {0, 0, kDistance}};
+    view.cam_from_object = view.cam_from_world;
+    scene.photos.push_back(photo);
+  }
+  return scene;
+}
+
+PixelMask MaskOf(const std::vector<ReferenceGaussian>& splats, const TrainingScene& scene) {
+  const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+  TrainState state;
+  state.gaussians = FromReference(splats, 0);
+  backend->SetState(state);
+  return RotatingMask(backend->Render(MaskRequest(scene, scene.photos[0].view)));
+}
+
+bool IsInside(const PixelMask& mask, int x, int y) {
+  return mask.inside[static_cast<size_t>(y) * kSize + static_cast<size_t>(x)] != 0;
+}
+
+int64_t Area(const PixelMask& mask) {
+  int64_t area = 0;
+  for (const uint8_t inside : mask.inside) area += inside;
+  return area;
+}
+
+// A static shadow of radius .3 on the disc, 7 px right of its middle.
+void AddShadow(double z, std::vector<ReferenceGaussian>* splats) {
+  for (int i = -6; i <= 6; ++i) {
+    for (int j = -6; j <= 6; ++j) splats->push_back(Splat(0.5 + 0.05 * i, 0.05 * j, z, 0.05, false));
+  }
+}
+
+TEST(RotatingMask, IsTheDisc) {
+  const PixelMask mask = MaskOf(DiscOnGround(), TurntableScene(2));
+  EXPECT_TRUE(IsInside(mask, 30, 30));
+  EXPECT_FALSE(IsInside(mask, 30, 10));
+  // 15 px of radius and about one standard deviation of the outer splats.
+  EXPECT_NEAR(std::sqrt(static_cast<double>(Area(mask)) / M_PI), 15.3, 0.5);
+}
+
+TEST(RotatingMask, HasNoHolesWhereShadowsStandOnTheDisc) {
+  const int64_t area = Area(MaskOf(DiscOnGround(), TurntableScene(2)));
+  for (const double height : {0.01, 0.2}) {
+    std::vector<ReferenceGaussian> splats = DiscOnGround();
+    AddShadow(height, &splats);
+    const PixelMask mask = MaskOf(splats, TurntableScene(2));
+    EXPECT_TRUE(IsInside(mask, 37, 30));
+    EXPECT_EQ(Area(mask), area);
+  }
+}
+
+TEST(RotatingMask, EndsAtWhatStandsBeforeTheTable) {
+  std::vector<ReferenceGaussian> splats = DiscOnGround();
+  AddShadow(1.5, &splats);
+  const PixelMask mask = MaskOf(splats, TurntableScene(2));
+  EXPECT_FALSE(IsInside(mask, 41, 30));
+  EXPECT_TRUE(IsInside(mask, 22, 30));
+}
+
+TEST(RotatingMask, DoesNotTrustDepthsOfASingleStation) {
+  const int64_t area = Area(MaskOf(DiscOnGround(), TurntableScene(1)));
+  std::vector<ReferenceGaussian> splats = DiscOnGround();
+  AddShadow(1.5, &splats);
+  EXPECT_EQ(Area(MaskOf(splats, TurntableScene(1))), area);
+}
+
+}  // namespace
+}  // namespace s2gs
