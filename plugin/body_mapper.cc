@@ -99,6 +99,8 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
                              {"image_path", mapping.images.string()},
                              {"output_path", trial.string()},
                              {"Mapper.extract_colors", "0"},
+                             // With several threads models differ from run to run; time they hardly save.
+                             {"Mapper.num_threads", "1"},
                              {"Mapper.min_model_size", std::to_string(mapping.min_model_size)}},
                             relaxation.options,
                             given}),

@@ -41,6 +41,11 @@ std::vector<fs::path> Photos(const fs::path& image_path) {
   return photos;
 }
 
+constexpr size_t kMaxNamedPhotos = 10;
+constexpr size_t kFewPhotos = 8;
+// With less space left than this, a database that lacks photos is one that the disk had no room for.
+constexpr uint64_t kMinFreeBytes = uint64_t{16} << 20;
+
 struct Look {
   int width = 0;
   int height = 0;
@@ -53,10 +58,59 @@ bool MayShare(const Look& a, const Look& b) {
   return !a.focal || !b.focal || *a.focal == *b.focal;
 }
 
+bool HaveOneLook(const std::vector<Look>& looks) {
+  const auto with_focal =
+      std::find_if(looks.begin(), looks.end(), [](const Look& look) { return look.focal.has_value(); });
+  const Look& reference = with_focal == looks.end() ? looks.front() : *with_focal;
+  return std::all_of(looks.begin(), looks.end(), [&](const Look& look) { return MayShare(reference, look); });
+}
+
+// Strictly, so that groups do not depend on their order.
+bool IsSameLook(const Look& a, const Look& b) {
+  return a.width == b.width && a.height == b.height && a.focal == b.focal;
+}
+
+std::vector<Look> ReadLooks(const fs::path& image_path, const std::vector<fs::path>& photos) {
+  std::vector<Look> looks(photos.size());
+  std::vector<std::string> problems(photos.size());
+#pragma omp parallel for schedule(dynamic)
+  for (size_t i = 0; i < photos.size(); ++i) {
+    try {
+      const Image8 image = ReadImage(photos[i], 1);
+      looks[i] = {image.width, image.height, ReadExifFocal(photos[i])};
+    } catch (const UserError& error) {
+      problems[i] = error.what();
+    }
+  }
+  std::string list;
+  size_t num_damaged = 0;
+  for (const std::string& problem : problems) {
+    if (problem.empty()) continue;
+    if (++num_damaged <= kMaxNamedPhotos) list += "\n  " + problem;
+  }
+  if (num_damaged == 0) return looks;
+  if (num_damaged > kMaxNamedPhotos) list += "\n  and more";
+  throw UserError(image_path.string() + ": " + std::to_string(num_damaged) + " of " +
+                  std::to_string(photos.size()) + " photos cannot be read:" + list);
+}
+
 template <typename T>
 void AddIfGiven(const char* name, const std::optional<T>& value, std::vector<ColmapOption>* options) {
   if (value) options->push_back({std::string("SiftExtraction.") + name, FormatValue(*value)});
 }
+
+// A database of ours that is removed with its logs when all is done, or nothing came of it.
+struct DatabaseRemover {
+  explicit DatabaseRemover(fs::path database) : path(std::move(database)) {}
+  DatabaseRemover(const DatabaseRemover&) = delete;
+  DatabaseRemover& operator=(const DatabaseRemover&) = delete;
+  ~DatabaseRemover() {
+    std::error_code ec;
+    for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(path.string() + suffix, ec);
+  }
+
+  const fs::path path;
+};
 
 size_t NumImages(const fs::path& database_path) {
   return ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly).ReadImages().size();
@@ -111,25 +165,40 @@ void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction
   sift.Add("use_gpu", &Sift::use_gpu, "extract on the GPU; empty: where COLMAP can");
 }
 
-CameraSharing FindCameraSharing(const fs::path& image_path) {
-  std::map<fs::path, std::vector<Look>> looks;
-  std::vector<Look> all;
-  for (const fs::path& photo : Photos(image_path)) {
-    const ImageSize size = ReadImageSize(photo);
-    const Look look{size.width, size.height, ReadExifFocal(photo)};
-    looks[photo.parent_path()].push_back(look);
-    all.push_back(look);
+PhotoSet ReadPhotoSet(const fs::path& image_path) {
+  PhotoSet set;
+  set.photos = Photos(image_path);
+  const std::vector<Look> looks = ReadLooks(image_path, set.photos);
+  if (HaveOneLook(looks)) return set;
+  std::map<fs::path, std::vector<size_t>> folders;
+  for (size_t i = 0; i < set.photos.size(); ++i) folders[set.photos[i].parent_path()].push_back(i);
+  set.sharing = CameraSharing::kPerFolder;
+  for (const auto& [folder, members] : folders) {
+    std::vector<std::vector<size_t>> groups;
+    for (const size_t i : members) {
+      const auto same = std::find_if(groups.begin(), groups.end(), [&](const std::vector<size_t>& group) {
+        return IsSameLook(looks[group.front()], looks[i]);
+      });
+      if (same == groups.end()) {
+        groups.push_back({i});
+      } else {
+        same->push_back(i);
+      }
+    }
+    std::vector<Look> in_folder;
+    in_folder.reserve(members.size());
+    for (const size_t i : members) in_folder.push_back(looks[i]);
+    if (!HaveOneLook(in_folder)) set.sharing = CameraSharing::kPerLook;
+    for (const std::vector<size_t>& group : groups) {
+      std::vector<std::string>& names = set.cameras.emplace_back();
+      names.reserve(group.size());
+      for (const size_t i : group) {
+        names.push_back(set.photos[i].lexically_relative(image_path).generic_string());
+      }
+    }
   }
-  const auto have_one = [](const std::vector<Look>& list) {
-    const auto with_focal =
-        std::find_if(list.begin(), list.end(), [](const Look& look) { return look.focal.has_value(); });
-    const Look& reference = with_focal == list.end() ? list.front() : *with_focal;
-    return std::all_of(list.begin(), list.end(), [&](const Look& look) { return MayShare(reference, look); });
-  };
-  if (have_one(all)) return CameraSharing::kOne;
-  const bool per_folder =
-      std::all_of(looks.begin(), looks.end(), [&](const auto& folder) { return have_one(folder.second); });
-  return per_folder ? CameraSharing::kPerFolder : CameraSharing::kPerImage;
+  if (set.sharing == CameraSharing::kPerFolder) set.cameras.clear();
+  return set;
 }
 
 bool NeedsFeatures(const fs::path& database_path) {
@@ -139,38 +208,53 @@ bool NeedsFeatures(const fs::path& database_path) {
 }
 
 void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap, Reporter& reporter) {
-  const std::vector<fs::path> photos = Photos(extraction.image_path);
-  const CameraSharing sharing = FindCameraSharing(extraction.image_path);
-  const char* const shared = sharing == CameraSharing::kOne         ? "one camera for all photos"
-                             : sharing == CameraSharing::kPerFolder ? "one camera for each folder"
-                                                                    : "one camera for each photo";
-  reporter.Info("features of " + std::to_string(photos.size()) + " photos by colmap " + colmap->version() +
+  const PhotoSet set = ReadPhotoSet(extraction.image_path);
+  const size_t num_photos = set.photos.size();
+  const std::string shared = set.sharing == CameraSharing::kOne ? "one camera for all photos"
+                             : set.sharing == CameraSharing::kPerFolder
+                                 ? "one camera for each folder"
+                                 : std::to_string(set.cameras.size()) + " cameras, by size and EXIF";
+  reporter.Info("features of " + std::to_string(num_photos) + " photos by colmap " + colmap->version() +
                 ", " + shared);
-  const fs::path unfinished = extraction.database_path.string() + ".extracting";
+  if (num_photos < kFewPhotos) {
+    reporter.Warn("only " + std::to_string(num_photos) +
+                  " photos: a whole turn of the table in steps of 20 degrees has 18");
+  }
+  const DatabaseRemover unfinished{extraction.database_path.string() + ".extracting"};
   const bool use_gpu = extraction.sift.use_gpu.value_or(colmap->has_cuda());
   try {
-    RunExtractor(extraction, unfinished, sharing, use_gpu, colmap, reporter);
+    RunExtractor(extraction, unfinished.path, set.sharing, use_gpu, colmap, reporter);
   } catch (const UserError& error) {
     if (!use_gpu || extraction.sift.use_gpu.has_value()) throw;
     reporter.Warn(std::string("feature extraction on the GPU failed, going on without: ") + error.what());
-    RunExtractor(extraction, unfinished, sharing, /*use_gpu=*/false, colmap, reporter);
+    RunExtractor(extraction, unfinished.path, set.sharing, /*use_gpu=*/false, colmap, reporter);
   }
-  const size_t num_images = NumImages(unfinished);
+  const size_t num_images = NumImages(unfinished.path);
+  if (num_images < num_photos) {
+    std::error_code ec;
+    const fs::space_info space = fs::space(unfinished.path, ec);
+    if (!ec && space.available < kMinFreeBytes) {
+      throw UserError(extraction.database_path, "cannot be written: the disk is full",
+                      "Free some space on that disk and run the command again");
+    }
+  }
   if (num_images == 0) {
     throw UserError(extraction.image_path, "colmap found features in none of the photos",
                     "Look at its output with --log_level debug");
   }
-  if (num_images < photos.size()) {
-    reporter.Warn("colmap read only " + std::to_string(num_images) + " of the " +
-                  std::to_string(photos.size()) + " photos");
+  if (num_images < num_photos) {
+    reporter.Warn("colmap read only " + std::to_string(num_images) + " of the " + std::to_string(num_photos) +
+                  " photos");
   }
   if (extraction.database_path.has_parent_path()) CreateFolder(extraction.database_path.parent_path());
   std::error_code ec;
   // What is left of an older database's log must not be taken for the new one's.
   for (const char* suffix : {"-wal", "-shm"}) fs::remove(extraction.database_path.string() + suffix, ec);
-  ColmapDatabase::SafeCopy(unfinished, extraction.database_path, reporter,
-                           [](ColmapDatabase& database) { database.NumberImagesByName(); });
-  for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(unfinished.string() + suffix, ec);
+  ColmapDatabase::SafeCopy(unfinished.path, extraction.database_path, reporter,
+                           [&](ColmapDatabase& database) {
+                             database.NumberImagesByName();
+                             database.ShareCameras(set.cameras);
+                           });
 }
 
 void RunFeatureStage(const FeatureExtraction& extraction, const fs::path& colmap_path,

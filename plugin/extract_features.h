@@ -4,6 +4,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "plugin/colmap_process.h"
 #include "plugin/options.h"
@@ -45,11 +46,19 @@ void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction
 enum class CameraSharing {
   kOne,        ///< all photos have one size and one focal length by EXIF, as far as it is known.
   kPerFolder,  ///< those of each folder have.
-  kPerImage,
+  kPerLook,    ///< those of one folder, size and focal length do.
 };
 
-/// From the photos' headers and EXIF. Throws UserError when there are no photos (JPEG, PNG).
-CameraSharing FindCameraSharing(const std::filesystem::path& image_path);
+struct PhotoSet {
+  std::vector<std::filesystem::path> photos;  ///< sorted.
+  CameraSharing sharing = CameraSharing::kOne;
+  /// For kPerLook: names, relative to the folder, of the photos of each camera.
+  std::vector<std::vector<std::string>> cameras;
+};
+
+/// Reads all photos of a folder and its folders, so that damage is known before hours of work. Throws
+/// UserError when there are no photos (JPEG, PNG), and with the names of those that cannot be read.
+PhotoSet ReadPhotoSet(const std::filesystem::path& image_path);
 
 /// Whether a database needs features: it is missing or has no images.
 bool NeedsFeatures(const std::filesystem::path& database_path);

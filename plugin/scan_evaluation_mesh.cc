@@ -49,11 +49,13 @@ CropRegion MakeRegion(const ScanTruth& truth, const MeshEvaluationOptions& optio
 
 std::vector<ObjectView> TrainViews(const SceneTruth& truth) {
   std::vector<ObjectView> views;
-  const std::vector<double>& params = truth.camera.params;
+  // What is seen hardly depends on distortion.
+  const Eigen::Vector2d focal = FocalLengths(truth.camera);
+  const Eigen::Vector2d centre = PrincipalPoint(truth.camera);
   for (const SceneTruthImage& image : truth.images) {
     if (!image.is_train) continue;
-    views.push_back({static_cast<int>(truth.camera.width), static_cast<int>(truth.camera.height), params[0],
-                     params[1], params[2], params[3], image.CamFromObject()});
+    views.push_back({static_cast<int>(truth.camera.width), static_cast<int>(truth.camera.height), focal.x(),
+                     focal.y(), centre.x(), centre.y(), image.CamFromObject()});
   }
   return views;
 }

@@ -241,7 +241,10 @@ ScanAlignment EvaluatePoses(const Workspace& workspace, const ScanTruth& truth, 
   const TurntableFile* readable = turntable_problem.empty() ? &turntable : nullptr;
   AddAngleFigures(readable, turntable_problem, truth.scene, figures);
   // The axis is the same line in the world and, at every turn, in the object's frame.
-  AddAxisFigures("axis", "sparse/0", readable, turntable_problem, object_fit, object_problem, truth, figures);
+  const bool has_axis = truth.scene.AxisIsFixedInObject();
+  AddAxisFigures("axis", "sparse/0", has_axis ? readable : nullptr,
+                 has_axis ? turntable_problem : "not measured: the object was laid down in several ways",
+                 object_fit, object_problem, truth, figures);
   AddAxisFigures("static_axis", "sparse/static", readable, turntable_problem, static_fit, static_problem,
                  truth, figures);
 

@@ -18,6 +18,7 @@ struct Paths {
   std::filesystem::path mesh;
   std::filesystem::path json;
   std::filesystem::path csv;
+  std::filesystem::path output;
   ImagePaths images;
 };
 
@@ -35,6 +36,8 @@ void AddOptions(Options& options, Paths* paths, MeshEvaluationOptions* mesh) {
       "masks NAME.jpg.png or NAME.png in which to measure the images too; empty: those of the ground truth");
   options.Add("json_path", &paths->json, "file for the figures as JSON, with definitions and all digits");
   options.Add("csv_path", &paths->csv, "file for the figures as CSV");
+  options.Add("output_path", &paths->output,
+              "beginning of the names of both: PATH.json and PATH.csv, where they are not given");
   auto group = options.Group("Mesh", mesh);
   group.Add("num_samples", &MeshEvaluationOptions::num_samples, "points sampled on the mesh");
   group.Add("num_truth_samples", &MeshEvaluationOptions::num_truth_samples,
@@ -79,6 +82,8 @@ void RunScanEvaluator(CommandContext& context) {
   AddOptions(options, &paths, &mesh_options);
   Reporter& reporter = context.Parse();
   CheckCombination(paths);
+  if (!paths.output.empty() && paths.json.empty()) paths.json = paths.output.string() + ".json";
+  if (!paths.output.empty() && paths.csv.empty()) paths.csv = paths.output.string() + ".csv";
 
   std::optional<ScanTruth> truth;
   if (!paths.ground_truth.empty()) truth = ReadScanTruth(paths.ground_truth);

@@ -15,6 +15,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxLabelsBytes = uint64_t{1} << 31;
+// An image's labels as the split made them, beside its "labels".
+constexpr const char* kSplitLabels = "split_labels";
 constexpr const char* kRemedy = "Run `s2gs motion_splitter` again";
 
 fs::path LabelsPath(const Workspace& workspace) {
@@ -110,8 +112,10 @@ ScanInput ReadScanInput(const Workspace& workspace) {
     input.scan_case = CaseOf(file.value("case", "turntable"), path);
     input.reason = file.value("reason", "");
     for (const nlohmann::json& image : file.at("images")) {
+      // What an earlier mapping made of the labels does not count: it would not come out the same again.
+      const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
       of_name[image.at("name").get<std::string>()] = {image.at("station").get<int>(),
-                                                      image.at("labels").get<std::string>()};
+                                                      image.at(labels).get<std::string>()};
     }
   } catch (const nlohmann::json::exception& error) {
     throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
@@ -175,6 +179,7 @@ void WriteScanLabels(const Workspace& workspace, const std::vector<ScanImage>& i
       for (const KeypointLabel label : labels[found->second]) {
         text.push_back(static_cast<char>('0' + static_cast<int>(label)));
       }
+      if (!image.contains(kSplitLabels)) image[kSplitLabels] = image.at("labels");
       image["labels"] = text;
     }
   } catch (const nlohmann::json::exception& error) {

@@ -24,10 +24,12 @@ struct ScanInput {
   ScanFeatures features;
 };
 
-/// Throws UserError when the split has not run or its files contradict each other.
+/// Labels are those of the split, whatever WriteScanLabels wrote since. Throws UserError when the split has
+/// not run or its files contradict each other.
 ScanInput ReadScanInput(const Workspace& workspace);
 
-/// Replaces the keypoints' labels in split/labels.json and leaves the rest as it is.
+/// Replaces the keypoints' labels in split/labels.json, keeps those of the split beside them, and leaves the
+/// rest as it is.
 void WriteScanLabels(const Workspace& workspace, const std::vector<ScanImage>& images,
                      const std::vector<std::vector<KeypointLabel>>& labels);
 

@@ -1,5 +1,7 @@
 #include "plugin/turntable_mapper_command.h"
 
+#include <glog/logging.h>
+
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
@@ -103,7 +105,10 @@ void AddOptions(Options& options, Settings* settings) {
   joint.Add("max_iterations", &JointOptions::max_iterations, "of Levenberg-Marquardt in a round");
   joint.Add("function_tolerance", &JointOptions::function_tolerance, "relative decrease at which it stops");
   joint.Add("compute_covariance", &JointOptions::compute_covariance, "report standard deviations");
-  joint.Add("num_threads", &JointOptions::num_threads, "0: all cores");
+  joint.Add(
+      "num_threads", &JointOptions::num_threads,
+      "0: all cores; with several, sums are taken in another order each time, and results differ in their "
+      "last digits");
   auto refine = options.Group("Refine", &settings->refine);
   refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
   refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")
@@ -432,6 +437,7 @@ void RunTurntableMapper(CommandContext& context) {
       "--workspace_path scan --image_path scan/images");
   AddOptions(options, &settings);
   Reporter& reporter = context.Parse();
+  FLAGS_minloglevel = google::GLOG_FATAL;  // Ceres reports each step that it takes back
   const auto seed = static_cast<uint32_t>(options.random_seed());
   settings.turntable.random_seed = seed;
   settings.single_axis.random_seed = seed;

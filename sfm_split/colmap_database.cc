@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <set>
 #include <string_view>
 #include <utility>
@@ -742,6 +743,36 @@ void ColmapDatabase::NumberImagesByName() {
                            table + ".image_id - 1000000000);");
     }
     connection_->Execute("DROP TABLE numbering;");
+  });
+}
+
+void ColmapDatabase::ShareCameras(const std::vector<std::vector<std::string>>& groups) {
+  if (has_frames_) return;
+  std::map<std::string, DatabaseImage> image_of_name;
+  for (const DatabaseImage& image : ReadImages()) image_of_name[image.name] = image;
+  std::set<uint32_t> known;
+  for (const DatabaseCamera& row : ReadCameras()) {
+    if (row.has_prior_focal_length) known.insert(row.camera.camera_id);
+  }
+  InTransaction([&] {
+    for (const std::vector<std::string>& group : groups) {
+      std::vector<const DatabaseImage*> images;
+      images.reserve(group.size());
+      for (const std::string& name : group) {
+        const auto found = image_of_name.find(name);
+        if (found != image_of_name.end()) images.push_back(&found->second);
+      }
+      if (images.empty()) continue;
+      const auto with_focal = std::find_if(images.begin(), images.end(), [&](const DatabaseImage* image) {
+        return known.count(image->camera_id) > 0;
+      });
+      const DatabaseImage& source = with_focal == images.end() ? *images.front() : **with_focal;
+      for (const DatabaseImage* image : images) {
+        connection_->Execute("UPDATE images SET camera_id = " + std::to_string(source.camera_id) +
+                             " WHERE image_id = " + std::to_string(image->image_id) + ";");
+      }
+    }
+    connection_->Execute("DELETE FROM cameras WHERE camera_id NOT IN (SELECT camera_id FROM images);");
   });
 }
 

@@ -172,6 +172,12 @@ class ColmapDatabase {
   /// are.
   void NumberImagesByName();
 
+  /// Gives the images of each group one camera: that of its first image whose focal length is known, or of
+  /// its first image. Cameras that no image has any more are deleted. Databases of COLMAP 3.12 and newer,
+  /// whose cameras belong to rigs, stay as they are. \param groups  names of images; those that the database
+  /// does not have are passed over.
+  void ShareCameras(const std::vector<std::vector<std::string>>& groups);
+
   /// Nothing when the pair has none.
   std::optional<TwoViewGeometry> ReadTwoViewGeometry(uint32_t image_id1, uint32_t image_id2) const;
   /// Replaces what the pair has.

@@ -4,12 +4,16 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <memory>
 #include <thread>
+#include <unordered_map>
+#include <utility>
+#include <vector>
 
 #include "sfm_split/joint_system.h"
 
@@ -65,11 +69,54 @@ struct Solved {
   std::string linear_solver;
 };
 
+// A copy of a system's parameters in one piece, in its own order. Ceres orders parameters by their addresses,
+// and only inside one piece these are in the same order in every run: sums, and so the last digits of
+// results, depend on it.
+class OrderedParameters {
+ public:
+  explicit OrderedParameters(const JointSystem& system) {
+    size_t size = 0;
+    const auto place = [&](double* source, int count) {
+      if (!offset_of_.emplace(source, size).second) return;
+      sources_.push_back({source, size, static_cast<size_t>(count)});
+      size += static_cast<size_t>(count);
+    };
+    sources_.reserve(system.blocks().size() + system.terms().size());
+    for (const JointSystem::Block& block : system.blocks()) place(block.values, block.size);
+    for (const JointSystem::Term& term : system.terms()) place(term.values[term.num_blocks], 3);
+    values_.resize(size);
+    for (const Source& source : sources_) {
+      std::copy_n(source.values, source.count, values_.begin() + static_cast<std::ptrdiff_t>(source.offset));
+    }
+  }
+
+  double* At(const double* source) { return values_.data() + offset_of_.at(source); }
+
+  /// Back to where they came from.
+  void WriteBack() const {
+    for (const Source& source : sources_) {
+      std::copy_n(values_.begin() + static_cast<std::ptrdiff_t>(source.offset), source.count, source.values);
+    }
+  }
+
+ private:
+  struct Source {
+    double* values;
+    size_t offset;
+    size_t count;
+  };
+
+  std::unordered_map<const double*, size_t> offset_of_;
+  std::vector<Source> sources_;
+  std::vector<double> values_;
+};
+
 // Adjusts a problem's active observations once.
 Solved SolveOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
                  JointProblem* problem) {
   Solved solved;
   JointSystem system(*problem, options, true);
+  OrderedParameters parameters(system);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
   std::map<double, std::unique_ptr<ceres::LossFunction>> scaled_losses;  // by weight
   ceres::Problem::Options problem_options;
@@ -81,22 +128,25 @@ Solved SolveOnce(const JointOptions& options, double function_tolerance, Reporte
   int camera_parameters = 0;
   for (const JointSystem::Block& block : system.blocks()) {
     if (!block.used) continue;
-    ceres_problem.AddParameterBlock(block.values, block.size);
-    ordering->AddElementToGroup(block.values, 1);
+    double* const values = parameters.At(block.values);
+    ceres_problem.AddParameterBlock(values, block.size);
+    ordering->AddElementToGroup(values, 1);
     if (block.free.empty()) {
-      ceres_problem.SetParameterBlockConstant(block.values);
+      ceres_problem.SetParameterBlockConstant(values);
     } else if (static_cast<int>(block.free.size()) < block.size) {
       std::vector<int> held;
       for (int k = 0; k < block.size; ++k) {
         if (std::find(block.free.begin(), block.free.end(), k) == block.free.end()) held.push_back(k);
       }
-      ceres_problem.SetManifold(block.values, new ceres::SubsetManifold(block.size, held));
+      ceres_problem.SetManifold(values, new ceres::SubsetManifold(block.size, held));
     }
     camera_parameters += static_cast<int>(block.free.size());
   }
   int points = 0;
   for (const JointSystem::Term& term : system.terms()) {
-    double* point = term.values[term.num_blocks];
+    std::array<double*, 5> values{};
+    for (int k = 0; k <= term.num_blocks; ++k) values[k] = parameters.At(term.values[k]);
+    double* const point = values[term.num_blocks];
     if (!ceres_problem.HasParameterBlock(point)) {
       ceres_problem.AddParameterBlock(point, 3);
       ordering->AddElementToGroup(point, 0);
@@ -110,7 +160,7 @@ Solved SolveOnce(const JointOptions& options, double function_tolerance, Reporte
       }
       term_loss = scaled.get();
     }
-    ceres_problem.AddResidualBlock(term.cost.get(), term_loss, term.values.data(), term.num_blocks + 1);
+    ceres_problem.AddResidualBlock(term.cost.get(), term_loss, values.data(), term.num_blocks + 1);
   }
   solved.parameters = camera_parameters + 3 * points;
   double weights = 0;
@@ -146,7 +196,9 @@ Solved SolveOnce(const JointOptions& options, double function_tolerance, Reporte
   solved.iterations = static_cast<int>(summary.iterations.size()) - 1;
   solved.converged = summary.termination_type == ceres::CONVERGENCE;
   solved.linear_solver = ceres::LinearSolverTypeToString(solver.linear_solver_type);
-  if (summary.IsSolutionUsable()) system.WriteBack(problem);
+  if (!summary.IsSolutionUsable()) return solved;
+  parameters.WriteBack();
+  system.WriteBack(problem);
   return solved;
 }
 

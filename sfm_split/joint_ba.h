@@ -57,7 +57,7 @@ struct JointOptions {
   int min_free_observations = 12;        ///< images with fewer background observations share their station's.
   bool compute_covariance = true;
   int max_dense_parameters = 1500;  ///< no covariance for more camera-side parameters than these.
-  int num_threads = 0;              ///< 0: all cores.
+  int num_threads = 1;  ///< 0: all cores. With one, the same input gives the same result to the last bit.
 
   OptionCheck Check() const;
 };

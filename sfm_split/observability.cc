@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <utility>
 
 #include "sfm_split/joint_ba.h"
 #include "sfm_split/joint_system.h"
@@ -102,9 +103,9 @@ ReducedSystem Reduce(const JointSystem& system) {
   const auto size = static_cast<Eigen::Index>(reduced.columns.size());
   reduced.s = MatrixXd::Zero(size, size);
   reduced.diagonal = VectorXd::Zero(size);
-  std::map<const double*, std::vector<const JointSystem::Term*>> by_point;
+  std::map<std::pair<bool, int>, std::vector<const JointSystem::Term*>> by_point;
   for (const JointSystem::Term& term : system.terms())
-    by_point[term.values[term.num_blocks]].push_back(&term);
+    by_point[{term.of_object, term.point}].push_back(&term);
   for (const auto& [point, terms] : by_point) EliminatePoint(system, terms, &reduced);
   return reduced;
 }

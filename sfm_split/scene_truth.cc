@@ -2,9 +2,13 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
+#include <utility>
 
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
@@ -24,6 +28,7 @@ constexpr double kRigidTolerance = 1e-5;
 // The most by which an image's turn may differ from its angle_deg, and its axis from the scene's.
 constexpr double kAngleToleranceDeg = 1e-3;
 constexpr double kLargestLength = 1e12;
+constexpr double kRadiansPerDegree = 3.14159265358979323846 / 180;
 
 // A JSON value together with where it stands in the file.
 class Entry {
@@ -112,24 +117,51 @@ std::string FileName(const Entry& entry) {
   return file.string();
 }
 
+// The parameters after focal lengths and principal point, by COLMAP's names ("k, p1"); a model's only "k" may
+// be called k1.
+std::vector<double> ExtraParams(const Entry& root, const CameraModelInfo& info) {
+  std::vector<double> params;
+  params.reserve(info.num_extra_params);
+  std::istringstream names{std::string(info.param_names)};
+  std::string name;
+  for (size_t i = 0; names >> name; ++i) {
+    if (i < info.FirstExtraParam()) continue;
+    if (name.back() == ',') name.pop_back();
+    const bool is_numbered = name == "k" && !root.Has("k") && root.Has("k1");
+    params.push_back(root.At(is_numbered ? "k1" : name.c_str()).Number());
+  }
+  return params;
+}
+
 Camera ReadCamera(const Entry& root) {
   Camera camera;
   const std::string model = root.At("camera_model").String();
-  if (model != "SIMPLE_PINHOLE" && model != "PINHOLE") {
-    root.At("camera_model").Fail("is \"" + model + "\", not SIMPLE_PINHOLE or PINHOLE");
+  const CameraModelInfo* info = FindCameraModel(model);
+  if (info == nullptr || !info->has_projection) {
+    root.At("camera_model").Fail("is \"" + model + "\", a camera model that cannot be projected here");
   }
   // An image whose pixel centres are counted at whole numbers is off by half a pixel; only the file can tell.
   const Entry convention = root.At("pixel_convention");
   if (convention.String().rfind("COLMAP", 0) != 0) {
     convention.Fail("does not begin with \"COLMAP\" (centre of the top-left pixel at 0.5, 0.5)");
   }
-  camera.model = CameraModelId::kPinhole;
+  camera.model = info->id == CameraModelId::kSimplePinhole ? CameraModelId::kPinhole : info->id;
   camera.width = static_cast<uint64_t>(root.At("width").Integer(1, 1 << 20));
   camera.height = static_cast<uint64_t>(root.At("height").Integer(1, 1 << 20));
-  camera.params = {root.At("fx").Number(), root.At("fy").Number(), root.At("cx").Number(),
-                   root.At("cy").Number()};
-  if (!(camera.params[0] > 0)) root.At("fx").Fail("is not positive");
-  if (!(camera.params[1] > 0)) root.At("fy").Fail("is not positive");
+  const double fx = root.At("fx").Number();
+  const double fy = root.At("fy").Number();
+  if (!(fx > 0)) root.At("fx").Fail("is not positive");
+  if (!(fy > 0)) root.At("fy").Fail("is not positive");
+  camera.params = {fx};
+  if (InfoOf(camera.model).num_focal_params == 2) {
+    camera.params.push_back(fy);
+  } else if (fx != fy) {
+    root.At("fy").Fail("is not fx, though " + model + " has one focal length");
+  }
+  camera.params.push_back(root.At("cx").Number());
+  camera.params.push_back(root.At("cy").Number());
+  const std::vector<double> extra = ExtraParams(root, *info);
+  camera.params.insert(camera.params.end(), extra.begin(), extra.end());
   return camera;
 }
 
@@ -142,18 +174,24 @@ TurntableAxis ReadAxis(const Entry& root) {
   return axis;
 }
 
-void CheckTurn(const SceneTruthImage& image, const TurntableAxis& axis, const Entry& entry) {
-  const double radians = image.angle_deg * 3.14159265358979323846 / 180;
-  const Eigen::Quaterniond turn(Eigen::AngleAxisd(radians, axis.direction));
-  const double difference = turn.angularDistance(image.world_from_object.rotation);
-  const double moved = (image.world_from_object * axis.point - axis.point).norm();
-  const double lengths = axis.point.norm() + image.world_from_object.translation.norm() + 1e-3;
-  if (difference > kAngleToleranceDeg * 3.14159265358979323846 / 180 || moved > 1e-5 * lengths) {
-    entry.Fail("has an object_to_world that is not the turn by its angle_deg about the scene's axis");
-  }
+// How far a motion is from the turn by so many degrees about the axis.
+struct TurnError {
+  double radians = 0;
+  double length = 0;
+};
+
+TurnError CompareWithTurn(const Rigid3& motion, double angle_deg, const TurntableAxis& axis) {
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(angle_deg * kRadiansPerDegree, axis.direction));
+  return {turn.angularDistance(motion.rotation), (motion * axis.point - axis.point).norm()};
 }
 
-SceneTruthImage ReadTruthImage(const Entry& entry, const TurntableAxis& axis) {
+bool IsTurn(const Rigid3& motion, double angle_deg, const TurntableAxis& axis) {
+  const TurnError error = CompareWithTurn(motion, angle_deg, axis);
+  const double lengths = axis.point.norm() + motion.translation.norm() + 1e-3;
+  return error.radians <= kAngleToleranceDeg * kRadiansPerDegree && error.length <= 1e-5 * lengths;
+}
+
+SceneTruthImage ReadTruthImage(const Entry& entry) {
   SceneTruthImage image;
   image.file = FileName(entry.At("file"));
   image.name = fs::path(image.file).filename().string();
@@ -165,11 +203,16 @@ SceneTruthImage ReadTruthImage(const Entry& entry, const TurntableAxis& axis) {
   image.angle_deg = entry.At("angle_deg").Number();
   image.cam_from_world = entry.At("world_to_camera").Rigid();
   image.world_from_object = entry.At("object_to_world").Rigid();
-  CheckTurn(image, axis, entry);
   return image;
 }
 
 }  // namespace
+
+bool SceneTruth::AxisIsFixedInObject() const {
+  return std::all_of(images.begin(), images.end(), [&](const SceneTruthImage& image) {
+    return IsTurn(image.world_from_object, image.angle_deg, axis);
+  });
+}
 
 SceneTruth ReadSceneTruth(const fs::path& scene_folder) {
   const fs::path path = scene_folder / "gt" / "scene.json";
@@ -202,11 +245,20 @@ SceneTruth ParseSceneTruth(std::string_view json, const fs::path& path) {
   const size_t count = images.ArraySize();
   if (count == 0) images.Fail("is empty");
   std::set<std::string> names;
+  std::map<int, size_t> first_of_station;
   truth.images.reserve(count);
   for (size_t i = 0; i < count; ++i) {
-    truth.images.push_back(ReadTruthImage(images.At(i), truth.axis));
-    if (!names.insert(truth.images.back().name).second) {
-      images.At(i).Fail("has the file name of an earlier image, " + truth.images.back().name);
+    truth.images.push_back(ReadTruthImage(images.At(i)));
+    const SceneTruthImage& image = truth.images.back();
+    // Between stations the object may have been laid down in another way.
+    const SceneTruthImage& first = truth.images[first_of_station.emplace(image.station, i).first->second];
+    if (!IsTurn(image.world_from_object * first.world_from_object.Inverse(),
+                image.angle_deg - first.angle_deg, truth.axis)) {
+      images.At(i).Fail("has an object_to_world that is not turned against that of " + first.name +
+                        ", of the same station, by their angle_deg about the scene's axis");
+    }
+    if (!names.insert(image.name).second) {
+      images.At(i).Fail("has the file name of an earlier image, " + image.name);
     }
   }
   return truth;

@@ -30,20 +30,25 @@ struct SceneTruth {
   std::filesystem::path folder;  ///< SCENE.
   std::string scene;
   std::string units;  ///< of all lengths, e.g. "metres".
-  Camera camera;      ///< PINHOLE without distortion, shared by all images.
+  Camera camera;      ///< shared by all images; SIMPLE_PINHOLE is given as PINHOLE.
   TurntableAxis axis;
   uint8_t object_label = 255;  ///< in the masks of labels.
   uint8_t disc_label = 128;
   uint8_t static_label = 0;
   std::vector<SceneTruthImage> images;  ///< as listed in the file.
 
+  /// Whether every object_to_world is the turn by the image's angle about the axis. Not so when the object
+  /// was laid down in another way between stations.
+  bool AxisIsFixedInObject() const;
   std::filesystem::path ObjectMeshPath() const { return folder / "gt" / "object.ply"; }
   std::filesystem::path DiscMeshPath() const { return folder / "gt" / "disc.ply"; }
 };
 
-/// Reads SCENE/gt/scene.json. Matrices must be rigid, each image's object_to_world must be the turn by its
-/// angle_deg about the axis, names must be unique, the camera SIMPLE_PINHOLE or PINHOLE, and the file must
-/// state COLMAP's pixel convention. Throws UserError with the path and the entry at fault.
+/// Reads SCENE/gt/scene.json. Matrices must be rigid, the object_to_world of a station's images must differ
+/// by turns by their angle_deg about the axis, names must be unique, the camera of a model that
+/// ProjectToImage knows, with fx, fy, cx, cy and the other parameters by COLMAP's names (SIMPLE_RADIAL's k
+/// also as k1), and the file must state COLMAP's pixel convention. Throws UserError with the path and the
+/// entry at fault.
 SceneTruth ReadSceneTruth(const std::filesystem::path& scene_folder);
 
 /// The same from memory.

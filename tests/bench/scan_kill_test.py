@@ -7,11 +7,11 @@ One run goes through undisturbed in WORK/straight. In WORK/killed each run is ki
 random moment of the pipeline: moments are drawn evenly over the undisturbed run's time and taken in order; a kill waits
 for the stage that ran at its moment to begin, then for as long as that stage had run by then. The last run is left
 alone. Poses, models, masks, depth and normal maps, the Gaussians and the mesh must be the same, bit for bit, and no
-temporary file may be left. COLMAP must give the same features and models twice for that, which its threads may prevent.
+temporary file may be left.
 """
 import argparse, os, random, re, shutil, signal, subprocess, sys, threading, time
 
-COMPARED = ["sparse", "turntable.json", "masks", "s2gs/point_cloud.ply", "dense/0/images", "dense/0/sparse",
+COMPARED = ["split/labels.json", "sparse", "turntable.json", "masks", "s2gs/point_cloud.ply", "dense/0/images", "dense/0/sparse",
             "dense/0/stereo", "dense/0/masks", "dense/0/meshed-tsdf.ply"]
 STAGE = re.compile(r"\] (\w+): runs \(")
 

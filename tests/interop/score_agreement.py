@@ -251,12 +251,15 @@ def main():
     parser.add_argument('shared')
     parser.add_argument('--seeds', type=int, default=4, help='workspaces per data set')
     parser.add_argument('--mesh_seeds', type=int, default=12, help='samplings of one workspace per data set')
+    parser.add_argument('--data_sets', nargs='+', default=['falcon_desk', 'ogre_fixed'],
+                        help="names in SHARED_FOLDER/data, or folders")
     args = parser.parse_args()
     scorer = load_scorer(args.shared)
     result = Comparison()
     with tempfile.TemporaryDirectory() as temporary:
-        for data_set in ('falcon_desk', 'ogre_fixed'):
-            scene = os.path.join(args.shared, 'data', data_set)
+        for data_set in args.data_sets:
+            scene = os.path.join(args.shared, 'data', data_set)  # a folder stays as it is
+            data_set = os.path.basename(os.path.normpath(data_set))
             for seed in range(args.seeds):
                 where = f'{data_set}, workspace {seed}'
                 workspace = os.path.join(temporary, f'{data_set}-{seed}')

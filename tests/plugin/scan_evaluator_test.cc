@@ -356,7 +356,9 @@ TEST_F(ScanEvaluator, RenderedImagesAgainstPhotosAndTheTruthsLabels) {
   fs::create_directories(folder_ / "photos");
   WriteImage(folder_ / "photos/0_1.png", Photo(101));
   Run({"--images_path", rendered.string(), "--reference_path", (folder_ / "photos").string(), "--json_path",
-       json.string()});
+       json.string(), "--output_path", (folder_ / "bare").string()});
+  EXPECT_FALSE(fs::exists(folder_ / "bare.json"));
+  EXPECT_THAT(ReadAll(folder_ / "bare.csv"), HasSubstr("image_pairs,value,1,"));
   const Json bare = Json::parse(ReadAll(json));
   EXPECT_EQ(bare.at("figures").at("psnr_db").at("mean"), "inf");
   EXPECT_EQ(bare.at("figures").at("image_pairs").at("value"), 1);

@@ -361,6 +361,28 @@ TEST(ColmapDatabase, ImagesAreNumberedByName) {
   EXPECT_EQ(raw.Query("SELECT count(*) FROM images"), "3");
 }
 
+TEST(ColmapDatabase, ImagesShareTheCameraWhoseFocalLengthIsKnown) {
+  TemporaryFolder folder;
+  const fs::path path = MakeDatabase(
+      folder / "d.db", kColmapSchema38,
+      "DELETE FROM matches; DELETE FROM two_view_geometries;"
+      "INSERT INTO cameras SELECT 21, model, width, height, params, 0 FROM cameras LIMIT 1;"
+      "INSERT INTO cameras SELECT 22, model, width, height, params, 1 FROM cameras LIMIT 1;"
+      "INSERT INTO cameras SELECT 23, model, width, height, params, 0 FROM cameras LIMIT 1;"
+      "UPDATE images SET camera_id = 21 WHERE name = 'a.jpg'; UPDATE images SET camera_id = 22 WHERE "
+      "name = 'c.jpg'; UPDATE images SET camera_id = 23 WHERE name = 'sub/b.jpg';");
+  const auto cameras = [&] {
+    return RawDatabase(path).Query(
+        "SELECT group_concat(camera_id) FROM (SELECT * FROM images ORDER BY name)");
+  };
+  ColmapDatabase::Open(path, Access::kReadWrite).ShareCameras({{"a.jpg", "missing.jpg"}, {"sub/b.jpg"}});
+  EXPECT_EQ(cameras(), "21,22,23");
+  EXPECT_EQ(RawDatabase(path).Query("SELECT count(*) FROM cameras"), "3");
+  ColmapDatabase::Open(path, Access::kReadWrite).ShareCameras({{"a.jpg", "c.jpg"}, {"sub/b.jpg"}});
+  EXPECT_EQ(cameras(), "22,22,23");
+  EXPECT_EQ(RawDatabase(path).Query("SELECT group_concat(camera_id) FROM cameras"), "22,23");
+}
+
 TEST(ColmapDatabase, IdentityPoseMeansNone) {
   TemporaryFolder folder;
   const fs::path path = MakeDatabase(folder / "d.db", kColmapSchema38,

@@ -75,6 +75,46 @@ TEST(SceneTruth, EveryFieldIsRead) {
   EXPECT_LT((image.world_from_object * truth.axis.point - truth.axis.point).norm(), 1e-14);
 }
 
+TEST(SceneTruth, CamerasWithDistortionAreRead) {
+  Json scene = Scene();
+  scene["camera_model"] = "SIMPLE_RADIAL";
+  scene["k1"] = -.08;
+  SceneTruth truth = ParseSceneTruth(scene.dump(), "set/gt/scene.json");
+  EXPECT_EQ(truth.camera.model, CameraModelId::kSimpleRadial);
+  EXPECT_THAT(truth.camera.params, testing::ElementsAre(70.5, 31.25, 24, -.08));
+  scene["k"] = .5;
+  EXPECT_THAT(ParseSceneTruth(scene.dump(), "set/gt/scene.json").camera.params[3], .5);
+
+  scene["camera_model"] = "OPENCV";
+  scene["fy"] = 71;
+  scene["k2"] = .02;
+  scene["p1"] = .003;
+  scene["p2"] = .004;
+  truth = ParseSceneTruth(scene.dump(), "set/gt/scene.json");
+  EXPECT_EQ(truth.camera.model, CameraModelId::kOpenCV);
+  EXPECT_THAT(truth.camera.params, testing::ElementsAre(70.5, 71, 31.25, 24, -.08, .02, .003, .004));
+}
+
+TEST(SceneTruth, TheObjectMayLieOtherwiseInAnotherStation) {
+  Json scene = Scene();
+  EXPECT_TRUE(ParseSceneTruth(scene.dump(), "set/gt/scene.json").AxisIsFixedInObject());
+  // Laid on its side.
+  Json flipped = Image("images/c.jpg", "train", 0);
+  flipped["station"] = 2;
+  flipped["object_to_world"] = {{1, 0, 0, .1}, {0, 0, -1, .2}, {0, 1, 0, .3}, {0, 0, 0, 1}};
+  scene["images"].push_back(flipped);
+  EXPECT_FALSE(ParseSceneTruth(scene.dump(), "set/gt/scene.json").AxisIsFixedInObject());
+  // The next photo of that station, after a turn by 90 degrees.
+  Json turned = Image("images/d.jpg", "train", 90);
+  turned["station"] = 2;
+  turned["object_to_world"] = {{0, 0, 1, 2.8}, {1, 0, 0, 1.1}, {0, 1, 0, .3}, {0, 0, 0, 1}};
+  scene["images"].push_back(turned);
+  EXPECT_EQ(ParseSceneTruth(scene.dump(), "set/gt/scene.json").images.size(), 4u);
+  scene["images"].back()["angle_deg"] = 89;
+  ExpectUserError([&] { ParseSceneTruth(scene.dump(), "set/gt/scene.json"); },
+                  {"images[3] has an object_to_world that is not turned", "c.jpg"});
+}
+
 TEST(SceneTruthBadInput, EachFaultIsNamed) {
   struct Fault {
     std::function<void(Json&)> damage;
@@ -86,7 +126,15 @@ TEST(SceneTruthBadInput, EachFaultIsNamed) {
       {[](Json& j) { j["fy"] = -1; }, "fy is not positive"},
       {[](Json& j) { j["width"] = 1e300; }, "width is out of range"},
       {[](Json& j) { j["width"] = 6.5; }, "width is not a whole number"},
-      {[](Json& j) { j["camera_model"] = "OPENCV"; }, "camera_model is \"OPENCV\""},
+      {[](Json& j) { j["camera_model"] = "FOV"; }, "camera_model is \"FOV\""},
+      {[](Json& j) { j["camera_model"] = "NONE"; }, "camera_model is \"NONE\""},
+      {[](Json& j) { j["camera_model"] = "SIMPLE_RADIAL"; }, "has no \"k\""},
+      {[](Json& j) {
+         j["camera_model"] = "SIMPLE_RADIAL";
+         j["k1"] = 0;
+         j["fy"] = 71;
+       },
+       "fy is not fx"},
       {[](Json& j) { j["pixel_convention"] = "OpenCV: (0, 0)"; }, "pixel_convention does not begin"},
       {[](Json& j) {
          j["axis_direction"] = {0, 0, 0};
@@ -110,7 +158,7 @@ TEST(SceneTruthBadInput, EachFaultIsNamed) {
        "images[0].world_to_camera is not a rot"},
       {[](Json& j) { j["images"][1]["world_to_camera"][3][0] = 1; }, "does not end in the row 0 0 0 1"},
       {[](Json& j) { j["images"][1]["angle_deg"] = 278; },
-       "images[1] has an object_to_world that is not the turn"},
+       "images[1] has an object_to_world that is not turned"},
       {[](Json& j) { j["images"][1]["object_to_world"][0][3] = 1; },
        "images[1] has an object_to_world that is not"},
   };
