@@ -219,8 +219,12 @@ class TurntableMapper {
   void Place();
 
  private:
-  Candidate ByFreeSfm(const std::vector<ColmapModel>& models, const ColmapModel* background);
+  Candidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
   Candidate BySingleAxis(const ColmapModel* background);
+  bool IsEnough(const Candidate& candidate) const {
+    return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
+                                      kEnoughImages * static_cast<double>(input_.features.images.size());
+  }
   void WriteScene(Candidate* candidate, json report);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
 
@@ -248,15 +252,9 @@ void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
   WriteJson(mapping.output / "attempts.json", ToJson(MapBody(mapping, colmap, reporter_)));
 }
 
-Candidate TurntableMapper::ByFreeSfm(const std::vector<ColmapModel>& models, const ColmapModel* background) {
+Candidate TurntableMapper::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
+                                     const char* how) {
   Candidate candidate;
-  if (models.empty()) {
-    candidate.finding = "free SfM found no model of the object";
-    return candidate;
-  }
-  ColmapModel object = models[0];
-  const int joined = JoinPartialModels({models.begin() + 1, models.end()}, &object);
-  if (joined > 0) reporter_.Info(std::to_string(joined) + " images joined from partial models of the object");
   std::map<std::string, int> station_of_image;
   for (const ScanImage& image : input_.features.images) station_of_image[image.name] = image.station;
   AlignOptions options;
@@ -265,14 +263,14 @@ Candidate TurntableMapper::ByFreeSfm(const std::vector<ColmapModel>& models, con
   const TurntableSolution& solution = candidate.aligned.solution;
   if (candidate.aligned.scene.views.empty()) {
     candidate.finding =
-        std::string("free SfM's models make no turntable (") + TurntableMotionName(solution.motion) + ")";
+        std::string(how) + " makes no turntable (" + TurntableMotionName(solution.motion) + ")";
     return candidate;
   }
   const size_t aligned_images = candidate.aligned.scene.views.size();
   candidate.refined =
       RefineScan(input_.features, &object, settings_.joint, settings_.refine, reporter_, &candidate.aligned);
   candidate.is_usable = true;
-  candidate.finding = "free SfM placed " + std::to_string(models[0].images.size()) + " images, " +
+  candidate.finding = std::string(how) + " placed " + std::to_string(object.images.size()) + " images, " +
                       std::to_string(aligned_images) + " on one turntable, " +
                       std::to_string(candidate.aligned.scene.views.size()) + " after mending";
   return candidate;
@@ -397,14 +395,25 @@ void TurntableMapper::Place() {
   };
   TurntableMotion motion = TurntableMotion::kTooFewImages;
   if (settings_.path != MappingPath::kSingleAxis) {
-    Candidate candidate = ByFreeSfm(objects, background);
-    motion = candidate.aligned.solution.motion;
-    consider(std::move(candidate), "free_sfm");
+    if (objects.empty()) {
+      findings = "free SfM found no model of the object";
+    } else {
+      ColmapModel object = objects[0];
+      const int joined = JoinPartialModels({objects.begin() + 1, objects.end()}, &object);
+      if (joined > 0) {
+        reporter_.Info(std::to_string(joined) + " images joined from partial models of the object");
+      }
+      Candidate candidate = ByFreeSfm(object, background, "free SfM");
+      motion = candidate.aligned.solution.motion;
+      consider(std::move(candidate), "free_sfm");
+      if (background != nullptr && !IsEnough(best)) {
+        // The background's reconstruction may be what is wrong.
+        consider(ByFreeSfm(object, nullptr, "free SfM of the object alone"), "free_sfm_object");
+      }
+    }
   }
-  const bool is_enough =
-      best.is_usable && static_cast<double>(best.aligned.scene.views.size()) >=
-                            kEnoughImages * static_cast<double>(input_.features.images.size());
-  if (settings_.path == MappingPath::kSingleAxis || (settings_.path == MappingPath::kAuto && !is_enough)) {
+  if (settings_.path == MappingPath::kSingleAxis ||
+      (settings_.path == MappingPath::kAuto && !IsEnough(best))) {
     consider(BySingleAxis(background), "single_axis");
   }
   report["path_reason"] = findings;

@@ -88,6 +88,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
                                          {"candidates", image.candidates},
                                          {"margin", image.margin}});
   }
+  report["untied"] = refined.untied;
   report["stations"] = aligned.scene.num_stations;
   report["scale_observable"] = aligned.scene.scale_observable;
   report["object_placements"] = json::array();
@@ -144,6 +145,10 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
   row("images registered",
       fmt::format("{} of {}", report.at("registered").get<int>(), report.at("images").get<int>()));
   for (const auto& name : report.at("missing")) row("  missing", name.get<std::string>());
+  if (report.contains("untied") && !report.at("untied").empty()) {
+    row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
+                                report.at("untied").size()));
+  }
   if (!report.contains("sigma")) return;
   std::map<std::string, std::vector<std::string>> mended;
   for (const auto& image : report.at("mended")) {
@@ -157,6 +162,11 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
     if (images.size() > kMaxNamed) row("", fmt::format("and {} more", images.size() - kMaxNamed));
   }
   row("stations", std::to_string(report.at("stations").get<int>()));
+  for (const auto& placed : report.at("placed_stations")) {
+    row("  placed",
+        fmt::format("{}: by {} of {} matches on the background", placed.at("image").get<std::string>(),
+                    placed.at("inliers").get<int>(), placed.at("candidates").get<int>()));
+  }
   if (report.at("object_placements").size() > 1) {
     row("object moved", fmt::format("it lay in {} ways on the table, so its pose is free in every image",
                                     report.at("object_placements").size()));

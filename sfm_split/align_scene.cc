@@ -15,6 +15,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr double kPi = 3.14159265358979323846;
+constexpr size_t kMaxBases = 6;           // images of a station that are tried as its base
+constexpr double kEnoughOfStation = 0.7;  // of its images on the turntable
 
 double Median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -74,8 +76,9 @@ struct Stations {
 };
 
 // Pairs the poses of both models by name; an image that the background lacks takes its station's pose.
+// Without a background each station's pose is that of its `base`-th image, in order of names.
 std::vector<TurntablePose> PairPoses(const ColmapModel& object, const ColmapModel* background,
-                                     const Stations& stations) {
+                                     const Stations& stations, const std::vector<size_t>& base) {
   std::map<std::string, Rigid3> in_object;
   for (const auto& [id, image] : object.images) in_object[image.name] = image.cam_from_world;
   std::map<std::string, Rigid3> in_world;
@@ -91,16 +94,24 @@ std::vector<TurntablePose> PairPoses(const ColmapModel& object, const ColmapMode
   std::map<int, Rigid3> station_pose;
   for (const auto& [station, poses] : of_station) station_pose[station] = MedianPose(poses);
 
+  if (!has_background) {
+    // The world is where the object lies at that image.
+    std::map<int, std::vector<Rigid3>> in_order;
+    for (const auto& [name, cam_from_object] : in_object) {
+      in_order[stations.of_image.at(name)].push_back(cam_from_object);
+    }
+    for (const auto& [station, poses] : in_order) {
+      station_pose[station] = poses[std::min(base[static_cast<size_t>(station)], poses.size() - 1)];
+    }
+  }
+
   std::vector<TurntablePose> pairs;
   for (const auto& [name, cam_from_object] : in_object) {
     TurntablePose pair;
     pair.name = name;
     pair.station = stations.of_image.at(name);
     pair.cam_from_object = cam_from_object;
-    if (!has_background) {
-      // The world is where the object lies at the station's first image.
-      pair.cam_from_world = station_pose.try_emplace(pair.station, cam_from_object).first->second;
-    } else if (const auto own = in_world.find(name); own != in_world.end()) {
+    if (const auto own = in_world.find(name); own != in_world.end()) {
       pair.cam_from_world = own->second;
     } else if (const auto shared = station_pose.find(pair.station); shared != station_pose.end()) {
       pair.cam_from_world = shared->second;
@@ -110,6 +121,20 @@ std::vector<TurntablePose> PairPoses(const ColmapModel& object, const ColmapMode
     pairs.push_back(pair);
   }
   return pairs;
+}
+
+// The share of each station's images that are on the turntable.
+std::vector<double> InlierShares(const std::vector<TurntablePose>& poses, const TurntableSolution& solution,
+                                 int num_stations) {
+  std::vector<double> all(static_cast<size_t>(num_stations), 0);
+  std::vector<double> shares(all.size(), 0);
+  for (size_t t = 0; t < poses.size(); ++t) {
+    const auto station = static_cast<size_t>(poses[t].station);
+    all[station] += 1;
+    shares[station] += solution.images[t].inlier ? 1 : 0;
+  }
+  for (size_t s = 0; s < all.size(); ++s) shares[s] = all[s] > 0 ? shares[s] / all[s] : 1;
+  return shares;
 }
 
 // Where along the axis [from `origin`] the object's points lie in the mean, 5 % trimmed at both ends.
@@ -212,10 +237,36 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
   AlignedScene aligned;
   const bool has_background = background != nullptr && !background->images.empty();
   const Stations stations(object, station_of_image);
-  aligned.poses = PairPoses(object, background, stations);
+  std::vector<size_t> base(static_cast<size_t>(stations.count), 0);
+  aligned.poses = PairPoses(object, background, stations, base);
   TurntableOptions solver = options.turntable;
   if (!has_background) solver.known_scale = 1;
   aligned.solution = SolveTurntable(aligned.poses, solver);
+  if (!has_background && stations.count > 1) {
+    // A station whose images contradict the one that it was based on gets another.
+    std::vector<double> best = InlierShares(aligned.poses, aligned.solution, stations.count);
+    for (size_t attempt = 1; attempt <= kMaxBases; ++attempt) {
+      std::vector<size_t> tried = base;
+      bool any = false;
+      for (size_t s = 0; s < tried.size(); ++s) {
+        if (best[s] >= kEnoughOfStation) continue;
+        tried[s] = attempt;
+        any = true;
+      }
+      if (!any) break;
+      const std::vector<TurntablePose> poses = PairPoses(object, background, stations, tried);
+      const TurntableSolution found = SolveTurntable(poses, solver);
+      if (found.motion != TurntableMotion::kRotates) continue;
+      const std::vector<double> shares = InlierShares(poses, found, stations.count);
+      for (size_t s = 0; s < tried.size(); ++s) {
+        if (shares[s] <= best[s] || tried[s] != attempt) continue;
+        best[s] = shares[s];
+        base[s] = attempt;
+      }
+    }
+    aligned.poses = PairPoses(object, background, stations, base);
+    aligned.solution = SolveTurntable(aligned.poses, solver);
+  }
   TurntableSolution& solution = aligned.solution;
   if (!has_background) {
     solution.scale_observable = false;
@@ -251,7 +302,14 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
   for (size_t t = 0; t < aligned.poses.size(); ++t) {
     if (!solution.images[t].inlier) continue;
     const TurntablePose& pose = aligned.poses[t];
-    poses_of_station[pose.station].push_back(TransformPose(aligned_from_background, pose.cam_from_world));
+    Rigid3 cam_from_aligned = TransformPose(aligned_from_background, pose.cam_from_world);
+    if (!has_background && stations.count > 1 && solution.images[t].group == 0) {
+      // Each image's own: the object's pose there, turned back.
+      const Eigen::Quaterniond back(Eigen::AngleAxisd(-solution.images[t].angle_rad, Vector3d::UnitZ()));
+      cam_from_aligned =
+          TransformPose(aligned.aligned_from_object, pose.cam_from_object) * Rigid3{back, Vector3d::Zero()};
+    }
+    poses_of_station[pose.station].push_back(cam_from_aligned);
   }
   std::map<int, Rigid3> station_pose;
   std::map<int, int> station_number;

@@ -31,18 +31,6 @@ constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options) {
-  switch (options.loss) {
-    case JointLoss::kSquared:
-      return nullptr;
-    case JointLoss::kHuber:
-      return std::make_unique<ceres::HuberLoss>(options.loss_scale_px);
-    case JointLoss::kCauchy:
-      return std::make_unique<ceres::CauchyLoss>(options.loss_scale_px);
-  }
-  return nullptr;
-}
-
 class ReportingCallback : public ceres::IterationCallback {
  public:
   ReportingCallback(Reporter& reporter, int max_iterations) : reporter_(reporter), max_(max_iterations) {}
@@ -362,32 +350,38 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
   const JointSystem system(problem, options, true);
   const auto variance = [&](int block, int value) {
     const auto found = index_of.find({block, value});
-    return found == index_of.end() ? 0.0 : observability.covariance(found->second, found->second);
+    if (found == index_of.end()) return 0.0;
+    return std::max(observability.covariance(found->second, found->second),
+                    observability.robust_covariance(found->second, found->second));
   };
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
     report->focal_sigma_px.push_back(std::sqrt(variance(system.IntrinsicsBlock(static_cast<int>(c)), 0)));
   }
   if (problem.free_object) return;
   for (size_t i = 0; i < problem.images.size(); ++i) {
-    report->angle_sigma_deg.push_back(std::sqrt(variance(system.AngleBlock(static_cast<int>(i)), 0)) * 180 /
-                                      kPi);
+    const double sigma = std::sqrt(variance(system.AngleBlock(static_cast<int>(i)), 0)) * 180 / kPi;
+    report->angle_sigma_deg.push_back(system.IsTied(problem.images[i].pose) ? sigma : kInfinity);
   }
   if (!system.blocks()[system.AxisBlock()].used) return;
   Eigen::Matrix4d axis = Eigen::Matrix4d::Zero();
+  Eigen::Matrix4d robust_axis = Eigen::Matrix4d::Zero();
   for (int a = 0; a < 4; ++a) {
     for (int b = 0; b < 4; ++b) {
       const auto first = index_of.find({system.AxisBlock(), a});
       const auto second = index_of.find({system.AxisBlock(), b});
       if (first == index_of.end() || second == index_of.end()) continue;
       axis(a, b) = observability.covariance(first->second, second->second);
+      robust_axis(a, b) = observability.robust_covariance(first->second, second->second);
     }
   }
   const auto worst = [](const Eigen::Matrix2d& covariance) {
     return std::sqrt(
         std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()(1)));
   };
-  report->axis_direction_sigma_deg = worst(axis.topLeftCorner<2, 2>()) * 180 / kPi;
-  report->axis_point_sigma = worst(axis.bottomRightCorner<2, 2>());
+  report->axis_direction_sigma_deg =
+      std::max(worst(axis.topLeftCorner<2, 2>()), worst(robust_axis.topLeftCorner<2, 2>())) * 180 / kPi;
+  report->axis_point_sigma =
+      std::max(worst(axis.bottomRightCorner<2, 2>()), worst(robust_axis.bottomRightCorner<2, 2>()));
 
   // log(scale) = log(distance of the anchor from the axis) - log(distance of the anchor from the station
   // farthest from it), by differences over the parameters that it depends on.
@@ -402,7 +396,7 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
   double baseline = 0;
   for (size_t s = 0; s < problem.cam_from_world.size(); ++s) {
     const double distance = (system.CentreOfPose(static_cast<int>(s)) - anchor).norm();
-    if (!has_background[s] || distance <= baseline) continue;
+    if (!has_background[s] || !system.IsTied(static_cast<int>(s)) || distance <= baseline) continue;
     baseline = distance;
     farthest = static_cast<int>(s);
   }
@@ -429,7 +423,8 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     below(k) -= step;
     gradient(found->second) = (log_scale(above) - log_scale(below)) / (2 * step);
   }
-  report->scale_sigma_rel = std::sqrt(std::max(0.0, gradient.dot(observability.covariance * gradient)));
+  report->scale_sigma_rel = std::sqrt(std::max({0.0, gradient.dot(observability.covariance * gradient),
+                                                gradient.dot(observability.robust_covariance * gradient)}));
 }
 
 // Alternates adjusting and taking observations out until nothing more goes.

@@ -16,12 +16,12 @@ namespace s2gs {
 //
 // Gauge, fixed explicitly: the pose that the reference image uses is constant (6), the angle of the reference
 // image is 0 (1), and one coordinate of the axis' point, the one in which it is farther from the anchor
-// camera, is constant (the unit of length). A station that no background observation ties to the anchor can
-// turn about the axis with its images' angles: the angle of its first image is held.
-// With free objects: the anchor's pose and the reference image's object pose are constant, and one
-// coordinate of the object pose that moved the anchor farthest relative to the object. An object that moves
-// freely has a unit of its own (every image can move it along its rays), so one coordinate of the farthest
-// station's centre is constant too, and the scale stays what it was.
+// camera, is constant (the unit of length). Stations that no background point ties to the anchor can turn
+// about the axis with their images' angles: of each set of them the angle of the first image is held. With
+// free objects: the anchor's pose and the reference image's object pose are constant, and one coordinate of
+// the object pose that moved the anchor farthest relative to the object. An object that moves freely has a
+// unit of its own (every image can move it along its rays), so one coordinate of the farthest station's
+// centre is constant too, and the scale stays what it was.
 //
 // Observations count by their weights (JointObservation::weight) in the cost, the covariance and the tests'
 // number of residuals.
@@ -89,7 +89,10 @@ struct Observability {
   std::vector<std::string> names;            ///< of the parameters.
   std::vector<std::pair<int, int>> parameters;  ///< their block and place in it, as JointSystem counts.
   Eigen::VectorXd eigenvalues;                  ///< ascending.
-  Eigen::MatrixXd covariance;                   ///< of the parameters; along null directions 0.
+  /// Of the parameters, when all keypoints' errors are independent; along null directions 0.
+  Eigen::MatrixXd covariance;
+  /// The same from the residuals themselves, when those of one point depend on each other.
+  Eigen::MatrixXd robust_covariance;
 };
 
 struct JointReport {
@@ -108,11 +111,13 @@ struct JointReport {
   std::string linear_solver;
   std::vector<ModelTest> tests;
 
-  // Standard deviations; negative when not computed, infinite when not observable.
+  // Standard deviations, the larger of those by both covariances; negative when not computed, infinite when
+  // not observable.
   double axis_direction_sigma_deg = -1;  ///< the worse direction.
   double axis_point_sigma = -1;          ///< across the axis, the worse direction, world units.
-  std::vector<double> angle_sigma_deg;   ///< per image; 0 where held.
-  std::vector<double> focal_sigma_px;    ///< per camera; 0 where held.
+  /// Per image; 0 where held, infinite where no background point ties its station to the reference's.
+  std::vector<double> angle_sigma_deg;
+  std::vector<double> focal_sigma_px;  ///< per camera; 0 where held.
   double scale_sigma_rel = -1;
   Observability observability;
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 
 #include "sfm_split/rotation.h"
@@ -21,6 +22,18 @@ Eigen::Quaterniond RotationOf(const std::array<double, 6>& values, const Matrix3
 
 }  // namespace
 
+std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options) {
+  switch (options.loss) {
+    case JointLoss::kSquared:
+      return nullptr;
+    case JointLoss::kHuber:
+      return std::make_unique<ceres::HuberLoss>(options.loss_scale_px);
+    case JointLoss::kCauchy:
+      return std::make_unique<ceres::CauchyLoss>(options.loss_scale_px);
+  }
+  return nullptr;
+}
+
 JointSystem::JointSystem(const JointProblem& problem, const JointOptions& options, bool fix_gauge)
     : num_poses_(static_cast<int>(problem.cam_from_world.size())),
       num_cameras_(static_cast<int>(problem.cameras.size())),
@@ -34,6 +47,7 @@ JointSystem::JointSystem(const JointProblem& problem, const JointOptions& option
   terms_.reserve(problem.object.observations.size() + problem.background.observations.size());
   AddTerms(problem, problem.object, true);
   AddTerms(problem, problem.background, false);
+  TieByBackground(problem);
   if (fix_gauge && !problem.images.empty()) FixGauge(problem);
 }
 
@@ -175,15 +189,30 @@ void JointSystem::FixGauge(const JointProblem& problem) {
   Hold(AxisBlock(), std::abs(away.x()) >= std::abs(away.y()) ? 2 : 3);
   // One held angle for each set of stations that nothing else keeps from turning about the axis.
   std::vector<bool> held(num_poses_, false);
-  held[anchor_] = true;
-  bool background_held = has_background[anchor_];
+  held[ties_[anchor_]] = true;
   for (size_t i = 0; i < problem.images.size(); ++i) {
-    const int pose = problem.images[i].pose;
-    if (held[pose] || !blocks_[AngleBlock(static_cast<int>(i))].used) continue;
-    if (!has_background[pose] || !background_held) HoldAll(AngleBlock(static_cast<int>(i)));
-    if (has_background[pose]) background_held = true;
-    held[pose] = true;
+    const int set = ties_[problem.images[i].pose];
+    if (held[set] || !blocks_[AngleBlock(static_cast<int>(i))].used) continue;
+    HoldAll(AngleBlock(static_cast<int>(i)));
+    held[set] = true;
   }
+}
+
+void JointSystem::TieByBackground(const JointProblem& problem) {
+  ties_.resize(num_poses_);
+  std::iota(ties_.begin(), ties_.end(), 0);
+  const auto root = [&](int pose) {
+    while (ties_[pose] != pose) pose = ties_[pose] = ties_[ties_[pose]];
+    return pose;
+  };
+  std::map<int, int> pose_of_point;
+  for (const Term& term : terms_) {
+    if (term.of_object) continue;
+    const int pose = root(problem.images[term.image].pose);
+    const int other = root(pose_of_point.try_emplace(term.point, pose).first->second);
+    ties_[std::max(pose, other)] = std::min(pose, other);
+  }
+  for (int pose = 0; pose < num_poses_; ++pose) ties_[pose] = root(pose);
 }
 
 Vector3d JointSystem::CentreOfPose(int pose) const {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <ceres/loss_function.h>
+
 #include <Eigen/Core>
 #include <array>
 #include <map>
@@ -11,6 +13,9 @@
 #include "sfm_split/reprojection_cost.h"
 
 namespace s2gs {
+
+/// Null for squared errors.
+std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options);
 
 /// The joint adjustment's parameter blocks and residuals, for Ceres and for the linearised system alike.
 class JointSystem {
@@ -46,12 +51,15 @@ class JointSystem {
   int ObjectPoseBlock(int image) const { return num_poses_ + num_cameras_ + image; }
   Eigen::Vector3d CentreOfPose(int pose) const;
   int anchor() const { return anchor_; }
+  /// Whether background points tie a pose's place about the axis to the anchor's.
+  bool IsTied(int pose) const { return ties_[pose] == ties_[anchor_]; }
 
   void WriteBack(JointProblem* problem) const;
 
  private:
   void AddBlocks(const JointProblem& problem, const JointOptions& options);
   void AddTerms(const JointProblem& problem, const JointBody& body, bool of_object);
+  void TieByBackground(const JointProblem& problem);
   void FixGauge(const JointProblem& problem);
   void Hold(int block, int value);
   void HoldAll(int block) { blocks_[block].free.clear(); }
@@ -59,6 +67,7 @@ class JointSystem {
   int num_poses_ = 0;
   int num_cameras_ = 0;
   int anchor_ = 0;
+  std::vector<int> ties_;  // per pose: equal where background points tie them to each other
   bool free_object_ = false;
   std::vector<std::array<double, 6>> poses_;         // (w, C)
   std::vector<Eigen::Matrix3d> pose_rotations_;      // R0

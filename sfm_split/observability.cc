@@ -1,8 +1,11 @@
+#include <ceres/loss_function.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <memory>
 #include <utility>
 
 #include "sfm_split/joint_ba.h"
@@ -24,16 +27,24 @@ struct Column {
   int value;
 };
 
+// The gradient of a point's cost by the cameras' parameters, the point eliminated.
+struct PointScore {
+  std::vector<int> columns;
+  VectorXd gradient;
+};
+
 // The reduced normal equations: S = sum over points of Jc^T Jc - Jc^T Jp (Jp^T Jp)^-1 Jp^T Jc.
 struct ReducedSystem {
   std::vector<Column> columns;
   std::vector<std::vector<int>> column_of;  // [block][value], -1 when held or unused
   MatrixXd s;
-  VectorXd diagonal;  // of sum Jc^T Jc
+  VectorXd diagonal;   // of sum Jc^T Jc
+  int redundancy = 0;  // residuals left by the points
+  std::vector<PointScore> scores;
 };
 
-void EliminatePoint(const JointSystem& system, const std::vector<const JointSystem::Term*>& terms,
-                    ReducedSystem* reduced) {
+void EliminatePoint(const JointSystem& system, const ceres::LossFunction* loss,
+                    const std::vector<const JointSystem::Term*>& terms, ReducedSystem* reduced) {
   std::vector<int> touched;
   for (const JointSystem::Term* term : terms) {
     for (int b = 0; b < term->num_blocks; ++b) {
@@ -47,6 +58,7 @@ void EliminatePoint(const JointSystem& system, const std::vector<const JointSyst
   const auto rows = static_cast<Eigen::Index>(2 * terms.size());
   MatrixXd by_cameras = MatrixXd::Zero(rows, static_cast<Eigen::Index>(touched.size()));
   Eigen::Matrix<double, Eigen::Dynamic, 3> by_point(rows, 3);
+  VectorXd residuals(rows);
   std::array<std::array<double, 2 * 16>, 5> storage;
   std::array<double*, 5> jacobians{};
   for (int b = 0; b < 5; ++b) jacobians[b] = storage[b].data();
@@ -54,7 +66,12 @@ void EliminatePoint(const JointSystem& system, const std::vector<const JointSyst
   for (const JointSystem::Term* term : terms) {
     double residual[2];
     term->cost->Evaluate(term->values.data(), residual, jacobians.data());
-    const double root_weight = std::sqrt(term->weight);
+    // Reweighted as at the robust cost's minimum.
+    double rho[3] = {0, 1, 0};
+    if (loss != nullptr) loss->Evaluate(residual[0] * residual[0] + residual[1] * residual[1], rho);
+    const double root_weight = std::sqrt(term->weight * rho[1]);
+    residuals(row) = root_weight * residual[0];
+    residuals(row + 1) = root_weight * residual[1];
     for (int b = 0; b < term->num_blocks; ++b) {
       const int size = system.blocks()[term->blocks[b]].size;
       for (int k = 0; k < size; ++k) {
@@ -79,7 +96,10 @@ void EliminatePoint(const JointSystem& system, const std::vector<const JointSyst
   qr.setThreshold(1e-12);
   qr.compute(by_point);
   by_cameras.applyOnTheLeft(qr.householderQ().transpose());
+  residuals.applyOnTheLeft(qr.householderQ().transpose());
   const auto left = by_cameras.bottomRows(rows - qr.rank());
+  reduced->redundancy += static_cast<int>(rows - qr.rank());
+  reduced->scores.push_back({touched, left.transpose() * residuals.tail(rows - qr.rank())});
   const MatrixXd square = left.transpose() * left;
   for (size_t a = 0; a < touched.size(); ++a) {
     for (size_t b = 0; b < touched.size(); ++b) {
@@ -89,7 +109,7 @@ void EliminatePoint(const JointSystem& system, const std::vector<const JointSyst
   }
 }
 
-ReducedSystem Reduce(const JointSystem& system) {
+ReducedSystem Reduce(const JointSystem& system, const ceres::LossFunction* loss) {
   ReducedSystem reduced;
   for (size_t b = 0; b < system.blocks().size(); ++b) {
     const JointSystem::Block& block = system.blocks()[b];
@@ -106,8 +126,25 @@ ReducedSystem Reduce(const JointSystem& system) {
   std::map<std::pair<bool, int>, std::vector<const JointSystem::Term*>> by_point;
   for (const JointSystem::Term& term : system.terms())
     by_point[{term.of_object, term.point}].push_back(&term);
-  for (const auto& [point, terms] : by_point) EliminatePoint(system, terms, &reduced);
+  for (const auto& [point, terms] : by_point) EliminatePoint(system, loss, terms, &reduced);
   return reduced;
+}
+
+// The covariance of the sum of the points' gradients, from the gradients themselves: errors of the keypoints
+// of one point may depend on each other (Liang and Zeger's estimate, with points as clusters).
+MatrixXd ScoreCovariance(const ReducedSystem& reduced) {
+  const auto size = reduced.s.rows();
+  MatrixXd sum = MatrixXd::Zero(size, size);
+  for (const PointScore& score : reduced.scores) {
+    for (size_t a = 0; a < score.columns.size(); ++a) {
+      for (size_t b = 0; b < score.columns.size(); ++b) {
+        sum(score.columns[a], score.columns[b]) +=
+            score.gradient(static_cast<Eigen::Index>(a)) * score.gradient(static_cast<Eigen::Index>(b));
+      }
+    }
+  }
+  const auto redundancy = static_cast<double>(reduced.redundancy);
+  return sum * (redundancy / std::max(1.0, redundancy - static_cast<double>(size)));
 }
 
 std::string ColumnName(const JointSystem& system, const JointProblem& problem, const Column& column) {
@@ -161,7 +198,8 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   result.num_parameters = free;
   if (free == 0 || free > options.max_dense_parameters) return result;
 
-  const ReducedSystem reduced = Reduce(system);
+  const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
+  const ReducedSystem reduced = Reduce(system, loss.get());
   for (const Column& column : reduced.columns) {
     result.names.push_back(ColumnName(system, problem, column));
     result.parameters.emplace_back(column.block, column.value);
@@ -187,7 +225,9 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   VectorXd inverse = VectorXd::Zero(free);
   for (int k = result.nullity; k < free; ++k) inverse(k) = 1 / eigen.eigenvalues()(k);
   const MatrixXd half = scale.asDiagonal() * eigen.eigenvectors();
-  result.covariance = sigma_px * sigma_px * (half * inverse.asDiagonal() * half.transpose());
+  const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
+  result.covariance = sigma_px * sigma_px * inverse_system;
+  result.robust_covariance = inverse_system * ScoreCovariance(reduced) * inverse_system;
   return result;
 }
 

@@ -12,6 +12,7 @@
 #include "sfm_split/joint_problem.h"
 #include "sfm_split/match_noise.h"
 #include "sfm_split/rotation.h"
+#include "sfm_split/station_ties.h"
 #include "sfm_split/table_angle.h"
 #include "sfm_split/track_triangulation.h"
 #include "sfm_split/unmoved_keypoints.h"
@@ -43,6 +44,9 @@ constexpr double kClearMargin =
 // Support so far beyond that of any other angle stands whatever the share of outliers.
 constexpr double kOverwhelmingMargin = 4;
 constexpr int kOverwhelmingInliers = 4;  // times those that must agree anyway
+constexpr double kStepsSupport = 0.85;   // of the best angle's, that the one by equal steps must have
+constexpr size_t kMaxTiedStations = 24;  // more are a camera held by hand
+constexpr double kMaxScaleSigma = 0.1;   // of a scale that is called observed
 
 class Refiner {
  public:
@@ -73,6 +77,7 @@ class Refiner {
   int StationOf(int image) const { return features_.images[static_cast<size_t>(image)].station; }
   void IndexViews();
   void SortViews();
+  std::vector<int> ViewsOfCameras() const;
   std::vector<PosedImage> Posed(bool of_object) const;
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
@@ -81,9 +86,16 @@ class Refiner {
   double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
+  std::vector<StationMatches> MatchesOfStations() const;
+  void TurnStation(int station, const StationTie& tie);
+  void DropUntiedStations();
+  void MakeReference(const View& reference);
   void MendStation(const std::vector<int>& images, double max_error_px);
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
+  std::vector<MatchAcrossTurn> RawMatchesWithPosed(int image, const Rigid3& cam_from_world) const;
+  bool MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  bool IsStatic(int image, uint32_t keypoint) const;
   std::optional<double> AngleByEqualSteps(int image) const;
   bool MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   void DropDoubtful(double max_error_px);
@@ -111,7 +123,8 @@ class Refiner {
   std::vector<ImagePairMatches> object_pairs_;  // verified, and raw ones that agree with the poses
   std::map<std::string, int> image_of_name_;
   std::vector<int> view_of_image_;
-  std::set<int> placed_stations_;  // in the features' numbers: those that the background placed
+  std::set<int> placed_stations_;  // in the features' numbers: those that the background ties to each other
+  std::map<int, MendedImage> turned_stations_;
   bool has_background_ = false;
   bool holds_cameras_ = false;
   double noise_px_ = 0;  // of the object's matches against the poses as they stand
@@ -154,12 +167,27 @@ void Refiner::AddCamera(uint32_t camera_id) {
   aligned_->scene.cameras.push_back(features_.cameras.at(camera_id));
 }
 
+// The view that tells where an image's camera stands: its own, else any of its station; -1: none.
+std::vector<int> Refiner::ViewsOfCameras() const {
+  std::map<int, int> view_of_station;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] >= 0) view_of_station.emplace(StationOf(static_cast<int>(i)), view_of_image_[i]);
+  }
+  std::vector<int> views = view_of_image_;
+  for (size_t i = 0; i < views.size(); ++i) {
+    const auto found = view_of_station.find(StationOf(static_cast<int>(i)));
+    if (views[i] < 0 && found != view_of_station.end()) views[i] = found->second;
+  }
+  return views;
+}
+
 std::vector<PosedImage> Refiner::Posed(bool of_object) const {
   std::vector<PosedImage> posed(features_.images.size());
+  const std::vector<int> views = of_object ? view_of_image_ : ViewsOfCameras();
   for (size_t i = 0; i < posed.size(); ++i) {
-    if (view_of_image_[i] < 0) continue;
+    if (views[i] < 0) continue;
     if (!of_object && placed_stations_.count(StationOf(static_cast<int>(i))) == 0) continue;
-    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    const View& view = aligned_->scene.views[static_cast<size_t>(views[i])];
     posed[i].is_posed = true;
     posed[i].camera = &CameraOf(static_cast<int>(i));
     posed[i].cam_from_body = of_object ? view.CamFromObject() : view.cam_from_world;
@@ -192,6 +220,11 @@ double Refiner::ErrorBound(double sigma_px) const {
                     options_.max_error_px);
 }
 
+bool Refiner::IsStatic(int image, uint32_t keypoint) const {
+  const std::vector<KeypointLabel>& labels = features_.images[static_cast<size_t>(image)].labels;
+  return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
+}
+
 // Adds raw matches that agree with the poses to the verified ones: verification, which knew no poses, had to
 // leave out those of pairs that show little of the object.
 void Refiner::TakeRawMatches(double max_error_px) {
@@ -201,10 +234,6 @@ void Refiner::TakeRawMatches(double max_error_px) {
     place[{object_pairs_[p].image1, object_pairs_[p].image2}] = p;
   }
   const std::vector<PosedImage> posed = Posed(true);
-  const auto is_static = [&](size_t image, uint32_t keypoint) {
-    const std::vector<KeypointLabel>& labels = features_.images[image].labels;
-    return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
-  };
   for (const ImagePairMatches& raw : features_.raw_pairs) {
     const auto i = static_cast<size_t>(raw.image1);
     const auto j = static_cast<size_t>(raw.image2);
@@ -219,7 +248,7 @@ void Refiner::TakeRawMatches(double max_error_px) {
     FeatureMatches agreeing;
     for (const FeatureMatch& match : raw.matches) {
       if (known.count({match.point2D_idx1, match.point2D_idx2}) > 0) continue;
-      if (is_static(i, match.point2D_idx1) || is_static(j, match.point2D_idx2)) continue;
+      if (IsStatic(raw.image1, match.point2D_idx1) || IsStatic(raw.image2, match.point2D_idx2)) continue;
       const Eigen::Vector2f& xy1 = keypoints_[i][match.point2D_idx1];
       const Eigen::Vector2f& xy2 = keypoints_[j][match.point2D_idx2];
       if (same_place && (xy1 - xy2).norm() <= kLeastMovePx) continue;
@@ -345,6 +374,31 @@ std::vector<MatchInPosedImage> Refiner::MatchesWithPosed(int image) const {
   return result;
 }
 
+// The same of raw matches that may be the object's.
+std::vector<MatchAcrossTurn> Refiner::RawMatchesWithPosed(int image, const Rigid3& cam_from_world) const {
+  const std::vector<PosedImage> posed = Posed(true);
+  std::vector<MatchAcrossTurn> result;
+  for (const ImagePairMatches& pair : features_.raw_pairs) {
+    if (pair.image1 != image && pair.image2 != image) continue;
+    const bool is_first = pair.image1 == image;
+    const int other = is_first ? pair.image2 : pair.image1;
+    const PosedImage& there = posed[static_cast<size_t>(other)];
+    if (!there.is_posed) continue;
+    const bool same_place = StationOf(image) == StationOf(other);
+    for (const FeatureMatch& match : pair.matches) {
+      const uint32_t mine = is_first ? match.point2D_idx1 : match.point2D_idx2;
+      const uint32_t theirs = is_first ? match.point2D_idx2 : match.point2D_idx1;
+      if (IsStatic(image, mine) || IsStatic(other, theirs)) continue;
+      const Eigen::Vector2f& xy = keypoints_[static_cast<size_t>(image)][mine];
+      const Eigen::Vector2f& other_xy = keypoints_[static_cast<size_t>(other)][theirs];
+      if (same_place && (xy - other_xy).norm() <= kLeastMovePx) continue;
+      result.push_back({&CameraOf(image), cam_from_world, xy.cast<double>(), there.camera,
+                        there.cam_from_body, other_xy.cast<double>()});
+    }
+  }
+  return result;
+}
+
 bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
   const TurntableAxis& axis = aligned_->scene.axis;
   const auto accept = [&](const TableAngleFit& fit, size_t candidates, double min_share, const char* how) {
@@ -369,10 +423,48 @@ bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, do
   }
   // Matches say less than points: more of them have to agree.
   const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
-  return accept(FitTableAngle(CameraOf(image), cam_from_world, axis, matches, 0.5 * max_error_px,
-                              options_.min_mend_inliers + 1),
-                matches.size(), std::max(0.4, options_.min_mend_share),
-                "camera from the station, table angle from matches");
+  if (accept(FitTableAngle(CameraOf(image), cam_from_world, axis, matches, 0.5 * max_error_px,
+                           options_.min_mend_inliers + 1),
+             matches.size(), std::max(0.4, options_.min_mend_share),
+             "camera from the station, table angle from matches")) {
+    return true;
+  }
+  return MendByRawMatches(image, cam_from_world, station, 0.5 * max_error_px);
+}
+
+// Raw matches are mostly wrong, and neighbouring angles share many right ones: the angle has to have far more
+// than chance gives, or be the one that the station's equal steps tell.
+bool Refiner::MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
+  const std::vector<MatchAcrossTurn> raw = RawMatchesWithPosed(image, cam_from_world);
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const int least = kOverwhelmingInliers * options_.min_mend_inliers;
+  TableAngleFit fit = FitTurn(axis, raw, max_error_px, least);
+  if (!fit.found) return false;
+  const bool is_clear = fit.margin >= kClearMargin && fit.inliers >= 2 * least &&
+                        fit.inliers >= options_.min_mend_share * static_cast<double>(raw.size());
+  const std::optional<double> by_steps = AngleByEqualSteps(image);
+  if (by_steps) {
+    TurnSupport best;
+    double angle = *by_steps;
+    for (double offset = -2 * kEqualStepBound; offset <= 2 * kEqualStepBound; offset += 0.05 * kDegree) {
+      const TurnSupport support = SupportOfTurn(axis, raw, max_error_px, *by_steps + offset);
+      if (support.score <= best.score) continue;
+      best = support;
+      angle = *by_steps + offset;
+    }
+    if (best.inliers < least || best.score < kStepsSupport * fit.support) return false;
+    fit.angle_rad = WrapAngle(angle);
+    fit.inliers = best.inliers;
+  } else if (!is_clear) {
+    return false;
+  }
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
+  AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
+          fit.angle_rad);
+  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
+                            "camera from the station, table angle from matches that were not verified",
+                            fit.inliers, static_cast<int>(raw.size()), fit.margin});
+  return true;
 }
 
 // The table angle that a station's equal steps give an image, where its other images do lie on a line in the
@@ -585,41 +677,153 @@ void Refiner::Mend(double max_error_px) {
   SortViews();
 }
 
-// Stations that the object alone placed may stand anywhere around the axis: the background's points say
-// where.
-void Refiner::PlaceStations(double max_error_px) {
-  std::map<int, std::vector<size_t>> views_of_station;  // in the features' numbers
-  for (size_t i = 0; i < view_of_image_.size(); ++i) {
-    const int station = StationOf(static_cast<int>(i));
-    if (view_of_image_[i] >= 0 && placed_stations_.count(station) == 0) {
-      views_of_station[station].push_back(static_cast<size_t>(view_of_image_[i]));
+// Matches on the background, each photo where it or its station stands.
+std::vector<StationMatches> Refiner::MatchesOfStations() const {
+  const std::vector<int> views = ViewsOfCameras();
+  const auto pose = [&](int image) -> const Rigid3* {
+    const int view = views[static_cast<size_t>(image)];
+    return view < 0 ? nullptr : &aligned_->scene.views[static_cast<size_t>(view)].cam_from_world;
+  };
+  std::map<std::pair<int, int>, StationMatches> by_stations;
+  for (const ImagePairMatches& pair : features_.static_pairs) {
+    int i = pair.image1;
+    int j = pair.image2;
+    const bool is_swapped = StationOf(i) > StationOf(j);
+    if (is_swapped) std::swap(i, j);
+    const Rigid3* first = pose(i);
+    const Rigid3* second = pose(j);
+    if (StationOf(i) == StationOf(j) || first == nullptr || second == nullptr) continue;
+    StationMatches& all = by_stations[{StationOf(i), StationOf(j)}];
+    all.station = StationOf(i);
+    all.other_station = StationOf(j);
+    for (const FeatureMatch& match : pair.matches) {
+      const uint32_t of_first = is_swapped ? match.point2D_idx2 : match.point2D_idx1;
+      const uint32_t of_second = is_swapped ? match.point2D_idx1 : match.point2D_idx2;
+      all.matches.push_back({&CameraOf(i), *first,
+                             keypoints_[static_cast<size_t>(i)][of_first].cast<double>(), &CameraOf(j),
+                             *second, keypoints_[static_cast<size_t>(j)][of_second].cast<double>()});
     }
   }
-  for (const auto& [station, views] : views_of_station) {
-    for (size_t i = 0; i < view_of_image_.size(); ++i) {
-      if (StationOf(static_cast<int>(i)) != station) continue;
-      const std::vector<PointInImage> points =
-          PointsSeenBy(static_cast<int>(i), features_, features_.static_pairs, background_points_);
-      if (points.empty()) continue;
-      const TurntableAxis& axis = aligned_->scene.axis;
-      const TableAngleFit fit =
-          FitTableAngle(CameraOf(static_cast<int>(i)), aligned_->scene.views[views[0]].cam_from_world, axis,
-                        points, max_error_px, options_.min_mend_inliers);
-      if (!fit.found || fit.inliers < options_.min_mend_share * static_cast<double>(points.size())) continue;
-      const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
-      const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
-      for (const size_t v : views) {
-        View& view = aligned_->scene.views[v];
-        view.cam_from_world = view.cam_from_world * turned_from_world;
-        view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
-        view.angle_deg = WrapAngle(view.angle_deg * kDegree - fit.angle_rad) / kDegree;
-      }
-      placed_stations_.insert(station);
-      report_.placed_stations.push_back({features_.images[i].name,
-                                         "its station was placed by the background's points", fit.inliers,
-                                         static_cast<int>(points.size()), fit.margin});
-      break;
+  std::vector<StationMatches> result;
+  result.reserve(by_stations.size());
+  for (auto& [stations, matches] : by_stations) result.push_back(std::move(matches));
+  return result;
+}
+
+// Turns a station's cameras about the axis and its table angles back: what it sees of the object stays.
+void Refiner::TurnStation(int station, const StationTie& tie) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, tie.turn_rad);
+  const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  const std::string* name = nullptr;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] < 0 || StationOf(static_cast<int>(i)) != station) continue;
+    View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    view.cam_from_world = view.cam_from_world * turned_from_world;
+    view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
+    view.angle_deg = WrapAngle(view.angle_deg * kDegree - tie.turn_rad) / kDegree;
+    if (name == nullptr) name = &view.name;
+  }
+  if (name == nullptr) return;
+  turned_stations_[station] = {*name, "its station was placed by the background's matches", tie.inliers,
+                               tie.matches, tie.margin};
+}
+
+// Each station may be wrong by its angle about the axis, where the object alone placed it or the background's
+// reconstruction failed: matches on the background say where it stands, and whether they do.
+void Refiner::PlaceStations(double max_error_px) {
+  std::map<int, int> images;  // by station
+  int root = -1;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] < 0) continue;
+    const int station = StationOf(static_cast<int>(i));
+    ++images[station];
+    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    if (view.angle_deg == 0 && root < 0) root = station;
+  }
+  if (images.size() < 2 || images.size() > kMaxTiedStations) return;
+  if (root < 0) root = images.begin()->first;
+  TieOptions options;
+  options.max_error_px = max_error_px;
+  const std::vector<StationTie> ties =
+      TieStations(images.rbegin()->first + 1, root, aligned_->scene.axis, MatchesOfStations(), options);
+  std::map<int, int> images_of_component;
+  std::map<int, int> stations_of_component;
+  for (const auto& [station, count] : images) {
+    images_of_component[ties[static_cast<size_t>(station)].component] += count;
+    ++stations_of_component[ties[static_cast<size_t>(station)].component];
+  }
+  int largest = root;
+  for (const auto& [component, count] : images_of_component) {
+    if (stations_of_component[component] < 2) continue;
+    if (stations_of_component[largest] < 2 || count > images_of_component[largest]) largest = component;
+  }
+  placed_stations_.clear();
+  has_background_ = stations_of_component[largest] >= 2;
+  if (!has_background_) return;
+  for (const auto& [station, count] : images) {
+    const StationTie& tie = ties[static_cast<size_t>(station)];
+    if (tie.component != largest) continue;
+    placed_stations_.insert(station);
+    if (tie.turn_rad != 0) TurnStation(station, tie);
+  }
+}
+
+// The object's frame becomes the world's at another image.
+void Refiner::MakeReference(const View& reference) {
+  const Rigid3 new_from_old = reference.world_from_object;
+  const Rigid3 old_from_new = new_from_old.Inverse();
+  const double zero_deg = reference.angle_deg;
+  const Sim3 moved{1, new_from_old.rotation, new_from_old.translation};
+  for (View& view : aligned_->scene.views) {
+    view.world_from_object = view.world_from_object * old_from_new;
+    view.angle_deg = WrapAngle((view.angle_deg - zero_deg) * kDegree) / kDegree;
+  }
+  TransformModel(moved, &aligned_->object);
+  for (TrackPoint& point : object_points_) point.x_in_body = new_from_old * point.x_in_body;
+  Sim3& from_object = aligned_->aligned_from_object;
+  from_object.translation = new_from_old * from_object.translation;
+  from_object.rotation = (new_from_old.rotation * from_object.rotation).normalized();
+}
+
+// Photos whose station nothing ties to the others would put the background in two places.
+void Refiner::DropUntiedStations() {
+  if (!has_background_) {
+    std::set<int> stations;
+    for (const View& view : aligned_->scene.views) stations.insert(view.station);
+    if (stations.size() > 1 && stations.size() <= kMaxTiedStations) {
+      reporter_.Warn("nothing on the background ties the " + std::to_string(stations.size()) +
+                     " stations to each other: their angles about the axis are unknown");
     }
+    return;
+  }
+  std::vector<View>& views = aligned_->scene.views;
+  std::set<int> all;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] >= 0) all.insert(StationOf(static_cast<int>(i)));
+  }
+  if (all.size() > kMaxTiedStations) return;
+  std::vector<std::string> gone;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] < 0 || placed_stations_.count(StationOf(static_cast<int>(i))) > 0) continue;
+    gone.push_back(features_.images[i].name);
+  }
+  if (gone.empty()) return;
+  const std::set<std::string> names(gone.begin(), gone.end());
+  const auto is_reference = [](const View& view) { return view.angle_deg == 0; };
+  const bool had_reference = std::any_of(views.begin(), views.end(), is_reference);
+  views.erase(std::remove_if(views.begin(), views.end(),
+                             [&](const View& view) { return names.count(view.name) > 0; }),
+              views.end());
+  RemoveImages(gone, &aligned_->object);
+  RemoveImages(gone, &aligned_->background);
+  report_.untied = gone;
+  reporter_.Warn(std::to_string(gone.size()) + " images left out, the first " + gone[0] +
+                 ": nothing on the background ties their station to the others");
+  IndexViews();
+  if (had_reference && std::none_of(views.begin(), views.end(), is_reference)) {
+    const View reference = views[0];
+    MakeReference(reference);
   }
 }
 
@@ -687,6 +891,7 @@ ColmapModel Refiner::BuildModel(const std::vector<TrackPoint>& points, const std
     point.xyz = points[p].x_in_body;
     point.error = points[p].mean_error_px;
     for (const TrackElement& element : WholeTrack(points[p], of_object)) {
+      if (view_of_image_[static_cast<size_t>(element.image)] < 0) continue;
       const uint32_t image_id = features_.images[static_cast<size_t>(element.image)].image_id;
       ColmapPoint2D& point2D = model.images.at(image_id).points2D[element.keypoint];
       if (point2D.point3D_id != kInvalidPoint3DId) continue;
@@ -812,7 +1017,7 @@ RefineReport Refiner::Run() {
     AdjustWith(options);
     reporter_.Debug("adjusted both reconstructions to common cameras");
   }
-  if (has_background_) FindUnmoved();
+  if (!features_.static_pairs.empty()) FindUnmoved();
 
   MeasureNoise();
   const double first_error_px = std::max(options_.max_error_px, ErrorBound(0));
@@ -828,7 +1033,6 @@ RefineReport Refiner::Run() {
       TakeRawMatches(max_error_px);
     }
     object_points_ = Triangulate(true, max_error_px);
-    if (has_background_) background_points_ = Triangulate(false, max_error_px);
     for (size_t before = 0; before != aligned_->scene.views.size();) {
       before = aligned_->scene.views.size();
       if (before == features_.images.size()) break;
@@ -836,10 +1040,8 @@ RefineReport Refiner::Run() {
       Mend(first_error_px);
       if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
     }
-    if (has_background_) {
-      PlaceStations(2 * first_error_px);
-      background_points_ = Triangulate(false, max_error_px);
-    }
+    PlaceStations(round == 0 ? 2 * first_error_px : first_error_px);
+    if (has_background_) background_points_ = Triangulate(false, max_error_px);
     aligned_->object = BuildModel(
         object_points_,
         PointsToAdjust(object_points_, options_.max_adjusted_observations, std::numeric_limits<int>::max()),
@@ -849,6 +1051,8 @@ RefineReport Refiner::Run() {
                                         PointsToAdjust(background_points_, std::numeric_limits<int>::max(),
                                                        options_.max_adjusted_background),
                                         false);
+    } else {
+      aligned_->background = ColmapModel();
     }
     // The poses' model is chosen once, when gross errors are out.
     const bool choose = round == 1 && joint_options_.model == JointModel::kAuto;
@@ -883,6 +1087,7 @@ RefineReport Refiner::Run() {
       break;
     }
   }
+  DropUntiedStations();
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;
   IndexViews();
@@ -895,6 +1100,12 @@ RefineReport Refiner::Run() {
   std::set<int> stations;
   for (const View& view : aligned_->scene.views) stations.insert(view.station);
   aligned_->scene.num_stations = static_cast<int>(stations.size());
+  for (const auto& [station, placed] : turned_stations_) report_.placed_stations.push_back(placed);
+  if (!has_background_) {
+    aligned_->scene.scale_observable = false;
+  } else if (report_.joint.scale_sigma_rel >= 0) {
+    aligned_->scene.scale_observable = report_.joint.scale_sigma_rel <= kMaxScaleSigma;
+  }
   for (size_t i = 0; i < features_.images.size(); ++i) {
     if (view_of_image_[i] < 0) report_.missing.push_back(features_.images[i].name);
   }

@@ -46,7 +46,8 @@ struct RefineReport {
   std::vector<ModelTest> model_tests;  ///< of the round that chose the model.
   JointModel model = JointModel::kSharedStations;
   std::vector<MendedImage> mended;
-  std::vector<MendedImage> placed_stations;  ///< by the background, after the object had placed them alone.
+  std::vector<MendedImage> placed_stations;  ///< turned about the axis to where the background's matches say.
+  std::vector<std::string> untied;           ///< images left out: nothing ties their station to the others.
   std::vector<std::string>
       doubted;  ///< images that were taken out for a while: their matches contradicted them.
   std::vector<std::string> missing;  ///< images with no place in the scene.

@@ -19,6 +19,7 @@ struct TableAngleFit {
   bool found = false;
   double angle_rad = 0;  ///< in (-pi, pi]
   int inliers = 0;       ///< points within the error bound.
+  double support = 0;    ///< sum of 1 - (error / bound)^2 over them.
   double margin = 0;     ///< support over that of the best other angle, 5 degrees or more away.
 };
 
@@ -43,5 +44,28 @@ struct MatchInPosedImage {
 TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
                             const std::vector<MatchInPosedImage>& matches, double max_error_px,
                             int min_inliers);
+
+/// A match between an image of one body and an image of another that is turned against it.
+struct MatchAcrossTurn {
+  const Camera* camera = nullptr;
+  Rigid3 cam_from_world;
+  Eigen::Vector2d xy = Eigen::Vector2d::Zero();  ///< [px]
+  const Camera* other_camera = nullptr;
+  Rigid3 other_cam_from_object;
+  Eigen::Vector2d other_xy = Eigen::Vector2d::Zero();  ///< [px]
+};
+
+/// The one turn about the axis, common to all matches, at which their rays meet: FitTableAngle for matches of
+/// several images.
+TableAngleFit FitTurn(const TurntableAxis& axis, const std::vector<MatchAcrossTurn>& matches,
+                      double max_error_px, int min_inliers);
+
+/// How many of the matches meet at a turn.
+struct TurnSupport {
+  double score = 0;  ///< sum of 1 - (error / bound)^2.
+  int inliers = 0;
+};
+TurnSupport SupportOfTurn(const TurntableAxis& axis, const std::vector<MatchAcrossTurn>& matches,
+                          double max_error_px, double angle_rad);
 
 }  // namespace s2gs

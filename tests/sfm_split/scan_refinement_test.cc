@@ -122,7 +122,9 @@ TEST(ScanRefinement, ImagesLeftOutComeBackAndErrorsShrinkToTheNoise) {
 }
 
 TEST(ScanRefinement, AStationThatTheBackgroundLacksIsPlacedByTheObject) {
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  SyntheticTurntableOptions options = SmallScan();
+  options.station_start_deg = 50;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   const ScanFeatures features = SyntheticScanFeatures(turntable);
   const ColmapModel object = SyntheticObjectModel(turntable);
   ColmapModel background = SyntheticStaticModel(turntable);
