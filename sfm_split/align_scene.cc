@@ -46,13 +46,6 @@ Sim3 Compose(const Sim3& c_from_b, const Sim3& b_from_a) {
           c_from_b * b_from_a.translation};
 }
 
-// cam_from_new for a camera given by cam_from_old; the camera's frame takes the new unit of length.
-Rigid3 TransformPose(const Sim3& new_from_old, const Rigid3& cam_from_old) {
-  const Eigen::Quaterniond rotation =
-      (cam_from_old.rotation * new_from_old.rotation.conjugate()).normalized();
-  return {rotation, -(rotation * (new_from_old * CameraCentre(cam_from_old)))};
-}
-
 struct Stations {
   std::map<std::string, int> of_image;
   int count = 0;
@@ -163,6 +156,12 @@ Matrix3d UprightFromWorld(const Vector3d& axis, const Vector3d& towards) {
 }
 
 }  // namespace
+
+Rigid3 TransformPose(const Sim3& new_from_old, const Rigid3& cam_from_old) {
+  const Eigen::Quaterniond rotation =
+      (cam_from_old.rotation * new_from_old.rotation.conjugate()).normalized();
+  return {rotation, -(rotation * (new_from_old * CameraCentre(cam_from_old)))};
+}
 
 void BringIntoConventions(AlignedScene* aligned) {
   TurntableScene& scene = aligned->scene;
@@ -293,6 +292,9 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
   if (has_background) {
     aligned.background = *background;
     TransformModel(aligned_from_background, &aligned.background);
+    for (const auto& [id, image] : background->images) {
+      aligned.cam_from_background[image.name] = image.cam_from_world;
+    }
   }
 
   // The views.

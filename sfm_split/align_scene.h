@@ -28,7 +28,9 @@ struct AlignedScene {
   TurntableSolution solution;
   std::vector<TurntablePose> poses;   ///< what the solution was computed from, in its order.
   std::vector<std::string> left_out;  ///< images of the models that are in neither scene nor models any more.
-  Sim3 aligned_from_object;           ///< what was applied to the object's reconstruction (scale 1).
+  /// Every camera of the background's reconstruction, by image, as it was before alignment.
+  std::map<std::string, Rigid3> cam_from_background;
+  Sim3 aligned_from_object;  ///< what was applied to the object's reconstruction (scale 1).
   Sim3 aligned_from_background;
 };
 
@@ -49,6 +51,9 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
 /// Moves an aligned scene (both models, views, axis) rigidly so that its axis is z, its origin the axis' foot
 /// of the mean object point, and x points towards the reference camera again; the object's frame moves along.
 void BringIntoConventions(AlignedScene* aligned);
+
+/// cam_from_new for a camera given by cam_from_old; the camera's frame takes the new unit of length.
+Rigid3 TransformPose(const Sim3& new_from_old, const Rigid3& cam_from_old);
 
 /// Applies a similarity to a model in place: poses, points; tracks and errors stay.
 void TransformModel(const Sim3& new_from_old, ColmapModel* model);

@@ -90,6 +90,7 @@ class Refiner {
   void TurnStation(int station, const StationTie& tie);
   void DropUntiedStations();
   void MakeReference(const View& reference);
+  int NewStation() const;
   void MendStation(const std::vector<int>& images, double max_error_px);
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
@@ -602,7 +603,24 @@ void Refiner::DropDoubtful(double max_error_px) {
 
 // A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
 // definition, or where the background's points say.
+int Refiner::NewStation() const {
+  int last = -1;
+  for (const View& view : aligned_->scene.views) last = std::max(last, view.station);
+  return last + 1;
+}
+
 void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
+  // Where the background's reconstruction has one of its photos, another may show enough of the object.
+  for (const int base : images) {
+    const auto found = aligned_->cam_from_background.find(features_.images[static_cast<size_t>(base)].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    const Rigid3 cam_from_world = TransformPose(aligned_->aligned_from_background, found->second);
+    const int station = NewStation();
+    for (const int image : images) {
+      if (MendImage(image, cam_from_world, station, max_error_px)) return;
+    }
+    break;
+  }
   if (object_ == nullptr || object_->images.empty()) return;
   int tried = 0;
   for (const int base : images) {
@@ -612,12 +630,7 @@ void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
       continue;
     }
     if (++tried > kMaxBasesOfStation) return;
-    // As in TransformModel: the camera's frame takes the new unit of length.
-    const Sim3& to_aligned = aligned_->aligned_from_object;
-    const Rigid3& given = found->second.cam_from_world;
-    Rigid3 cam_from_object;
-    cam_from_object.rotation = (given.rotation * to_aligned.rotation.conjugate()).normalized();
-    cam_from_object.translation = -(cam_from_object.rotation * (to_aligned * CameraCentre(given)));
+    const Rigid3 cam_from_object = TransformPose(aligned_->aligned_from_object, found->second.cam_from_world);
     const std::vector<PointInImage> points =
         PointsSeenBy(base, features_, features_.object_pairs, object_points_);
     PosedImage posed;
@@ -632,10 +645,7 @@ void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
         inliers < options_.min_mend_share * static_cast<double>(points.size())) {
       continue;
     }
-    std::set<int> stations;
-    for (const View& view : aligned_->scene.views) stations.insert(view.station);
-    const int station = stations.empty() ? 0 : *stations.rbegin() + 1;
-    AddView(base, station, cam_from_object, Rigid3(), 0);
+    AddView(base, NewStation(), cam_from_object, Rigid3(), 0);
     report_.mended.push_back({features_.images[static_cast<size_t>(base)].name,
                               "its station was placed by the object alone", inliers,
                               static_cast<int>(points.size()), 0});

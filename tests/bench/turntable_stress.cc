@@ -201,6 +201,17 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
     for (const ScanImage& image : features.images) stations[image.name] = image.station;
     aligned = AlignScene(object, has_background ? &background : nullptr, stations);
     if (!aligned.scene.views.empty()) refined = RefineScan(features, &object, joint, {}, reporter, &aligned);
+    if (has_background && aligned.scene.views.size() < turntable.scene.views.size()) {
+      // As turntable_mapper does: without the background's reconstruction.
+      AlignedScene alone = AlignScene(object, nullptr, stations);
+      if (!alone.scene.views.empty()) {
+        const RefineReport report = RefineScan(features, &object, joint, {}, reporter, &alone);
+        if (alone.scene.views.size() > aligned.scene.views.size()) {
+          aligned = std::move(alone);
+          refined = report;
+        }
+      }
+    }
   }
 
   Outcome outcome;
