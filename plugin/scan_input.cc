@@ -89,6 +89,41 @@ ScanCase CaseOf(const std::string& name, const fs::path& path) {
   throw UserError(path, "has an unknown case \"" + name + "\"", kRemedy);
 }
 
+struct ImageLabels {
+  int station = 0;
+  std::string labels;
+};
+
+// The images' entries by name.
+std::map<std::string, ImageLabels> ReadImageLabels(const nlohmann::json& file, const fs::path& path) {
+  const nlohmann::json& images = file.at("images");
+  std::map<std::string, ImageLabels> of_name;
+  for (const nlohmann::json& image : images) {
+    const std::string name = image.at("name").get<std::string>();
+    const nlohmann::json& station = image.at("station");
+    // Each station has an image, so that there are no more of them.
+    if (!station.is_number_integer() || station < 0 || station >= images.size()) {
+      throw UserError(path, "gives image " + name + " a station that cannot be", kRemedy);
+    }
+    // What an earlier mapping made of the labels does not count: it would not come out the same again.
+    const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
+    const bool is_new =
+        of_name.emplace(name, ImageLabels{station.get<int>(), image.at(labels).get<std::string>()}).second;
+    if (!is_new) throw UserError(path, "has image " + name + " twice", kRemedy);
+  }
+  return of_name;
+}
+
+std::vector<KeypointLabel> ParseLabels(const std::string& text) {
+  std::vector<KeypointLabel> labels;
+  labels.reserve(text.size());
+  for (const char digit : text) {
+    if (digit < '0' || digit > '2') return {};
+    labels.push_back(static_cast<KeypointLabel>(digit - '0'));
+  }
+  return labels;
+}
+
 }  // namespace
 
 const char* ScanCaseName(ScanCase scan_case) {
@@ -107,16 +142,11 @@ ScanInput ReadScanInput(const Workspace& workspace) {
   const fs::path path = LabelsPath(workspace);
   const nlohmann::json file = ReadLabelsFile(path);
   ScanInput input;
-  std::map<std::string, std::pair<int, std::string>> of_name;
+  std::map<std::string, ImageLabels> of_name;
   try {
     input.scan_case = CaseOf(file.value("case", "turntable"), path);
     input.reason = file.value("reason", "");
-    for (const nlohmann::json& image : file.at("images")) {
-      // What an earlier mapping made of the labels does not count: it would not come out the same again.
-      const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
-      of_name[image.at("name").get<std::string>()] = {image.at("station").get<int>(),
-                                                      image.at(labels).get<std::string>()};
-    }
+    of_name = ReadImageLabels(file, path);
   } catch (const nlohmann::json::exception& error) {
     throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
   }
@@ -138,16 +168,17 @@ ScanInput ReadScanInput(const Workspace& workspace) {
       throw UserError(path, "does not know image " + row.name + " of " + workspace.ObjectDatabase().string(),
                       kRemedy);
     }
-    image.station = found->second.first;
+    image.station = found->second.station;
     const KeypointMatrix keypoints = object.ReadKeypoints(row.image_id);
     image.keypoints.reserve(static_cast<size_t>(keypoints.rows()));
     for (Eigen::Index k = 0; k < keypoints.rows(); ++k)
       image.keypoints.emplace_back(keypoints(k, 0), keypoints(k, 1));
-    image.labels.assign(image.keypoints.size(), KeypointLabel::kUnknown);
-    const std::string& labels = found->second.second;
-    for (size_t k = 0; k < std::min(labels.size(), image.labels.size()); ++k) {
-      if (labels[k] == '1') image.labels[k] = KeypointLabel::kStatic;
-      if (labels[k] == '2') image.labels[k] = KeypointLabel::kRotating;
+    image.labels = ParseLabels(found->second.labels);
+    if (image.labels.size() != image.keypoints.size()) {
+      throw UserError(path,
+                      "has labels of image " + row.name + " that do not fit its " +
+                          std::to_string(image.keypoints.size()) + " keypoints",
+                      kRemedy);
     }
     features.images.push_back(std::move(image));
   }

@@ -65,10 +65,6 @@ SplitFeatures ReadSplitFeatures(const fs::path& database_path) {
       image.keypoints.emplace_back(keypoints(k, 0), keypoints(k, 1));
       const float scale = ScaleOf(keypoints, k);
       image.scales.push_back(std::isfinite(scale) ? scale : 0.0F);
-      if (!image.keypoints.back().allFinite()) {
-        throw UserError(database_path, "image " + row.name + " has a keypoint that is not a number",
-                        "Run `colmap feature_extractor` again on a new database");
-      }
     }
     const DescriptorMatrix descriptors = database.ReadDescriptors(row.image_id);
     if (descriptors.rows() != keypoints.rows()) {

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "sfm_split/keypoint_grid.h"
+
 namespace s2gs {
 namespace {
 
@@ -13,50 +15,6 @@ constexpr float kCellPx = 4;
 // Cosine of the largest angle between descriptors of one still point. Descriptors of chance keypoints at one
 // place differ by about 1 radian.
 constexpr double kMinCosine = 0.88;
-
-// Keypoints sorted by cells of kCellPx.
-class KeypointGrid {
- public:
-  explicit KeypointGrid(const SplitImage& image)
-      : columns_(static_cast<int>(static_cast<float>(image.size.x()) / kCellPx) + 1),
-        rows_(static_cast<int>(static_cast<float>(image.size.y()) / kCellPx) + 1) {
-    std::vector<uint32_t> cell(image.keypoints.size());
-    begin_.assign(static_cast<size_t>(columns_) * rows_ + 1, 0);
-    for (size_t k = 0; k < cell.size(); ++k) {
-      cell[k] =
-          static_cast<uint32_t>(Row(image.keypoints[k].y()) * columns_ + Column(image.keypoints[k].x()));
-      ++begin_[cell[k] + 1];
-    }
-    for (size_t c = 1; c < begin_.size(); ++c) begin_[c] += begin_[c - 1];
-    order_.resize(cell.size());
-    std::vector<uint32_t> next(begin_.begin(), begin_.end() - 1);
-    for (uint32_t k = 0; k < cell.size(); ++k) order_[next[cell[k]]++] = k;
-  }
-
-  // Calls visit(keypoint) for all in the cells that a square of +- radius around xy touches.
-  template <typename Visit>
-  void ForEachNear(const Eigen::Vector2f& xy, float radius, const Visit& visit) const {
-    for (int r = Row(xy.y() - radius); r <= Row(xy.y() + radius); ++r) {
-      for (int c = Column(xy.x() - radius); c <= Column(xy.x() + radius); ++c) {
-        const size_t cell = static_cast<size_t>(r) * columns_ + c;
-        for (uint32_t o = begin_[cell]; o < begin_[cell + 1]; ++o) visit(order_[o]);
-      }
-    }
-  }
-
- private:
-  static int Clamped(float value, int count) {
-    const float cell = std::floor(value / kCellPx);
-    return cell > 0 ? static_cast<int>(std::min(cell, static_cast<float>(count - 1))) : 0;
-  }
-  int Column(float x) const { return Clamped(x, columns_); }
-  int Row(float y) const { return Clamped(y, rows_); }
-
-  int columns_;
-  int rows_;
-  std::vector<uint32_t> begin_;
-  std::vector<uint32_t> order_;
-};
 
 int32_t Dot(const uint8_t* a, const uint8_t* b) {
   int32_t sum = 0;
@@ -77,7 +35,7 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
   grids.reserve(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
     result.support[i].assign(images[i].keypoints.size(), 0);
-    grids.emplace_back(images[i]);
+    grids.emplace_back(images[i].keypoints, kCellPx);
     norms[i].reserve(images[i].keypoints.size());
     for (size_t k = 0; k < images[i].keypoints.size(); ++k) {
       const uint8_t* descriptor = images[i].descriptors.data() + k * kDescriptorSize;
@@ -101,8 +59,8 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
         const Eigen::Vector2f xy = images[i].keypoints[k] + shift;
         const uint8_t* descriptor = images[i].descriptors.data() + k * kDescriptorSize;
         bool is_still = false;
-        grids[j].ForEachNear(xy, radius, [&](uint32_t other) {
-          if (is_still || (images[j].keypoints[other] - xy).norm() > radius) return;
+        grids[j].ForEachWithin(xy, radius, [&](uint32_t other, float /*squared*/) {
+          if (is_still) return;
           const int32_t dot = Dot(descriptor, images[j].descriptors.data() + size_t{other} * kDescriptorSize);
           is_still = static_cast<double>(dot) >=
                      kMinCosine * static_cast<double>(norms[i][k]) * static_cast<double>(norms[j][other]);

@@ -267,15 +267,16 @@ def build_room(options, rng, volume, cameras, reach):
     """Desk, walls and things on the desk that hide the disc from no camera."""
     room = Bodies()
     half = max(1.4, 1.25 * reach)
-    busy = {'cluttered': 900, 'weak': 25, 'plain': 0}[options.background]
+    busy = {'cluttered': 900, 'bright': 900, 'weak': 25, 'plain': 0}[options.background]
+    pale = lambda texture: lambda p, n: 0.5 + 0.5 * texture(p, n) if options.background == 'bright' else texture(p, n)
     grey = np.full((8, 8, 3), 0.45, np.float32)
     for centre, size in (([0, 0, -0.02], [2 * half, 2 * half, 0.04]), ([0, half, 1], [2 * half, 0.04, 2.4]),
                          ([0, -half, 1], [2 * half, 0.04, 2.4]), ([half, 0, 1], [0.04, 2 * half, 2.4]),
                          ([-half, 0, 1], [0.04, 2 * half, 2.4]), ([0, 0, 2.2], [2 * half, 2 * half, 0.04])):
         picture = draw_picture(rng, 1536, busy) if busy else grey
-        room.add(box(np.array(centre, float), np.array(size), 0, 40), picture_texture(picture, np.array(centre), 1.6))
+        room.add(box(np.array(centre, float), np.array(size), 0, 40), pale(picture_texture(picture, np.array(centre), 1.6)))
     target, things = AXIS + [0, 0, 0.06], 0
-    for _ in range(600 if options.background == 'cluttered' else 0):
+    for _ in range(600 if options.background in ('cluttered', 'bright') else 0):
         radius, angle = 0.2 + 0.9 * half * rng.random() * 0.8, rng.random() * 2 * np.pi
         size = (0.04 + 0.11 * rng.random(3)) * (1 + radius)
         centre = np.array([radius * np.cos(angle), radius * np.sin(angle), 0]) + AXIS * [1, 1, 0]
@@ -292,11 +293,11 @@ def build_room(options, rng, volume, cameras, reach):
         texture = noise_texture(volume, base, 0.5, 0.1 + 0.15 * rng.random())
         if kind == 0:
             v, f, s = ball(volume, size[0] * 0.5, 0.02, 1, 40)
-            room.add((v + centre, f, s), texture)
+            room.add((v + centre, f, s), pale(texture))
         else:
             if kind == 1:
                 texture = picture_texture(draw_picture(rng, 256, 60), middle, size.max())
-            room.add(box(middle, size, rng.random() * 3), texture)
+            room.add(box(middle, size, rng.random() * 3), pale(texture))
         things += 1
         if things == options.things:
             break
@@ -404,12 +405,14 @@ def parse_options():
     p.add_argument('--printed', action='store_true', help='the same picture on each side instead of a solid texture')
     p.add_argument('--gloss', type=float, default=0.0, help='highlights, 0 to 1')
     p.add_argument('--disc', default='speckled', choices=['speckled', 'plain'])
-    p.add_argument('--background', default='cluttered', choices=['cluttered', 'weak', 'plain'])
+    p.add_argument('--background', default='cluttered', choices=['cluttered', 'bright', 'weak', 'plain'])
     p.add_argument('--things', type=int, default=30, help='things on the desk')
     p.add_argument('--stations', type=int, default=3)
     p.add_argument('--elevations', type=float, nargs=2, default=[12, 50], help='of the first and the last station [degrees]')
-    p.add_argument('--steps', type=int, default=20)
+    p.add_argument('--around', type=float, default=0, help='arc over which the stations stand evenly [degrees]; 0: near one another')
+    p.add_argument('--steps', type=int, nargs='+', default=[20], help='photos of each station; the last holds for all that follow')
     p.add_argument('--step', type=float, default=0, help='[degrees]; 0: a full turn')
+    p.add_argument('--slow_start', type=int, default=0, help='first steps of each station that are of one degree')
     p.add_argument('--uneven', type=float, default=0, help='largest change of a step, as a share of it')
     p.add_argument('--hand_held', action='store_true', help='each photo from a place of its own near its station')
     p.add_argument('--width', type=int, default=640)
@@ -450,19 +453,23 @@ def main():
     table.add((v + AXIS * [1, 1, 0], f, False), picture_texture(picture, AXIS, 0.3), 0, 128)
 
     stations, shots = [], []
-    step = options.step or 360 / options.steps
+    counts = [options.steps[min(s, len(options.steps) - 1)] for s in range(options.stations)]
+    steps = [options.step or 360 / count for count in counts]
     first_azimuth = rng.random() * 360
     for s in range(options.stations):
         share = s / max(1, options.stations - 1) if options.stations > 1 else 0.5
         elevation = options.elevations[0] + share * np.ptp(options.elevations)
-        stations.append(dict(index=s, elevation_deg=elevation, azimuth_deg=first_azimuth + 55 * (rng.random() - 0.5) * (s > 0),
+        stations.append(dict(index=s, elevation_deg=elevation, azimuth_deg=first_azimuth + 55 * (rng.random() - 0.5) * (s > 0) + options.around * s / options.stations,
                              distance=reach * (0.95 + 0.15 * rng.random()), roll=0.06 * rng.standard_normal()))
-        turned = step * (np.arange(options.steps) + options.uneven * (2 * rng.random(options.steps) - 1))
-        turned = turned - turned[0] + (0 if s == 0 else step * rng.random())
+        turned = steps[s] * (np.arange(counts[s]) + options.uneven * (2 * rng.random(counts[s]) - 1))
+        turned = turned - turned[0] + (0 if s == 0 else steps[s] * rng.random())
+        slow = np.minimum(np.arange(counts[s]), options.slow_start)
+        turned = turned + slow - turned[slow] + turned[0]
         shots += [(s, angle, 'train') for angle in turned]
     for k in range(options.held_out):
         s = k % options.stations
-        shots.append((s, shots[s * options.steps + int(rng.integers(max(1, options.steps - 1)))][1] + step * (0.3 + 0.4 * rng.random()), 'test'))
+        before = shots[sum(counts[:s]) + int(rng.integers(max(1, counts[s] - 1)))][1]
+        shots.append((s, before + steps[s] * (0.3 + 0.4 * rng.random()), 'test'))
 
     height = np.concatenate([v for v, _, _ in parts])[:, 2].max()
     extent = np.concatenate([mesh['v'] for mesh in table.meshes])
@@ -498,18 +505,18 @@ def main():
                            station=index if options.hand_held else station, angle_deg=float(angle),
                            world_to_camera=pose.tolist(), object_to_world=turn.tolist()))
     images.sort(key=lambda i: (i['split'] == 'test', i['file']))
-    counts = write_ply(os.path.join(options.folder, 'gt/object.ply'), [m for m in table.meshes if m['label'] == 255])
+    object_counts = write_ply(os.path.join(options.folder, 'gt/object.ply'), [m for m in table.meshes if m['label'] == 255])
     disc_counts = write_ply(os.path.join(options.folder, 'gt/disc.ply'), [m for m in table.meshes if m['label'] == 128])
     camera_model = dict(camera_model='SIMPLE_RADIAL', k1=options.k1) if options.k1 else dict(camera_model='SIMPLE_PINHOLE')
     scene = dict(
         scene=os.path.basename(os.path.normpath(options.folder)), target_mesh=options.object, options=vars(options),
         width=options.width, height=options.height, **camera_model, fx=camera[2], fy=camera[2], cx=options.width / 2,
-        cy=options.height / 2, units='metres', axis_point=AXIS.tolist(), axis_direction=[0, 0, 1], step_degrees=step,
+        cy=options.height / 2, units='metres', axis_point=AXIS.tolist(), axis_direction=[0, 0, 1], step_degrees=steps[0],
         pixel_convention='COLMAP: image origin at the top-left corner, centre of the first pixel at (0.5, 0.5)',
         rotation_sense='positive angle = right-handed about axis_direction (counter-clockwise seen from above)',
         mask_values=dict(object=255, disc=128, static=0),
         disc=dict(radius=DISC_RADIUS, z_bottom=DISC_BOTTOM, z_top=DISC_TOP), stations=stations, images=images,
-        object_mesh_counts=counts, disc_mesh_counts=disc_counts)
+        object_mesh_counts=object_counts, disc_mesh_counts=disc_counts)
     with open(os.path.join(options.folder, 'gt/scene.json'), 'w') as out:
         json.dump(scene, out, indent=1)
 
