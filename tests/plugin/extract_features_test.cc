@@ -169,18 +169,18 @@ TEST_F(ExtractFeaturesTest, PhotosWithoutFeatures) {
 }
 
 TEST_F(ExtractFeaturesTest, OneCameraForWhatIsOfOneSize) {
-  EXPECT_EQ(FindCameraSharing(extraction_.image_path), CameraSharing::kOne);
+  EXPECT_EQ(ReadPhotoSet(extraction_.image_path).sharing, CameraSharing::kOne);
   AddPhoto("sub/d.png", 12, 16);
   AddPhoto("sub/e.png", 12, 16);
-  EXPECT_EQ(FindCameraSharing(extraction_.image_path), CameraSharing::kPerFolder);
+  EXPECT_EQ(ReadPhotoSet(extraction_.image_path).sharing, CameraSharing::kPerFolder);
   AddPhoto("sub/f.png", 16, 12);
-  EXPECT_EQ(FindCameraSharing(extraction_.image_path), CameraSharing::kPerImage);
+  EXPECT_EQ(ReadPhotoSet(extraction_.image_path).sharing, CameraSharing::kPerLook);
   std::filesystem::create_directories(folder_ / "empty");
   folder_.Write("empty/notes.txt", "no photo");
-  ExpectUserError([&] { FindCameraSharing(folder_ / "empty"); }, {(folder_ / "empty").string(), "no photos"});
-  ExpectUserError([&] { FindCameraSharing(folder_ / "none"); }, {(folder_ / "none").string()});
+  ExpectUserError([&] { ReadPhotoSet(folder_ / "empty"); }, {(folder_ / "empty").string(), "no photos"});
+  ExpectUserError([&] { ReadPhotoSet(folder_ / "none"); }, {(folder_ / "none").string()});
   folder_.Write("photos/z.jpg", "not a JPEG");
-  ExpectUserError([&] { FindCameraSharing(extraction_.image_path); }, {"z.jpg"});
+  ExpectUserError([&] { ReadPhotoSet(extraction_.image_path); }, {"z.jpg"});
 }
 
 TEST_F(ExtractFeaturesTest, FeaturesFromElsewhereStay) {
