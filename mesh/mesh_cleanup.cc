@@ -13,6 +13,7 @@
 
 #include "mesh/decimate.h"
 #include "mesh/marching_cubes.h"
+#include "mesh/support_plane.h"
 
 namespace s2gs {
 namespace {
@@ -65,7 +66,7 @@ int KeepLargeClusters(double min_area_pct, TriangleMesh* mesh, int* num_clusters
   const double least = *largest * min_area_pct / 100;
   std::vector<bool> is_kept(areas.size());
   for (size_t c = 0; c < areas.size(); ++c) {
-    is_kept[c] = areas[c] >= least && (min_area_pct < 100 || &areas[c] == &*largest);
+    is_kept[c] = min_area_pct < 100 ? areas[c] >= least : &areas[c] == &*largest;
   }
   std::vector<bool> keep(clusters.size());
   for (size_t t = 0; t < clusters.size(); ++t) keep[t] = is_kept[clusters[t]];
@@ -100,14 +101,23 @@ OptionCheck MeshCleanupOptions::Check() const {
 MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh) {
   MeshCleanupSummary summary;
   if (options.remove_disc) {
-    if (const std::optional<DiscSurface> disc = FindDisc(*mesh)) {
+    const std::optional<Eigen::Vector3d> up =
+        options.is_axis_known ? std::make_optional<Eigen::Vector3d>(Eigen::Vector3d::UnitZ())
+                              : FindSupportNormal(*mesh);
+    const std::optional<DiscSurface> disc = up ? FindDisc(*mesh, *up) : std::nullopt;
+    if (disc) {
+      summary.up = *up;
       summary.cut_height = disc->CutHeight();
-      CutBelow(disc->CutHeight(), mesh);
+      CutBelow(disc->CutHeight(), mesh, *up);
     } else {
-      reporter.Warn("the mesh has no horizontal surface that could be the table's disc: none is cut off");
+      reporter.Warn(options.is_axis_known
+                        ? "the mesh has no horizontal surface that could be the table's disc: none is cut off"
+                        : "the mesh has no plane that the object could stand on: none is cut off");
     }
   }
-  summary.num_clusters_kept = KeepLargeClusters(options.min_cluster_area_pct, mesh, &summary.num_clusters);
+  const bool is_one_object = summary.cut_height && !options.is_axis_known;
+  summary.num_clusters_kept =
+      KeepLargeClusters(is_one_object ? 100 : options.min_cluster_area_pct, mesh, &summary.num_clusters);
   if (options.max_hole_edges > 0) summary.num_holes_closed = CloseHoles(options.max_hole_edges, mesh);
   if (options.smoothing_iterations > 0) SmoothMesh(options.smoothing_iterations, mesh);
   if (options.max_triangles > 0) DecimateMesh(options.max_triangles, mesh);
@@ -156,35 +166,43 @@ std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh) {
   return clusters;
 }
 
-std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh) {
-  constexpr int kNumBins = 1000;
+std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh, const Eigen::Vector3d& up) {
+  constexpr int kBinsPerSide = 1000;
   constexpr double kMinCosine = 0.95;
   constexpr double kMinAreaShare = 0.02;
   constexpr double kNearlyAsLarge = 0.3;
   if (mesh.triangles.empty()) return std::nullopt;
   Eigen::AlignedBox3d box;
-  for (const Eigen::Vector3f& vertex : mesh.vertices) box.extend(vertex.cast<double>());
-  const double bin = box.sizes().maxCoeff() / kNumBins;
+  double lowest = std::numeric_limits<double>::infinity();
+  double highest = -lowest;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    box.extend(vertex.cast<double>());
+    const double height = up.dot(vertex.cast<double>());
+    lowest = std::min(lowest, height);
+    highest = std::max(highest, height);
+  }
+  const double bin = box.sizes().maxCoeff() / kBinsPerSide;
   if (!(bin > 0)) return std::nullopt;
 
   struct Patch {
-    double z;
+    double height;
     double area;
     double edge;
   };
   std::vector<Patch> patches;  // that face upwards
-  std::vector<double> bins(kNumBins + 2);
+  const auto last_bin = static_cast<int>((highest - lowest) / bin) + 1;
+  std::vector<double> bins(last_bin + 1);
   double total_area = 0;
   for (const Triangle& triangle : mesh.triangles) {
     const Eigen::Vector3d normal = AreaNormal(mesh, triangle);
     const double area = normal.norm() / 2;
     total_area += area;
-    if (!(normal.z() / 2 > kMinCosine * area)) continue;
-    const double z =
-        (Corner(mesh, triangle, 0) + Corner(mesh, triangle, 1) + Corner(mesh, triangle, 2)).z() / 3;
+    if (!(up.dot(normal) / 2 > kMinCosine * area)) continue;
+    const double height =
+        up.dot(Corner(mesh, triangle, 0) + Corner(mesh, triangle, 1) + Corner(mesh, triangle, 2)) / 3;
     const double edge = (Corner(mesh, triangle, 1) - Corner(mesh, triangle, 0)).norm();
-    patches.push_back({z, area, edge});
-    bins[std::clamp(static_cast<int>((z - box.min().z()) / bin), 0, kNumBins + 1)] += area;
+    patches.push_back({height, area, edge});
+    bins[std::clamp(static_cast<int>((height - lowest) / bin), 0, last_bin)] += area;
   }
   // Five bins together: half a percent of the mesh.
   std::vector<double> windows(bins.size());
@@ -200,35 +218,35 @@ std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh) {
   while (windows[peak] < kNearlyAsLarge * largest) ++peak;
   while (peak + 1 < windows.size() && windows[peak + 1] >= windows[peak]) ++peak;
 
-  const double middle = box.min().z() + (static_cast<double>(peak) + 0.5) * bin;
+  const double middle = lowest + (static_cast<double>(peak) + 0.5) * bin;
   DiscSurface disc;
-  double sum_z = 0;
+  double sum_offset = 0;
   double sum_edge = 0;
   double sum_square = 0;
   for (const Patch& patch : patches) {
-    const double z = patch.z - middle;
-    if (std::abs(z) > 5 * bin) continue;
+    const double offset = patch.height - middle;
+    if (std::abs(offset) > 5 * bin) continue;
     disc.area += patch.area;
-    sum_z += patch.area * z;
-    sum_square += patch.area * z * z;
+    sum_offset += patch.area * offset;
+    sum_square += patch.area * offset * offset;
     sum_edge += patch.area * patch.edge;
   }
-  const double mean = sum_z / disc.area;
+  const double mean = sum_offset / disc.area;
   disc.height = middle + mean;
   disc.sigma = std::sqrt(std::max(0.0, sum_square / disc.area - mean * mean));
   disc.mean_edge = sum_edge / disc.area;
   return disc;
 }
 
-void CutBelow(double height, TriangleMesh* mesh) {
-  const auto is_above = [&](uint32_t v) { return mesh->vertices[v].cast<double>().z() > height; };
+void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up) {
+  const auto is_above = [&](uint32_t v) { return up.dot(mesh->vertices[v].cast<double>()) > height; };
   std::unordered_map<uint64_t, uint32_t> cuts;
   const auto cut = [&](uint32_t above, uint32_t below) {
     const auto [entry, is_new] = cuts.try_emplace(EdgeKey(above, below), mesh->vertices.size());
     if (!is_new) return entry->second;
     const Eigen::Vector3d high = mesh->vertices[above].cast<double>();
     const Eigen::Vector3d low = mesh->vertices[below].cast<double>();
-    const double t = (high.z() - height) / (high.z() - low.z());
+    const double t = (up.dot(high) - height) / up.dot(high - low);
     mesh->vertices.emplace_back((high + t * (low - high)).cast<float>());
     if (!mesh->normals.empty()) {
       const auto share = static_cast<float>(t);

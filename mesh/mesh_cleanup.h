@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -12,6 +13,9 @@ namespace s2gs {
 
 struct MeshCleanupOptions {
   bool remove_disc = false;  ///< cut the mesh just above the table's disc: the object alone stays.
+  /// Whether z is the table's axis. Else the disc is the plane that the object stands on, whichever way it
+  /// lies, and the largest cluster above it is the object: the others are its surroundings.
+  bool is_axis_known = true;
   /// Clusters (parts that share no vertex) below this share of the largest one's area are dropped; 0 keeps
   /// all, 100 the largest alone [%].
   double min_cluster_area_pct = 10;
@@ -24,8 +28,9 @@ struct MeshCleanupOptions {
 
 /// What a clean-up did.
 struct MeshCleanupSummary {
-  std::optional<double> cut_height;  ///< z of the cut above the disc, in the object's frame.
-  int num_clusters = 0;              ///< before.
+  std::optional<double> cut_height;  ///< of the cut above the disc, along `up` from the object's origin.
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  ///< of the disc, in the object's frame.
+  int num_clusters = 0;                           ///< before.
   int num_clusters_kept = 0;
   int num_holes_closed = 0;
 };
@@ -41,21 +46,22 @@ void KeepTriangles(const std::vector<bool>& keep, TriangleMesh* mesh);
 /// Which cluster each triangle belongs to, numbered from 0 in the order of their first triangles.
 std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh);
 
-/// The table's disc: the dominating horizontal surface (normal along z, the table's axis, upwards), the
-/// lowest one when several are nearly as large.
+/// The table's disc: the dominating horizontal surface (normal upwards), the lowest one when several are
+/// nearly as large.
 struct DiscSurface {
-  double height = 0;     ///< mean z.
-  double sigma = 0;      ///< standard deviation of its z about the mean.
+  double height = 0;     ///< mean height along `up` from the origin.
+  double sigma = 0;      ///< standard deviation of its heights about the mean.
   double area = 0;       ///< of the mesh near that height.
   double mean_edge = 0;  ///< of the mesh there: its resolution.
   /// Above the disc's roughness and the rounding at its contact with the object.
   double CutHeight() const { return height + 3 * sigma + 1.5 * mean_edge; }
 };
 /// Nothing when no horizontal surface has 2 % of the mesh's area.
-std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh);
+std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh,
+                                    const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());
 
-/// Keeps what lies above z = height. Triangles across it are cut; the cut stays open.
-void CutBelow(double height, TriangleMesh* mesh);
+/// Keeps what lies above `height` along `up`. Triangles across it are cut; the cut stays open.
+void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());
 
 /// Closes holes with at most `max_edges` edges by triangles between their vertices whose area is least
 /// (Barequet and Sharir, "Filling gaps in the boundary of a polyhedron", 1995). \return  how many.

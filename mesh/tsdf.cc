@@ -236,6 +236,12 @@ void TsdfFusion::AddColors(const std::vector<const TsdfView*>& views,
     points[i] = (vertices[std::min(i, size - 1)].cast<double>() - origin_) / summary_.voxel_size;
     box.extend(points[i]);
   }
+  alignas(64) float from_middle[3][kPointGroup];  // small: singles suffice
+  for (int i = 0; i < kPointGroup; ++i) {
+    for (int axis = 0; axis < 3; ++axis) {
+      from_middle[axis][i] = static_cast<float>(points[i][axis] - box.center()[axis]);
+    }
+  }
   const auto radius = static_cast<float>(0.505 * box.diagonal().norm() * summary_.voxel_size);
   for (size_t v = 0; v < views.size(); ++v) {
     if (views[v]->colors.empty()) continue;
@@ -247,9 +253,14 @@ void TsdfFusion::AddColors(const std::vector<const TsdfView*>& views,
     alignas(64) int32_t index[kPointGroup];
     alignas(64) float distance[kPointGroup];
     alignas(64) float weight[kPointGroup];
-    for (int i = 0; i < kPointGroup; ++i) {
-      const Eigen::Vector3d x_in_cam = rotation * points[i] + translation;
-      for (int axis = 0; axis < 3; ++axis) x[axis][i] = static_cast<float>(x_in_cam[axis]);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Eigen::Vector3f row = rotation.row(axis).cast<float>();
+      const float start = middle[axis];
+#pragma omp simd
+      for (int i = 0; i < kPointGroup; ++i) {
+        x[axis][i] =
+            start + row[0] * from_middle[0][i] + row[1] * from_middle[1][i] + row[2] * from_middle[2][i];
+      }
     }
     kernel.sample_points(params[v], voxel_params_, x[0], x[1], x[2], index, distance, weight);
     for (int i = 0; i < size; ++i) {

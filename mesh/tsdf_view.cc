@@ -356,6 +356,7 @@ std::vector<uint64_t> FindViewBlocks(const TsdfView& view, const TsdfBlockReques
   const int stride = std::clamp(static_cast<int>(std::lround(2 * request.voxel_size / pixel)), 1, 64);
   const int rays_per_pixel = std::clamp(static_cast<int>(std::ceil(pixel / (2 * request.voxel_size))), 1, 64);
   const int num_steps = static_cast<int>(std::ceil(request.truncation_voxels)) + 1;
+  const double step_blocks = 2 * request.truncation_voxels / (num_steps - 1) / kBlockSide;
   const Rigid3 object_from_cam = view.camera.cam_from_object.Inverse();
   const Eigen::Matrix3d rotation = object_from_cam.rotation.toRotationMatrix() / request.voxel_size;
   const Eigen::Vector3d start =
@@ -385,9 +386,10 @@ std::vector<uint64_t> FindViewBlocks(const TsdfView& view, const TsdfBlockReques
           continue;
         }
         const Eigen::Vector3d unit = direction.normalized();
-        for (int step = 0; step < num_steps; ++step) {
-          const double t = request.truncation_voxels * (2.0 * step / (num_steps - 1) - 1);
-          const Eigen::Array3i biased = ((middle + t * unit) / kBlockSide + bias).array().cast<int>();
+        const Eigen::Vector3d to_next = step_blocks * unit;
+        Eigen::Vector3d block = (middle - request.truncation_voxels * unit) / kBlockSide + bias;
+        for (int step = 0; step < num_steps; ++step, block += to_next) {
+          const Eigen::Array3i biased = block.array().cast<int>();
           if ((biased == last[step]).all()) continue;
           last[step] = biased;
           keys.Insert(TsdfBlockIndex::BlockKey(biased.matrix() -

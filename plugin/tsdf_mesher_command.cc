@@ -15,6 +15,7 @@
 #include "sfm_split/colmap_maps.h"
 #include "sfm_split/colmap_model.h"
 #include "sfm_split/error.h"
+#include "sfm_split/turntable_file.h"
 
 namespace s2gs {
 namespace {
@@ -175,7 +176,9 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
     out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
   }
   if (summary.cleanup.cut_height)
-    out << fmt::format("cut above disc   z = {:.6g}\n", *summary.cleanup.cut_height);
+    out << fmt::format("cut above disc   {:.6g} along ({:.4f}, {:.4f}, {:.4f})\n",
+                       *summary.cleanup.cut_height, summary.cleanup.up.x(), summary.cleanup.up.y(),
+                       summary.cleanup.up.z());
   out << fmt::format("mesh             {} vertices, {} triangles\n", summary.num_vertices,
                      summary.num_triangles)
       << "written          " << summary.output_path.string() << '\n';
@@ -191,7 +194,11 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   const WorkspaceViews views(FindViews(workspace, options, reporter, &summary));
   TriangleMesh mesh = MeshFromDepthMaps(views, options.tsdf, reporter, &summary.tsdf);
   Report(summary.tsdf, reporter);
-  summary.cleanup = CleanMesh(options.cleanup, reporter, &mesh);
+  MeshCleanupOptions cleanup = options.cleanup;
+  // Without a table that turns, z is no direction of the scene.
+  cleanup.is_axis_known =
+      Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
+  summary.cleanup = CleanMesh(cleanup, reporter, &mesh);
   if (mesh.triangles.empty()) {
     throw UserError(workspace.DepthMaps(), "the depth maps agree on no surface",
                     "Check that they belong to the poses of dense/0/sparse, or set a larger voxel_size");
@@ -240,7 +247,8 @@ void RunTsdfMesher(CommandContext& context) {
   tsdf.Add("max_memory_gib", &TsdfOptions::max_memory_gib, "refuse what would need more").Unit("GiB");
   tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
   auto cleanup = options.Group("Cleanup", &mesher.cleanup);
-  cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc, "cut just above the table's disc");
+  cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
+              "cut just above the table's disc, or what the object stands on where nothing turns");
   cleanup
       .Add("min_cluster_area_pct", &MeshCleanupOptions::min_cluster_area_pct,
            "drop clusters with less of the largest one's area; 100 keeps the largest alone")

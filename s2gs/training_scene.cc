@@ -24,24 +24,22 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
+<<<<<<< HEAD
 constexpr double kMinTurnDeg = 0.5;        // below which nothing is said to turn.
 constexpr double kPoseAgreement = 1e-3;    // of the two models' poses, in radians and scene sizes.
 constexpr double kRegionQuantile = 0.995;  // of the rotating points: the few beyond are outliers.
 constexpr double kRegionMargin = 1.15;     // SfM points end before the surface does.
 constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a disc whose top alone has points.
+=======
+constexpr double kPoseAgreement = 1e-3;     // of the two models' poses, in radians and scene sizes.
+constexpr double kRegionQuantile = 0.995;   // of the rotating points: the few beyond are outliers.
+constexpr double kRegionMargin = 1.15;      // SfM points end before the surface does.
+>>>>>>> mesh
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
 
 bool Exists(const fs::path& path) {
   std::error_code ec;
   return !path.empty() && fs::exists(path, ec);
-}
-
-bool Turns(const TurntableFile& turntable) {
-  if (turntable.images.empty()) return false;
-  const Eigen::Quaterniond first = turntable.images.front().world_from_object.rotation;
-  return std::any_of(turntable.images.begin(), turntable.images.end(), [&](const TurntableImage& image) {
-    return first.angularDistance(image.world_from_object.rotation) > kMinTurnDeg * M_PI / 180;
-  });
 }
 
 // What the workspace's files say before any photo is read.
@@ -62,7 +60,7 @@ SceneFiles ReadFiles(const TrainingScenePaths& paths, TrainMode mode, Reporter& 
   SceneFiles files;
   files.object = ReadColmapModel(paths.object_model);
   if (Exists(paths.turntable)) files.turntable = ReadTurntableFile(paths.turntable);
-  const bool turns = files.turntable && Turns(*files.turntable);
+  const bool turns = files.turntable && TableTurns(*files.turntable);
   files.mode = mode;
   if (mode == TrainMode::kAuto) {
     files.mode = turns                                 ? TrainMode::kS2gs

@@ -1,6 +1,7 @@
 #include "sfm_split/turntable_file.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -16,6 +17,7 @@ using nlohmann::json;
 
 constexpr int kVersion = 1;
 constexpr double kMaxDeviation = 1e-6;  // single precision, with room for a few products.
+constexpr double kMinTurnDeg = 0.5;
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 30;
 
 // One value of the file and where it is, e.g. "images[3].station".
@@ -168,6 +170,14 @@ std::string ToText(const TurntableFile& turntable) {
 }
 
 }  // namespace
+
+bool TableTurns(const TurntableFile& turntable) {
+  if (turntable.images.empty()) return false;
+  const Eigen::Quaterniond first = turntable.images.front().world_from_object.rotation;
+  return std::any_of(turntable.images.begin(), turntable.images.end(), [&](const TurntableImage& image) {
+    return first.angularDistance(image.world_from_object.rotation) > kMinTurnDeg * M_PI / 180;
+  });
+}
 
 TurntableFile ReadTurntableFile(std::istream& stream, const std::filesystem::path& path) {
   json root;

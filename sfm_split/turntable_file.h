@@ -27,6 +27,9 @@ struct TurntableFile {
   std::vector<TurntableImage> images;
 };
 
+/// Whether the object's rotation differs between two images by half a degree or more.
+bool TableTurns(const TurntableFile& turntable);
+
 /// Reads version 1. Rotations and the axis may be off by 1e-6 (single precision) and are then made exact.
 /// Throws UserError with the path and the place in the file when a value is missing, of the wrong kind or
 /// impossible: unknown version, a matrix that is not rigid, a name twice, a station that does not exist.

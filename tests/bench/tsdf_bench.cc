@@ -29,6 +29,16 @@ double Seconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+// Of all threads: what other work on the machine hardly changes.
+double CpuSeconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto seconds = [](const timeval& time) {
+    return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
+  };
+  return seconds(usage.ru_utime) + seconds(usage.ru_stime);
+}
+
 double PeakMib() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
@@ -70,6 +80,7 @@ int Run(int num_views, int size_px, int num_threads, TsdfBackend backend, const 
   options.backend = backend;
   const double before = PeakMib();
   std::vector<double> times;
+  std::vector<double> cpu_times;
   TriangleMesh mesh;
   TsdfSummary summary;
   double prepare = 0;
@@ -78,6 +89,7 @@ int Run(int num_views, int size_px, int num_threads, TsdfBackend backend, const 
   for (int repeat = 0; repeat < 3; ++repeat) {
     mesh = {};
     const double start = Seconds();
+    const double cpu_start = CpuSeconds();
     TsdfFusion fusion(views, options, silent);
     const TsdfVolume volume = fusion.Fuse();
     const double fused = Seconds();
@@ -85,11 +97,13 @@ int Run(int num_views, int size_px, int num_threads, TsdfBackend backend, const 
     extract = Seconds() - fused;
     fusion.ColorVertices(&mesh);
     times.push_back(Seconds() - start);
+    cpu_times.push_back(CpuSeconds() - cpu_start);
     summary = fusion.summary();
     prepare = summary.prepare_seconds;
     fuse = summary.fuse_seconds;
   }
   std::sort(times.begin(), times.end());
+  std::sort(cpu_times.begin(), cpu_times.end());
   double sum = 0;
   double square = 0;
   double worst = 0;
@@ -101,12 +115,14 @@ int Run(int num_views, int size_px, int num_threads, TsdfBackend backend, const 
   }
   const auto count = static_cast<double>(mesh.vertices.size());
   std::printf(
-      "s2gs (%s, %s): %.3f s (median of 3; last: prepare %.3f, fuse %.3f, extract %.3f, colours the rest), "
+      "s2gs (%s, %s): %.3f s (median of 3, CPU %.3f; last: prepare %.3f, fuse %.3f, extract %.3f, colours "
+      "the rest), "
       "peak %.0f MiB over the %.0f MiB of the depth maps and images (predicted %.0f), voxel %.6g, "
       "%lld blocks, %zu vertices, error mean %.4f rms %.4f worst %.3f voxels\n",
-      summary.backend == TsdfBackend::kCuda ? "GPU" : "CPU", summary.device.c_str(), times[1], prepare, fuse,
-      extract, PeakMib() - before, before, static_cast<double>(summary.predicted_bytes) / 1024 / 1024,
-      summary.voxel_size, static_cast<long long>(summary.num_blocks), mesh.vertices.size(), sum / count,
+      summary.backend == TsdfBackend::kCuda ? "GPU" : "CPU", summary.device.c_str(), times[1], cpu_times[1],
+      prepare, fuse, extract, PeakMib() - before, before,
+      static_cast<double>(summary.predicted_bytes) / 1024 / 1024, summary.voxel_size,
+      static_cast<long long>(summary.num_blocks), mesh.vertices.size(), sum / count,
       std::sqrt(square / count), worst);
   if (folder != nullptr) {
     std::vector<DepthView> all;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "mesh/decimate.h"
+#include "mesh/support_plane.h"
 #include "tests/mesh/mesh_topology.h"
 #include "tests/random_numbers.h"
 
@@ -144,6 +145,18 @@ TEST(MeshCleanup, DropsSmallClusters) {
   EXPECT_EQ(CleanMesh(options, silent, &empty).num_clusters, 0);
 }
 
+// 100 % keeps the largest cluster whatever its area is rounded to.
+TEST(MeshCleanup, KeepsTheLargestAlone) {
+  Reporter silent;
+  MeshCleanupOptions options;
+  options.min_cluster_area_pct = 100;
+  for (int i = 0; i < 200; ++i) {
+    TriangleMesh mesh = Ball(0, 1 + 0.01 * i);
+    Append(Ball(0, 0.9, {5, 0, 0}), &mesh);
+    EXPECT_EQ(CleanMesh(options, silent, &mesh).num_clusters_kept, 1) << i;
+  }
+}
+
 TEST(MeshCleanup, ClosesHolesUpToASize) {
   TriangleMesh mesh = Ball(3, 1);
   // A hole of one triangle, one of the six around a vertex, and two that touch in a vertex.
@@ -262,6 +275,44 @@ TEST(MeshCleanup, NoDiscNoCut) {
   EXPECT_FALSE(CleanMesh(options, silent, &mesh).cut_height.has_value());
   EXPECT_EQ(TopologyOf(mesh).euler_characteristic, 2);
   EXPECT_FALSE(FindDisc(TriangleMesh()).has_value());
+}
+
+// Turned and moved by any amount, the object is cut from what it stands on all the same.
+TEST(MeshCleanup, FindsASupportThatLiesAskew) {
+  const Eigen::Quaterniond rotation(Eigen::AngleAxisd(2.1, Eigen::Vector3d(0.3, -0.8, 0.5).normalized()));
+  const Eigen::Vector3d translation(3, -2, 5);
+  RandomNumbers random(7);
+  TriangleMesh mesh = Plate(2, -0.3, 0.05);
+  for (Eigen::Vector3f& vertex : mesh.vertices) vertex.z() += static_cast<float>(0.002 * random.Normal());
+  Append(Ball(4, 0.8, {0.1, 0.2, 0.45}), &mesh);
+  for (Eigen::Vector3f& vertex : mesh.vertices) {
+    vertex = (rotation * vertex.cast<double>() + translation).cast<float>();
+  }
+  Reporter silent;
+  MeshCleanupOptions options;
+  options.remove_disc = true;
+  options.is_axis_known = false;
+  const MeshCleanupSummary summary = CleanMesh(options, silent, &mesh);
+  ASSERT_TRUE(summary.cut_height.has_value());
+  const Eigen::Vector3d up = rotation * Eigen::Vector3d::UnitZ();
+  EXPECT_LT((summary.up - up).norm(), 3e-4);  // measured 7e-5
+  EXPECT_GT(*summary.cut_height, -0.3 + up.dot(translation));
+  EXPECT_LT(*summary.cut_height, -0.05 + up.dot(translation));
+  const Eigen::Vector3d middle = rotation * Eigen::Vector3d(0.1, 0.2, 0.45) + translation;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    EXPECT_NEAR((vertex.cast<double>() - middle).norm(), 0.8, 0.01);
+  }
+  EXPECT_EQ(TopologyOf(mesh).euler_characteristic, 1);
+}
+
+// What an object ends in is no support, and neither is a plane that nothing stands on.
+TEST(MeshCleanup, NoSupportNoCut) {
+  EXPECT_FALSE(FindSupportNormal(TriangleMesh()).has_value());
+  EXPECT_FALSE(FindSupportNormal(Ball(4, 1)).has_value());
+  EXPECT_FALSE(FindSupportNormal(Plate(2, 0, 0.1)).has_value());
+  TriangleMesh solid = Plate(1, 1, 2);
+  Append(Ball(4, 0.8), &solid);
+  EXPECT_FALSE(FindSupportNormal(solid).has_value());
 }
 
 TEST(MeshCleanup, CutsTrianglesInTwo) {

@@ -235,6 +235,19 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
     // measured 8.5e-5, 0.4 % of a voxel.
     EXPECT_LT(worst, 2e-4) << scale;
   }
+  // Powers of two change no rounding, so they change nothing: no constant has a unit.
+  for (const double scale : {0x1p-10, 0x1p10}) {
+    view_options.scale = scale;
+    const TriangleMesh mesh = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), CpuOptions());
+    ASSERT_EQ(mesh.vertices.size(), reference.vertices.size());
+    EXPECT_EQ(mesh.triangles, reference.triangles);
+    double worst = 0;
+    for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+      const Eigen::Vector3d x = mesh.vertices[i].cast<double>() / scale;
+      worst = std::max(worst, (x - reference.vertices[i].cast<double>()).norm());
+    }
+    EXPECT_EQ(worst, 0) << scale;
+  }
   view_options.scale = 1;
   view_options.middle = {100, -200, 50};
   Shape sphere = SphereShape(0.8);
