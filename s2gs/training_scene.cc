@@ -24,17 +24,10 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
-<<<<<<< HEAD
-constexpr double kMinTurnDeg = 0.5;        // below which nothing is said to turn.
 constexpr double kPoseAgreement = 1e-3;    // of the two models' poses, in radians and scene sizes.
 constexpr double kRegionQuantile = 0.995;  // of the rotating points: the few beyond are outliers.
 constexpr double kRegionMargin = 1.15;     // SfM points end before the surface does.
 constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a disc whose top alone has points.
-=======
-constexpr double kPoseAgreement = 1e-3;     // of the two models' poses, in radians and scene sizes.
-constexpr double kRegionQuantile = 0.995;   // of the rotating points: the few beyond are outliers.
-constexpr double kRegionMargin = 1.15;      // SfM points end before the surface does.
->>>>>>> mesh
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
 
 bool Exists(const fs::path& path) {
