@@ -91,6 +91,7 @@ class Refiner {
   void DropUntiedStations();
   void MakeReference(const View& reference);
   int NewStation() const;
+  bool MendStationByObject(const std::vector<int>& images, double max_error_px);
   void MendStation(const std::vector<int>& images, double max_error_px);
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
@@ -436,6 +437,9 @@ bool Refiner::MendImage(int image, const Rigid3& cam_from_world, int station, do
 // Raw matches are mostly wrong, and neighbouring angles share many right ones: the angle has to have far more
 // than chance gives, or be the one that the station's equal steps tell.
 bool Refiner::MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
+  const auto placed = std::count_if(aligned_->scene.views.begin(), aligned_->scene.views.end(),
+                                    [&](const View& view) { return view.station == station; });
+  if (placed < kMinEqualSteps) return false;
   const std::vector<MatchAcrossTurn> raw = RawMatchesWithPosed(image, cam_from_world);
   const TurntableAxis& axis = aligned_->scene.axis;
   const int least = kOverwhelmingInliers * options_.min_mend_inliers;
@@ -609,19 +613,8 @@ int Refiner::NewStation() const {
   return last + 1;
 }
 
-void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
-  // Where the background's reconstruction has one of its photos, another may show enough of the object.
-  for (const int base : images) {
-    const auto found = aligned_->cam_from_background.find(features_.images[static_cast<size_t>(base)].name);
-    if (found == aligned_->cam_from_background.end()) continue;
-    const Rigid3 cam_from_world = TransformPose(aligned_->aligned_from_background, found->second);
-    const int station = NewStation();
-    for (const int image : images) {
-      if (MendImage(image, cam_from_world, station, max_error_px)) return;
-    }
-    break;
-  }
-  if (object_ == nullptr || object_->images.empty()) return;
+bool Refiner::MendStationByObject(const std::vector<int>& images, double max_error_px) {
+  if (object_ == nullptr || object_->images.empty()) return false;
   int tried = 0;
   for (const int base : images) {
     const auto found = object_->images.find(features_.images[static_cast<size_t>(base)].image_id);
@@ -629,7 +622,7 @@ void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
         found->second.name != features_.images[static_cast<size_t>(base)].name) {
       continue;
     }
-    if (++tried > kMaxBasesOfStation) return;
+    if (++tried > kMaxBasesOfStation) return false;
     const Rigid3 cam_from_object = TransformPose(aligned_->aligned_from_object, found->second.cam_from_world);
     const std::vector<PointInImage> points =
         PointsSeenBy(base, features_, features_.object_pairs, object_points_);
@@ -649,7 +642,23 @@ void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
     report_.mended.push_back({features_.images[static_cast<size_t>(base)].name,
                               "its station was placed by the object alone", inliers,
                               static_cast<int>(points.size()), 0});
-    return;
+    return true;
+  }
+  return false;
+}
+
+void Refiner::MendStation(const std::vector<int>& images, double max_error_px) {
+  if (MendStationByObject(images, max_error_px)) return;
+  // Where the background's reconstruction has one of its photos, another may show enough of the object.
+  for (const int base : images) {
+    const auto found = aligned_->cam_from_background.find(features_.images[static_cast<size_t>(base)].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    const Rigid3 cam_from_world = TransformPose(aligned_->aligned_from_background, found->second);
+    const int station = NewStation();
+    for (const int image : images) {
+      if (MendImage(image, cam_from_world, station, max_error_px)) return;
+    }
+    break;
   }
 }
 
