@@ -1,13 +1,15 @@
 #!/usr/bin/python3
 """Kills `s2gs automatic_scanner` at random moments and compares what it ends with to a run that nobody disturbed.
 
-usage: scan_kill_test.py S2GS IMAGES WORK [--kills N] [--seed N] [--iterations N] [--size PX] [--keep NAME ...]
+usage: scan_kill_test.py S2GS IMAGES WORK [--kills N] [--seed N] [--iterations N] [--size PX] [--share_features]
+                         [--keep NAME ...]
 
 One run goes through undisturbed in WORK/straight. In WORK/killed each run is killed (SIGKILL, of s2gs alone) at a
 random moment of the pipeline: moments are drawn evenly over the undisturbed run's time and taken in order; a kill waits
 for the stage that ran at its moment to begin, then for as long as that stage had run by then. The last run is left
 alone. Poses, models, masks, depth and normal maps, the Gaussians and the mesh must be the same, bit for bit, and no
-temporary file may be left.
+temporary file may be left. COLMAP 3.8's extractor makes a few descriptors in 100,000 differently from run to run:
+--share_features gives the undisturbed run's database to the killed ones, which are then killed in later stages only.
 """
 import argparse, os, random, re, shutil, signal, subprocess, sys, threading, time
 
@@ -94,6 +96,7 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--iterations", type=int, default=300)
     parser.add_argument("--size", type=int, default=100)
+    parser.add_argument("--share_features", action="store_true")
     parser.add_argument("--keep", nargs="*", default=[""], help="photos whose names begin so")
     args = parser.parse_args()
 
@@ -111,10 +114,15 @@ def main():
     timeline = [("", 0.0)] + run.stages
     print(f"undisturbed: {total:.1f} s, " + ", ".join(f"{name} from {at:.1f}" for name, at in run.stages), flush=True)
 
+    first_moment = 0.0
+    if args.share_features:
+        first_moment = dict(run.stages)["motion_splitter"]
+        os.makedirs(killed)
+        shutil.copy(os.path.join(straight, "database.db"), killed)
     rng = random.Random(args.seed)
     done = 0
     killed_at = {}  # how far into a stage it was killed last
-    for moment in sorted(rng.uniform(0, total) for _ in range(args.kills)):
+    for moment in sorted(rng.uniform(first_moment, total) for _ in range(args.kills)):
         stage, begin = [entry for entry in timeline if entry[1] <= moment][-1]
         run = Run(args, killed)
         if stage and not run.wait_for(stage):
