@@ -188,12 +188,16 @@ struct Candidate {
   std::string finding;  // what came of it, for the report.
   bool is_usable = false;
 
+  // Grows as the sum over images of the root of their observations would if all had as many: a few images
+  // more do not outweigh a fit that explains a fraction of the matches, and the matches of a few images do
+  // not outweigh many.
+  double Evidence() const {
+    return static_cast<double>(aligned.scene.views.size()) *
+           static_cast<double>(refined.joint.object_observations);
+  }
   bool IsBetterThan(const Candidate& other) const {
     if (is_usable != other.is_usable) return is_usable;
-    const size_t images = aligned.scene.views.size();
-    const size_t others = other.aligned.scene.views.size();
-    if (images != others) return images > others;
-    return refined.joint.object_observations > other.refined.joint.object_observations;
+    return Evidence() > other.Evidence();
   }
 };
 
@@ -463,6 +467,11 @@ void RunTurntableMapper(CommandContext& context) {
 
   std::optional<ColmapProgram> colmap;
   const auto map = [&](bool of_object) {
+    std::error_code ec;
+    if (!fs::is_directory(settings.image_path, ec)) {
+      throw UserError(settings.image_path, "no such folder of photos, which colmap mapper needs",
+                      "Check --image_path");
+    }
     if (!colmap) colmap = ColmapProgram::Find(settings.colmap_path, reporter);
     mapper.Map(of_object, &*colmap);
   };
