@@ -95,9 +95,13 @@ TEST_F(ScanInputTest, LabelsAreReplacedAndTheRestKept) {
   labels[1] = {KeypointLabel::kStatic, KeypointLabel::kStatic};
   WriteScanLabels(workspace_, input.features.images, labels);
   json expected = Labels();
+  for (json& image : expected["images"]) image["split_labels"] = image["labels"];
   expected["images"][0]["labels"] = expected["images"][2]["labels"] = "02";
   expected["images"][1]["labels"] = "11";
   EXPECT_EQ(json::parse(ReadAll(workspace_.SplitLabels())), expected);
+  // What is read again, for another mapping, are the split's own labels.
+  const ScanInput again = ReadScanInput(workspace_);
+  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(again.features.images[i].labels, input.features.images[i].labels);
 }
 
 TEST_F(ScanInputTest, ContradictionsAreUserErrors) {
