@@ -737,10 +737,14 @@ void ColmapDatabase::NumberImagesByName() {
         "CREATE TEMP TABLE numbering(old INTEGER PRIMARY KEY, new INTEGER);"
         "INSERT INTO numbering SELECT image_id, ROW_NUMBER() OVER (ORDER BY name) FROM images;");
     // By way of numbers that no image has.
-    for (const std::string table : {"images", "keypoints", "descriptors"}) {
-      connection_->Execute("UPDATE " + table + " SET image_id = image_id + 1000000000;");
-      connection_->Execute("UPDATE " + table + " SET image_id = (SELECT new FROM numbering WHERE old = " +
-                           table + ".image_id - 1000000000);");
+    for (const char* table : {"images", "keypoints", "descriptors"}) {
+      std::string sql =
+          "UPDATE TABLE SET image_id = image_id + 1000000000;"
+          "UPDATE TABLE SET image_id = (SELECT new FROM numbering WHERE old = TABLE.image_id - 1000000000);";
+      for (size_t at = sql.find("TABLE"); at != std::string::npos; at = sql.find("TABLE", at)) {
+        sql.replace(at, 5, table);
+      }
+      connection_->Execute(sql);
     }
     connection_->Execute("DROP TABLE numbering;");
   });

@@ -1,0 +1,224 @@
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include "sfm_split/rotation.h"
+#include "sfm_split/scan_refiner.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kDegree = 3.14159265358979323846 / 180;
+constexpr int kMaxBasesOfStation = 4;    // images that are tried as a lost station's first
+constexpr size_t kMaxTiedStations = 24;  // more are a camera held by hand
+
+}  // namespace
+
+// A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
+// definition, or where the background's points say.
+int ScanRefiner::NewStation() const {
+  int last = -1;
+  for (const View& view : aligned_->scene.views) last = std::max(last, view.station);
+  return last + 1;
+}
+
+bool ScanRefiner::MendStationByObject(const std::vector<int>& images, double max_error_px) {
+  if (object_ == nullptr || object_->images.empty()) return false;
+  int tried = 0;
+  for (const int base : images) {
+    const auto found = object_->images.find(features_.images[static_cast<size_t>(base)].image_id);
+    if (found == object_->images.end() ||
+        found->second.name != features_.images[static_cast<size_t>(base)].name) {
+      continue;
+    }
+    if (++tried > kMaxBasesOfStation) return false;
+    const Rigid3 cam_from_object = TransformPose(aligned_->aligned_from_object, found->second.cam_from_world);
+    const std::vector<PointInImage> points =
+        PointsSeenBy(base, features_, features_.object_pairs, object_points_);
+    PosedImage posed;
+    posed.is_posed = true;
+    posed.camera = &CameraOf(base);
+    posed.cam_from_body = cam_from_object;
+    int inliers = 0;
+    for (const PointInImage& point : points) {
+      inliers += ReprojectionErrorPx(posed, point.x_in_object, point.xy) <= max_error_px ? 1 : 0;
+    }
+    if (inliers < options_.min_mend_inliers ||
+        inliers < options_.min_mend_share * static_cast<double>(points.size())) {
+      continue;
+    }
+    AddView(base, NewStation(), cam_from_object, Rigid3(), 0);
+    report_.mended.push_back({features_.images[static_cast<size_t>(base)].name,
+                              "its station was placed by the object alone", inliers,
+                              static_cast<int>(points.size()), 0});
+    return true;
+  }
+  return false;
+}
+
+void ScanRefiner::MendStation(const std::vector<int>& images, double max_error_px) {
+  if (MendStationByObject(images, max_error_px)) return;
+  // Where the background's reconstruction has one of its photos, another may show enough of the object.
+  for (const int base : images) {
+    const auto found = aligned_->cam_from_background.find(features_.images[static_cast<size_t>(base)].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    const Rigid3 cam_from_world = TransformPose(aligned_->aligned_from_background, found->second);
+    const int station = NewStation();
+    for (const int image : images) {
+      if (MendImage(image, cam_from_world, station, max_error_px)) return;
+    }
+    break;
+  }
+}
+
+// Matches on the background, each photo where it or its station stands.
+std::vector<StationMatches> ScanRefiner::MatchesOfStations() const {
+  const std::vector<int> views = ViewsOfCameras();
+  const auto pose = [&](int image) -> const Rigid3* {
+    const int view = views[static_cast<size_t>(image)];
+    return view < 0 ? nullptr : &aligned_->scene.views[static_cast<size_t>(view)].cam_from_world;
+  };
+  std::map<std::pair<int, int>, StationMatches> by_stations;
+  for (const ImagePairMatches& pair : features_.static_pairs) {
+    int i = pair.image1;
+    int j = pair.image2;
+    const bool is_swapped = StationOf(i) > StationOf(j);
+    if (is_swapped) std::swap(i, j);
+    const Rigid3* first = pose(i);
+    const Rigid3* second = pose(j);
+    if (StationOf(i) == StationOf(j) || first == nullptr || second == nullptr) continue;
+    StationMatches& all = by_stations[{StationOf(i), StationOf(j)}];
+    all.station = StationOf(i);
+    all.other_station = StationOf(j);
+    for (const FeatureMatch& match : pair.matches) {
+      const uint32_t of_first = is_swapped ? match.point2D_idx2 : match.point2D_idx1;
+      const uint32_t of_second = is_swapped ? match.point2D_idx1 : match.point2D_idx2;
+      all.matches.push_back({&CameraOf(i), *first,
+                             keypoints_[static_cast<size_t>(i)][of_first].cast<double>(), &CameraOf(j),
+                             *second, keypoints_[static_cast<size_t>(j)][of_second].cast<double>()});
+    }
+  }
+  std::vector<StationMatches> result;
+  result.reserve(by_stations.size());
+  for (auto& [stations, matches] : by_stations) result.push_back(std::move(matches));
+  return result;
+}
+
+// Turns a station's cameras about the axis and its table angles back: what it sees of the object stays.
+void ScanRefiner::TurnStation(int station, const StationTie& tie) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, tie.turn_rad);
+  const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  const std::string* name = nullptr;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] < 0 || StationOf(static_cast<int>(i)) != station) continue;
+    View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    view.cam_from_world = view.cam_from_world * turned_from_world;
+    view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
+    view.angle_deg = WrapAngle(view.angle_deg * kDegree - tie.turn_rad) / kDegree;
+    if (name == nullptr) name = &view.name;
+  }
+  if (name == nullptr) return;
+  turned_stations_[station] = {*name, "its station was placed by the background's matches", tie.inliers,
+                               tie.matches, tie.margin};
+}
+
+// Each station may be wrong by its angle about the axis, where the object alone placed it or the background's
+// reconstruction failed: matches on the background say where it stands, and whether they do.
+void ScanRefiner::PlaceStations(double max_error_px) {
+  std::map<int, int> images;  // by station
+  int root = -1;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] < 0) continue;
+    const int station = StationOf(static_cast<int>(i));
+    ++images[station];
+    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    if (view.angle_deg == 0 && root < 0) root = station;
+  }
+  if (images.size() < 2 || images.size() > kMaxTiedStations) return;
+  if (root < 0) root = images.begin()->first;
+  TieOptions options;
+  options.max_error_px = max_error_px;
+  const std::vector<StationTie> ties =
+      TieStations(images.rbegin()->first + 1, root, aligned_->scene.axis, MatchesOfStations(), options);
+  std::map<int, int> images_of_component;
+  std::map<int, int> stations_of_component;
+  for (const auto& [station, count] : images) {
+    images_of_component[ties[static_cast<size_t>(station)].component] += count;
+    ++stations_of_component[ties[static_cast<size_t>(station)].component];
+  }
+  int largest = root;
+  for (const auto& [component, count] : images_of_component) {
+    if (stations_of_component[component] < 2) continue;
+    if (stations_of_component[largest] < 2 || count > images_of_component[largest]) largest = component;
+  }
+  placed_stations_.clear();
+  has_background_ = stations_of_component[largest] >= 2;
+  if (!has_background_) return;
+  for (const auto& [station, count] : images) {
+    const StationTie& tie = ties[static_cast<size_t>(station)];
+    if (tie.component != largest) continue;
+    placed_stations_.insert(station);
+    if (tie.turn_rad != 0) TurnStation(station, tie);
+  }
+}
+
+// The object's frame becomes the world's at another image.
+void ScanRefiner::MakeReference(const View& reference) {
+  const Rigid3 new_from_old = reference.world_from_object;
+  const Rigid3 old_from_new = new_from_old.Inverse();
+  const double zero_deg = reference.angle_deg;
+  const Sim3 moved{1, new_from_old.rotation, new_from_old.translation};
+  for (View& view : aligned_->scene.views) {
+    view.world_from_object = view.world_from_object * old_from_new;
+    view.angle_deg = WrapAngle((view.angle_deg - zero_deg) * kDegree) / kDegree;
+  }
+  TransformModel(moved, &aligned_->object);
+  for (TrackPoint& point : object_points_) point.x_in_body = new_from_old * point.x_in_body;
+  Sim3& from_object = aligned_->aligned_from_object;
+  from_object.translation = new_from_old * from_object.translation;
+  from_object.rotation = (new_from_old.rotation * from_object.rotation).normalized();
+}
+
+// Photos whose station nothing ties to the others would put the background in two places.
+void ScanRefiner::DropUntiedStations() {
+  if (!has_background_) {
+    std::set<int> stations;
+    for (const View& view : aligned_->scene.views) stations.insert(view.station);
+    if (stations.size() > 1 && stations.size() <= kMaxTiedStations) {
+      reporter_.Warn("nothing on the background ties the " + std::to_string(stations.size()) +
+                     " stations to each other: their angles about the axis are unknown");
+    }
+    return;
+  }
+  std::vector<View>& views = aligned_->scene.views;
+  std::set<int> all;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] >= 0) all.insert(StationOf(static_cast<int>(i)));
+  }
+  if (all.size() > kMaxTiedStations) return;
+  std::vector<std::string> gone;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] < 0 || placed_stations_.count(StationOf(static_cast<int>(i))) > 0) continue;
+    gone.push_back(features_.images[i].name);
+  }
+  if (gone.empty()) return;
+  const std::set<std::string> names(gone.begin(), gone.end());
+  const auto is_reference = [](const View& view) { return view.angle_deg == 0; };
+  const bool had_reference = std::any_of(views.begin(), views.end(), is_reference);
+  views.erase(std::remove_if(views.begin(), views.end(),
+                             [&](const View& view) { return names.count(view.name) > 0; }),
+              views.end());
+  RemoveImages(gone, &aligned_->object);
+  RemoveImages(gone, &aligned_->background);
+  report_.untied = gone;
+  reporter_.Warn(std::to_string(gone.size()) + " images left out, the first " + gone[0] +
+                 ": nothing on the background ties their station to the others");
+  IndexViews();
+  if (had_reference && std::none_of(views.begin(), views.end(), is_reference)) {
+    const View reference = views[0];
+    MakeReference(reference);
+  }
+}
+
+}  // namespace s2gs

@@ -1,0 +1,117 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "sfm_split/scan_refinement.h"
+#include "sfm_split/station_ties.h"
+#include "sfm_split/table_angle.h"
+#include "sfm_split/track_triangulation.h"
+
+namespace s2gs {
+
+/// How far a raw match between images of one station moves at least [px]: less may be the background's.
+constexpr float kLeastMovePx = 3;
+
+/// RefineScan at work: scan_refinement.cc has the rounds and what they adjust, mend_images.cc brings single
+/// images back or drops them, mend_stations.cc places whole stations.
+class ScanRefiner {
+ public:
+  ScanRefiner(const ScanFeatures& features, const ColmapModel* object, const JointOptions& joint_options,
+              const RefineOptions& options, Reporter& reporter, AlignedScene* aligned)
+      : features_(features),
+        object_(object),
+        joint_options_(joint_options),
+        options_(options),
+        reporter_(reporter),
+        aligned_(aligned),
+        object_pairs_(features.object_pairs) {
+    keypoints_.reserve(features.images.size());
+    for (size_t i = 0; i < features.images.size(); ++i) {
+      keypoints_.push_back(features.images[i].keypoints);
+      image_of_name_[features.images[i].name] = static_cast<int>(i);
+    }
+    has_background_ = !aligned->background.images.empty();
+    for (const auto& [id, image] : aligned->background.images) {
+      const auto found = image_of_name_.find(image.name);
+      if (found != image_of_name_.end()) placed_stations_.insert(StationOf(found->second));
+    }
+  }
+
+  RefineReport Run();
+
+ private:
+  int StationOf(int image) const { return features_.images[static_cast<size_t>(image)].station; }
+  void IndexViews();
+  void SortViews();
+  std::vector<int> ViewsOfCameras() const;
+  std::vector<PosedImage> Posed(bool of_object) const;
+  std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
+  void FindUnmoved();
+  void MeasureNoise();
+  void TakeRawMatches(double max_error_px);
+  double ErrorBound(double sigma_px) const;
+  void Mend(double max_error_px);
+  void PlaceStations(double max_error_px);
+  std::vector<StationMatches> MatchesOfStations() const;
+  void TurnStation(int station, const StationTie& tie);
+  void DropUntiedStations();
+  void MakeReference(const View& reference);
+  int NewStation() const;
+  bool MendStationByObject(const std::vector<int>& images, double max_error_px);
+  void MendStation(const std::vector<int>& images, double max_error_px);
+  bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
+  std::vector<MatchAcrossTurn> RawMatchesWithPosed(int image, const Rigid3& cam_from_world) const;
+  bool MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  bool IsStatic(int image, uint32_t keypoint) const;
+  std::optional<double> AngleByEqualSteps(int image) const;
+  bool MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
+  void DropDoubtful(double max_error_px);
+  void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
+               double angle_rad);
+  void AddCamera(uint32_t camera_id);
+  const Camera& CameraOf(int image) const;
+  std::vector<size_t> PointsToAdjust(const std::vector<TrackPoint>& points, int max_observations,
+                                     int max_points) const;
+  ColmapModel BuildModel(const std::vector<TrackPoint>& points, const std::vector<size_t>& chosen,
+                         bool of_object) const;
+  std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
+  JointReport Adjust(JointModel model, bool covariance);
+  JointReport AdjustWith(JointOptions options);
+  void Relabel(double max_error_px);
+  void WriteModels();
+
+  const ScanFeatures& features_;
+  const ColmapModel* object_;
+  const JointOptions& joint_options_;
+  const RefineOptions& options_;
+  Reporter& reporter_;
+  AlignedScene* aligned_;
+  std::vector<Keypoints> keypoints_;
+  std::vector<ImagePairMatches> object_pairs_;  // verified, and raw ones that agree with the poses
+  std::map<std::string, int> image_of_name_;
+  std::vector<int> view_of_image_;
+  std::set<int> placed_stations_;  // in the features' numbers: those that the background ties to each other
+  std::map<int, MendedImage> turned_stations_;
+  bool has_background_ = false;
+  bool holds_cameras_ = false;
+  double noise_px_ = 0;  // of the object's matches against the poses as they stand
+  std::map<std::string, int> drops_;
+  std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
+  // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
+  std::map<int, std::map<int, std::map<uint32_t, uint32_t>>> unmoved_;
+  std::vector<TrackPoint> object_points_;
+  std::vector<TrackPoint> background_points_;
+  RefineReport report_;
+};
+
+/// The image's keypoints that match a keypoint of a known point; of several points those with most matches.
+std::vector<PointInImage> PointsSeenBy(int image, const ScanFeatures& features,
+                                       const std::vector<ImagePairMatches>& pairs,
+                                       const std::vector<TrackPoint>& points);
+
+}  // namespace s2gs
