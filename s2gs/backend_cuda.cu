@@ -1,7 +1,5 @@
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <string>
 
@@ -12,9 +10,12 @@
 #include "s2gs/cuda/densify.h"
 #include "s2gs/cuda/knn.h"
 #include "s2gs/cuda/losses.h"
+#include "s2gs/cuda/model_transfer.h"
 #include "s2gs/cuda/optimise.h"
 #include "s2gs/cuda/project.h"
 #include "s2gs/cuda/render.h"
+#include "s2gs/cuda/step_reports.h"
+#include "s2gs/cuda/view_maps.h"
 
 // All work goes to one stream, in order. Step() never waits for the GPU: how many pairs of a splat and a tile
 // a view will have is not known when its sort is launched, so each step sorts as many as recent steps had and
@@ -26,10 +27,6 @@ namespace s2gs {
 namespace {
 
 using namespace cuda;  // NOLINT(google-build-using-namespace): this file is the other half of that namespace.
-
-// How far the host may be ahead of the GPU [steps].
-constexpr int kStepsAhead = 8;
-constexpr int64_t kMinRoom = 1 << 16;
 
 Mat3<float> ToMat3(const Eigen::Quaterniond& rotation) {
   const Eigen::Matrix3f m = rotation.toRotationMatrix().cast<float>();
@@ -66,20 +63,6 @@ ForegroundRule RuleFor(SceneBodies bodies, bool freeze_foreground) {
   }
 }
 
-// The arrays of Gaussians, in the order of the planes.
-struct Field {
-  std::vector<float> Gaussians::*values;
-  int first_plane;
-  int num_planes;
-};
-constexpr std::array<Field, 7> kFields = {{{&Gaussians::centre, kCentre, 3},
-                                           {&Gaussians::log_scale, kLogScale, 2},
-                                           {&Gaussians::rotation, kRotation, 4},
-                                           {&Gaussians::opacity_logit, kOpacity, 1},
-                                           {&Gaussians::foreground_logit, kForeground, 1},
-                                           {&Gaussians::sh_dc, kShDc, 3},
-                                           {&Gaussians::sh_rest, kShRest, 3 * kShRestPerChannel}}};
-
 class CudaBackend : public Backend {
  public:
   explicit CudaBackend(int gpu_index) {
@@ -88,19 +71,12 @@ class CudaBackend : public Backend {
     CheckCuda(cudaGetDeviceProperties(&properties, gpu_index), "cudaGetDeviceProperties");
     device_name_ = properties.name;
     CheckCuda(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "cudaStreamCreate");
-    CheckCuda(cudaMallocHost(&host_reports_, kStepsAhead * sizeof(StepReport)), "cudaMallocHost");
-    for (cudaEvent_t& event : report_events_) {
-      CheckCuda(cudaEventCreateWithFlags(&event, cudaEventDisableTiming), "cudaEventCreate");
-    }
-    report_.Reserve(1);
     sums_.Reserve(1);
     CheckCuda(cudaMemsetAsync(sums_.get(), 0, sizeof(LossSums), stream_), "losses");
   }
 
   ~CudaBackend() override {
     cudaStreamSynchronize(stream_);
-    for (const cudaEvent_t event : report_events_) cudaEventDestroy(event);
-    cudaFreeHost(host_reports_);
     cudaStreamDestroy(stream_);
   }
 
@@ -135,7 +111,7 @@ class CudaBackend : public Backend {
       const uint8_t* mask = upload(photo.mask);
       photos_.push_back({photo.view, {rgb, mask, photo.view.width, photo.view.height}});
     }
-    ForgetRoom();  // other sizes have other counts
+    reports_.Forget();  // other sizes have other counts
   }
 
   void SetState(const TrainState& state) override {
@@ -144,9 +120,10 @@ class CudaBackend : public Backend {
     S2GS_INVARIANT(count_ <= std::numeric_limits<int32_t>::max() - 1024);
     sh_degree_ = state.gaussians.sh_degree;
     ReserveModel(count_);
-    Upload(state.gaussians, parameters());
-    Upload(state.first_moment, first_moments());
-    Upload(state.second_moment, second_moments());
+    const auto rows = static_cast<size_t>(count_);
+    UploadGaussians(state.gaussians, rows, parameters(), stream_);
+    UploadGaussians(state.first_moment, rows, first_moments(), stream_);
+    UploadGaussians(state.second_moment, rows, second_moments(), stream_);
     UploadSums(state.gradient_sum, gradient_sum_.get());
     UploadSums(state.view_count, view_count_.get());
     num_neighbours_ = state.num_neighbours;
@@ -163,20 +140,20 @@ class CudaBackend : public Backend {
                            cudaMemcpyHostToDevice),
                 "neighbours");
     }
-    ForgetRoom();
+    reports_.Forget();
   }
 
   TrainState GetState() const override {
     TrainState state;
-    state.gaussians = Download(parameters());
-    state.first_moment = Download(first_moments());
-    state.second_moment = Download(second_moments());
-    state.gradient_sum = DownloadArray(gradient_sum_.get(), static_cast<size_t>(count_));
-    state.view_count = DownloadArray(view_count_.get(), static_cast<size_t>(count_));
+    state.gaussians = DownloadModel(parameters());
+    state.first_moment = DownloadModel(first_moments());
+    state.second_moment = DownloadModel(second_moments());
+    state.gradient_sum = DownloadArray(gradient_sum_.get(), static_cast<size_t>(count_), stream_);
+    state.view_count = DownloadArray(view_count_.get(), static_cast<size_t>(count_), stream_);
     state.num_neighbours = num_neighbours_;
     const auto k = static_cast<size_t>(num_neighbours_);
     const auto n = static_cast<size_t>(count_);
-    const std::vector<uint32_t> planes = DownloadArray(neighbours_.get(), k * n);
+    const std::vector<uint32_t> planes = DownloadArray(neighbours_.get(), k * n, stream_);
     state.neighbours.resize(k * n);
     for (size_t i = 0; i < n; ++i) {
       for (size_t j = 0; j < k; ++j) state.neighbours[i * k + j] = planes[j * n + i];
@@ -184,7 +161,7 @@ class CudaBackend : public Backend {
     return state;
   }
 
-  Gaussians GetGaussians() const override { return Download(parameters()); }
+  Gaussians GetGaussians() const override { return DownloadModel(parameters()); }
   int64_t Count() const override { return count_; }
 
   Placement GetPlacement() const override {
@@ -192,10 +169,10 @@ class CudaBackend : public Backend {
     Placement placement;
     placement.centre.resize(3 * n);
     for (size_t axis = 0; axis < 3; ++axis) {
-      const std::vector<float> plane = DownloadArray(model_.get() + (kCentre + axis) * stride_, n);
+      const std::vector<float> plane = DownloadArray(model_.get() + (kCentre + axis) * stride_, n, stream_);
       for (size_t i = 0; i < n; ++i) placement.centre[3 * i + axis] = plane[i];
     }
-    placement.foreground_logit = DownloadArray(model_.get() + kForeground * stride_, n);
+    placement.foreground_logit = DownloadArray(model_.get() + kForeground * stride_, n, stream_);
     return placement;
   }
 
@@ -225,7 +202,7 @@ class CudaBackend : public Backend {
     CheckCuda(
         cudaMemcpyAsync(d_logits_.get(), logits.data(), n * sizeof(float), cudaMemcpyHostToDevice, stream_),
         "foreground");
-    ReplaceForeground();
+    ReplaceForeground(d_logits_.get(), parameters(), first_moments(), second_moments(), count_, stream_);
     Wait();
   }
 
@@ -238,15 +215,15 @@ class CudaBackend : public Backend {
     options.sh_degree = sh_degree_;
     const RenderChannels channels = {request.geometry, request.foreground || request.hard_foreground};
     const RenderInput input = PrepareToDraw(options);
-    const Maps maps = ReserveMaps(request.view.width, request.view.height, channels);
+    const Maps maps = maps_.Reserve(request.view.width, request.view.height, channels);
     RenderForward(input, channels, maps, stream_);
 
     const size_t size = static_cast<size_t>(request.view.width) * request.view.height;
     RenderedView view;
     view.width = request.view.width;
     view.height = request.view.height;
-    const std::vector<float> color = DownloadArray(maps.color, 3 * size);
-    view.alpha = DownloadArray(maps.transmittance, size);
+    const std::vector<float> color = DownloadArray(maps.color, 3 * size, stream_);
+    view.alpha = DownloadArray(maps.transmittance, size, stream_);
     view.color.resize(3 * size);
     for (size_t i = 0; i < size; ++i) {
       for (size_t c = 0; c < 3; ++c) {
@@ -254,13 +231,13 @@ class CudaBackend : public Backend {
       }
       view.alpha[i] = 1 - view.alpha[i];
     }
-    if (channels.foreground) view.foreground = DownloadArray(maps.foreground, size);
+    if (channels.foreground) view.foreground = DownloadArray(maps.foreground, size, stream_);
     if (channels.geometry) {
-      const std::vector<float> normal = DownloadArray(maps.normal, 3 * size);
-      const std::vector<float> weight = DownloadArray(maps.weight, size);
-      view.expected_depth = DownloadArray(maps.depth, size);
-      view.median_depth = DownloadArray(maps.median_depth, size);
-      view.distortion = DownloadArray(maps.distortion, size);
+      const std::vector<float> normal = DownloadArray(maps.normal, 3 * size, stream_);
+      const std::vector<float> weight = DownloadArray(maps.weight, size, stream_);
+      view.expected_depth = DownloadArray(maps.depth, size, stream_);
+      view.median_depth = DownloadArray(maps.median_depth, size, stream_);
+      view.distortion = DownloadArray(maps.distortion, size, stream_);
       view.normal.resize(3 * size);
       for (size_t i = 0; i < size; ++i) {
         view.expected_depth[i] = weight[i] > 0 ? view.expected_depth[i] / weight[i] : 0.0F;
@@ -286,18 +263,18 @@ class CudaBackend : public Backend {
     const RenderChannels channels = {weights.normal != 0 || weights.distortion != 0,
                                      learns_foreground && (weights.entropy_2d != 0 || has_mask_loss)};
 
-    ReadReports();
+    reports_.Read(&sorter_);
     sorter_.Reserve(count_, photo.view.width, photo.view.height);
     Project(parameters(), count_, optimise.view, sorter_.splats(), stream_);
-    sorter_.SortByDepth(count_, report_.get(), stream_);
-    if (room_ == 0) MakeRoom(CountIntersections());
-    const RenderInput input = {
-        sorter_.splats(),
-        sorter_.SortByTile(count_, photo.view.width, photo.view.height, room_, report_.get(), stream_),
-        photo.view.width, photo.view.height, optimise.view.camera.near_depth};
-    SendReport();
+    sorter_.SortByDepth(count_, reports_.report(), stream_);
+    if (reports_.room() == 0) reports_.MakeRoom(reports_.Count(stream_), &sorter_);
+    const RenderInput input = {sorter_.splats(),
+                               sorter_.SortByTile(count_, photo.view.width, photo.view.height,
+                                                  reports_.room(), reports_.report(), stream_),
+                               photo.view.width, photo.view.height, optimise.view.camera.near_depth};
+    reports_.Send(stream_);
 
-    const Maps maps = ReserveMaps(photo.view.width, photo.view.height, channels);
+    const Maps maps = maps_.Reserve(photo.view.width, photo.view.height, channels);
     RenderForward(input, channels, maps, stream_);
 
     ImageLossInput loss;
@@ -309,9 +286,9 @@ class CudaBackend : public Backend {
     loss.fy = optimise.view.camera.fy;
     loss.cx = optimise.view.camera.cx;
     loss.cy = optimise.view.camera.cy;
-    loss.report = report_.get();
-    const MapGradients d_maps = ReserveMapGradients(photo.view.width, photo.view.height, channels);
-    ColorLoss(loss, maps, d_maps, partials_.get(), sums_.get(), stream_);
+    loss.report = reports_.report();
+    const MapGradients d_maps = maps_.ReserveGradients(photo.view.width, photo.view.height, channels);
+    ColorLoss(loss, maps, d_maps, maps_.partials(), sums_.get(), stream_);
     MapLoss(loss, channels.geometry, channels.foreground, maps, d_maps, sums_.get(), stream_);
     RenderBackward(input, channels, maps, d_maps, loss.background, d_splats_.get(), d_normal_z_.get(),
                    stream_);
@@ -324,7 +301,7 @@ class CudaBackend : public Backend {
                                     num_neighbours_,
                                     has_neighbours ? weights.local_consistency : 0,
                                     weights.entropy_3d,
-                                    report_.get()};
+                                    reports_.report()};
       ModelLoss(model, d_logits_.get(), sums_.get(), stream_);
       optimise.d_logits = d_logits_.get();
     }
@@ -345,7 +322,7 @@ class CudaBackend : public Backend {
       optimise.gradient_sum = gradient_sum_.get();
       optimise.view_count = view_count_.get();
     }
-    optimise.report = report_.get();
+    optimise.report = reports_.report();
     optimise.sums = sums_.get();
     Optimise(optimise, stream_);
   }
@@ -394,10 +371,8 @@ class CudaBackend : public Backend {
     count_ = result.count;
     ReserveModelBuffers();
     ClearStatistics();
-    if (room_ > 0 && count_ > old_count) {
-      peak_intersections_ =
-          peak_intersections_ * static_cast<double>(count_) / static_cast<double>(old_count);
-      MakeRoom(0);
+    if (count_ > old_count) {
+      reports_.ExpectGrowth(static_cast<double>(count_) / static_cast<double>(old_count), &sorter_);
     }
     if (num_neighbours_ > 0) RefreshNeighbours(num_neighbours_);
     return result;
@@ -406,7 +381,7 @@ class CudaBackend : public Backend {
   void ResetOpacity(float max_opacity) override {
     if (count_ == 0) return;
     const float max_logit = std::log(max_opacity / (1 - max_opacity));
-    ClampOpacity(max_logit);
+    ClampOpacity(parameters(), first_moments(), second_moments(), count_, max_logit, stream_);
   }
 
   std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies) override {
@@ -421,7 +396,7 @@ class CudaBackend : public Backend {
       options.sh_degree = 0;
       RenderPeakWeights(PrepareToDraw(options), peak_weights_.get(), stream_);
     }
-    return DownloadArray(peak_weights_.get(), static_cast<size_t>(count_));
+    return DownloadArray(peak_weights_.get(), static_cast<size_t>(count_), stream_);
   }
 
   void RefreshNeighbours(int k) override {
@@ -480,51 +455,6 @@ class CudaBackend : public Backend {
     CheckCuda(cudaMemsetAsync(view_count_.get(), 0, bytes, stream_), "statistics");
   }
 
-  Maps ReserveMaps(int width, int height, RenderChannels channels) {
-    const size_t size = static_cast<size_t>(width) * height;
-    map_planes_.Reserve(4 * size);
-    last_.Reserve(size);
-    Maps maps{};
-    maps.color = map_planes_.get();
-    maps.transmittance = map_planes_.get() + 3 * size;
-    maps.last = last_.get();
-    if (channels.foreground) {
-      foreground_plane_.Reserve(size);
-      maps.foreground = foreground_plane_.get();
-    }
-    if (channels.geometry) {
-      geometry_planes_.Reserve(9 * size);
-      maps.depth = geometry_planes_.get();
-      maps.normal = geometry_planes_.get() + size;
-      maps.median_depth = geometry_planes_.get() + 4 * size;
-      maps.distortion = geometry_planes_.get() + 5 * size;
-      maps.m1 = geometry_planes_.get() + 6 * size;
-      maps.m2 = geometry_planes_.get() + 7 * size;
-      maps.weight = geometry_planes_.get() + 8 * size;
-    }
-    return maps;
-  }
-
-  MapGradients ReserveMapGradients(int width, int height, RenderChannels channels) {
-    const size_t size = static_cast<size_t>(width) * height;
-    partials_.Reserve(9 * size);
-    d_color_.Reserve(3 * size);
-    MapGradients d_maps{};
-    d_maps.color = d_color_.get();
-    if (channels.foreground) {
-      d_foreground_.Reserve(size);
-      d_maps.foreground = d_foreground_.get();
-    }
-    if (channels.geometry) {
-      d_geometry_.Reserve(6 * size);
-      d_maps.alpha = d_geometry_.get();
-      d_maps.normal = d_geometry_.get() + size;
-      d_maps.expected_depth = d_geometry_.get() + 4 * size;
-      d_maps.distortion = d_geometry_.get() + 5 * size;
-    }
-    return d_maps;
-  }
-
   // --- Intersections ---
   RenderInput PrepareToDraw(const ProjectOptions& options) {
     const int width = options.camera.width, height = options.camera.height;
@@ -532,85 +462,17 @@ class CudaBackend : public Backend {
     int64_t room = 0;
     if (count_ > 0) {
       Project(parameters(), count_, options, sorter_.splats(), stream_);
-      sorter_.SortByDepth(count_, report_.get(), stream_);
-      room = CountIntersections();
+      sorter_.SortByDepth(count_, reports_.report(), stream_);
+      room = reports_.Count(stream_);
       sorter_.ReserveIntersections(room);
     }
-    return {sorter_.splats(), sorter_.SortByTile(count_, width, height, room, report_.get(), stream_), width,
-            height, options.camera.near_depth};
-  }
-
-  // Waits for the GPU.
-  int64_t CountIntersections() {
-    StepReport report;
-    CheckCuda(cudaMemcpyAsync(&report, report_.get(), sizeof(report), cudaMemcpyDeviceToHost, stream_),
-              "report");
-    Wait();
-    if (report.num_intersections > static_cast<uint64_t>(std::numeric_limits<int64_t>::max() / 2)) {
-      throw UserError("The view has too many pairs of a splat and a tile. Use a smaller image size");
-    }
-    return static_cast<int64_t>(report.num_intersections);
-  }
-
-  // Room for at least so many pairs, with a margin over the recent peak.
-  void MakeRoom(int64_t count) {
-    peak_intersections_ = std::max(peak_intersections_, static_cast<double>(count));
-    const auto wanted = static_cast<int64_t>(1.15 * peak_intersections_) + kMinRoom;
-    room_ = wanted;
-    const auto reserved = std::min<int64_t>(wanted + wanted / 4, std::numeric_limits<int32_t>::max());
-    if (wanted > reserved_room_) {
-      sorter_.ReserveIntersections(std::max(wanted, reserved));
-      reserved_room_ = std::max(wanted, reserved);
-    }
-  }
-
-  void ForgetRoom() {
-    num_reports_read_ = num_reports_sent_;
-    peak_intersections_ = 0;
-    room_ = 0;
-  }
-
-  // Sends the step's count to the host, to be read when it has arrived. There is a free slot after
-  // ReadReports.
-  void SendReport() {
-    const int slot = static_cast<int>(num_reports_sent_ % kStepsAhead);
-    CheckCuda(cudaMemcpyAsync(host_reports_ + slot, report_.get(), sizeof(StepReport), cudaMemcpyDeviceToHost,
-                              stream_),
-              "report");
-    CheckCuda(cudaEventRecord(report_events_[slot], stream_), "report");
-    ++num_reports_sent_;
-  }
-
-  // Takes in the counts that have arrived; waits for the oldest when the host is too far ahead. May enlarge
-  // the buffers of the tile lists, so only where no list is in use.
-  void ReadReports() {
-    while (num_reports_read_ < num_reports_sent_) {
-      const int slot = static_cast<int>(num_reports_read_ % kStepsAhead);
-      const bool is_full = num_reports_sent_ - num_reports_read_ >= kStepsAhead;
-      const cudaError_t state =
-          is_full ? cudaEventSynchronize(report_events_[slot]) : cudaEventQuery(report_events_[slot]);
-      if (state == cudaErrorNotReady) return;
-      CheckCuda(state, "computation");
-      // Forgets a peak over some thousands of steps.
-      peak_intersections_ *= 0.9998;
-      if (room_ > 0) MakeRoom(static_cast<int64_t>(host_reports_[slot].num_intersections));
-      ++num_reports_read_;
-    }
+    return {sorter_.splats(), sorter_.SortByTile(count_, width, height, room, reports_.report(), stream_),
+            width, height, options.camera.near_depth};
   }
 
   // --- Transfers ---
-  template <typename T>
-  std::vector<T> DownloadArray(const T* data, size_t size) const {
-    std::vector<T> values(size);
-    if (size == 0) return values;
-    CheckCuda(cudaMemcpyAsync(values.data(), data, size * sizeof(T), cudaMemcpyDeviceToHost, stream_),
-              "download");
-    Wait();
-    return values;
-  }
-
   std::vector<float> Chosen(const float* data, const std::vector<uint32_t>& indices) const {
-    const std::vector<float> all = DownloadArray(data, static_cast<size_t>(count_));
+    const std::vector<float> all = DownloadArray(data, static_cast<size_t>(count_), stream_);
     std::vector<float> chosen;
     chosen.reserve(indices.size());
     for (const uint32_t index : indices) chosen.push_back(all[index]);
@@ -624,47 +486,11 @@ class CudaBackend : public Backend {
               "state");
   }
 
-  // An empty model means zeros.
-  void Upload(const Gaussians& gaussians, const Planes& planes) const {
-    const auto n = static_cast<size_t>(count_);
-    if (gaussians.empty()) {
-      CheckCuda(cudaMemsetAsync(planes.data, 0, sizeof(float) * kNumPlanes * stride_, stream_), "state");
-      return;
-    }
-    std::vector<float> plane(n);
-    for (const Field& field : kFields) {
-      const std::vector<float>& values = gaussians.*field.values;
-      const auto per_row = static_cast<size_t>(field.num_planes);
-      S2GS_INVARIANT(values.size() == per_row * n);
-      for (size_t k = 0; k < per_row; ++k) {
-        for (size_t i = 0; i < n; ++i) plane[i] = values[i * per_row + k];
-        CheckCuda(cudaMemcpyAsync(planes.data + (static_cast<size_t>(field.first_plane) + k) * planes.stride,
-                                  plane.data(), n * sizeof(float), cudaMemcpyHostToDevice, stream_),
-                  "state");
-        Wait();
-      }
-    }
-  }
-
-  Gaussians Download(const Planes& planes) const {
-    const auto n = static_cast<size_t>(count_);
-    Gaussians gaussians;
-    gaussians.Resize(n);
+  Gaussians DownloadModel(const Planes& planes) const {
+    Gaussians gaussians = DownloadGaussians(planes, static_cast<size_t>(count_), stream_);
     gaussians.sh_degree = sh_degree_;
-    for (const Field& field : kFields) {
-      const auto per_row = static_cast<size_t>(field.num_planes);
-      std::vector<float>& values = gaussians.*field.values;
-      for (size_t k = 0; k < per_row; ++k) {
-        const std::vector<float> plane =
-            DownloadArray(planes.data + (static_cast<size_t>(field.first_plane) + k) * planes.stride, n);
-        for (size_t i = 0; i < n; ++i) values[i * per_row + k] = plane[i];
-      }
-    }
     return gaussians;
   }
-
-  void ClampOpacity(float max_logit);
-  void ReplaceForeground();  ///< by the logits in d_logits_.
 
   std::string device_name_;
   cudaStream_t stream_ = nullptr;
@@ -686,53 +512,13 @@ class CudaBackend : public Backend {
   TileSorter sorter_{&memory_};
   DensifyPlan densify_{&memory_};
   NeighbourFinder finder_{&memory_};
-  DeviceBuffer<float> map_planes_{&memory_}, foreground_plane_{&memory_}, geometry_planes_{&memory_};
-  DeviceBuffer<uint32_t> last_{&memory_};
-  DeviceBuffer<float> partials_{&memory_}, d_color_{&memory_}, d_foreground_{&memory_}, d_geometry_{&memory_};
+  ViewMaps maps_{&memory_};
   DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, gradients_{&memory_},
       peak_weights_{&memory_};
 
   DeviceBuffer<LossSums> sums_{&memory_};
-  DeviceBuffer<StepReport> report_{&memory_};
-  StepReport* host_reports_ = nullptr;
-  std::array<cudaEvent_t, kStepsAhead> report_events_{};
-  int64_t num_reports_sent_ = 0, num_reports_read_ = 0;
-  double peak_intersections_ = 0;
-  int64_t room_ = 0;           ///< pairs that a step sorts; 0: not known yet.
-  int64_t reserved_room_ = 0;  ///< pairs that there is memory for.
+  StepReports reports_{&memory_};
 };
-
-__global__ void ClampOpacityKernel(float* logits, float* first_moments, float* second_moments, int count,
-                                   float max_logit) {
-  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-  if (i >= count) return;
-  if (logits[i] > max_logit) logits[i] = max_logit;
-  first_moments[i] = 0;
-  second_moments[i] = 0;
-}
-
-void CudaBackend::ClampOpacity(float max_logit) {
-  ClampOpacityKernel<<<NumBlocks(count_, 256), 256, 0, stream_>>>(
-      parameters().At(kOpacity), first_moments().At(kOpacity), second_moments().At(kOpacity),
-      static_cast<int>(count_), max_logit);
-  CheckCuda(cudaGetLastError(), "opacity reset");
-}
-
-__global__ void ReplaceForegroundKernel(const float* replacements, float* logits, float* first_moments,
-                                        float* second_moments, int count) {
-  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-  if (i >= count || logits[i] == replacements[i]) return;
-  logits[i] = replacements[i];
-  first_moments[i] = 0;
-  second_moments[i] = 0;
-}
-
-void CudaBackend::ReplaceForeground() {
-  ReplaceForegroundKernel<<<NumBlocks(count_, 256), 256, 0, stream_>>>(
-      d_logits_.get(), parameters().At(kForeground), first_moments().At(kForeground),
-      second_moments().At(kForeground), static_cast<int>(count_));
-  CheckCuda(cudaGetLastError(), "foreground");
-}
 
 }  // namespace
 
