@@ -339,21 +339,12 @@ void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json 
     ++file.num_stations;
   }
   WriteTurntableFile(workspace_.Turntable(), file);
-  double error = 0;
-  size_t observations = 0;
-  for (const auto& [id, point] : model.points3D) {
-    error += point.error * static_cast<double>(point.track.size());
-    observations += point.track.size();
-  }
   report["registered"] = names.size();
   report["missing"] = json::array();
   for (const ScanImage& image : input_.features.images) {
     if (!std::binary_search(names.begin(), names.end(), image.name)) report["missing"].push_back(image.name);
   }
-  report["object"] = {
-      {"points", model.points3D.size()},
-      {"observations", observations},
-      {"mean_reprojection_error_px", observations > 0 ? error / static_cast<double>(observations) : 0}};
+  report["object"] = DescribePoints(model);
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
 }
