@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "sfm_split/colmap_database.h"
@@ -15,21 +14,14 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxLabelsBytes = uint64_t{1} << 31;
-// An image's labels as the split made them, beside its "labels".
-constexpr const char* kSplitLabels = "split_labels";
 constexpr const char* kRemedy = "Run `s2gs motion_splitter` again";
 
 fs::path LabelsPath(const Workspace& workspace) {
   return workspace.ObjectDatabase().parent_path() / "labels.json";
 }
 
-nlohmann::json ReadLabelsFile(const fs::path& path) {
-  const std::string text = ReadWholeFile(path, kMaxLabelsBytes, "Run `s2gs motion_splitter` first");
-  try {
-    return nlohmann::json::parse(text);
-  } catch (const nlohmann::json::exception& error) {
-    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
-  }
+std::string ReadLabelsText(const fs::path& path) {
+  return ReadWholeFile(path, kMaxLabelsBytes, "Run `s2gs motion_splitter` first");
 }
 
 // Pairs of images by their ids, as pairs of the images' places.
@@ -82,38 +74,6 @@ std::vector<ImagePairMatches> ReadRawPairs(const ColmapDatabase& database,
   return pairs;
 }
 
-ScanCase CaseOf(const std::string& name, const fs::path& path) {
-  for (const ScanCase scan_case : {ScanCase::kTurntable, ScanCase::kSingleStation, ScanCase::kOneBody}) {
-    if (name == ScanCaseName(scan_case)) return scan_case;
-  }
-  throw UserError(path, "has an unknown case \"" + name + "\"", kRemedy);
-}
-
-struct ImageLabels {
-  int station = 0;
-  std::string labels;
-};
-
-// The images' entries by name.
-std::map<std::string, ImageLabels> ReadImageLabels(const nlohmann::json& file, const fs::path& path) {
-  const nlohmann::json& images = file.at("images");
-  std::map<std::string, ImageLabels> of_name;
-  for (const nlohmann::json& image : images) {
-    const std::string name = image.at("name").get<std::string>();
-    const nlohmann::json& station = image.at("station");
-    // Each station has an image, so that there are no more of them.
-    if (!station.is_number_integer() || station < 0 || station >= images.size()) {
-      throw UserError(path, "gives image " + name + " a station that cannot be", kRemedy);
-    }
-    // What an earlier mapping made of the labels does not count: it would not come out the same again.
-    const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
-    const bool is_new =
-        of_name.emplace(name, ImageLabels{station.get<int>(), image.at(labels).get<std::string>()}).second;
-    if (!is_new) throw UserError(path, "has image " + name + " twice", kRemedy);
-  }
-  return of_name;
-}
-
 std::vector<KeypointLabel> ParseLabels(const std::string& text) {
   std::vector<KeypointLabel> labels;
   labels.reserve(text.size());
@@ -126,30 +86,12 @@ std::vector<KeypointLabel> ParseLabels(const std::string& text) {
 
 }  // namespace
 
-const char* ScanCaseName(ScanCase scan_case) {
-  switch (scan_case) {
-    case ScanCase::kTurntable:
-      return "turntable";
-    case ScanCase::kSingleStation:
-      return "single_station";
-    case ScanCase::kOneBody:
-      return "one_body";
-  }
-  return "";
-}
-
 ScanInput ReadScanInput(const Workspace& workspace) {
   const fs::path path = LabelsPath(workspace);
-  const nlohmann::json file = ReadLabelsFile(path);
+  const SplitLabels split = ParseSplitLabels(ReadLabelsText(path), path);
   ScanInput input;
-  std::map<std::string, ImageLabels> of_name;
-  try {
-    input.scan_case = CaseOf(file.value("case", "turntable"), path);
-    input.reason = file.value("reason", "");
-    of_name = ReadImageLabels(file, path);
-  } catch (const nlohmann::json::exception& error) {
-    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
-  }
+  input.scan_case = split.scan_case;
+  input.reason = split.reason;
 
   const ColmapDatabase object =
       ColmapDatabase::Open(workspace.ObjectDatabase(), ColmapDatabase::Access::kReadOnly);
@@ -163,8 +105,8 @@ ScanInput ReadScanInput(const Workspace& workspace) {
     image.name = row.name;
     image.image_id = row.image_id;
     image.camera_id = row.camera_id;
-    const auto found = of_name.find(row.name);
-    if (found == of_name.end()) {
+    const auto found = split.images.find(row.name);
+    if (found == split.images.end()) {
       throw UserError(path, "does not know image " + row.name + " of " + workspace.ObjectDatabase().string(),
                       kRemedy);
     }
@@ -198,25 +140,15 @@ ScanInput ReadScanInput(const Workspace& workspace) {
 void WriteScanLabels(const Workspace& workspace, const std::vector<ScanImage>& images,
                      const std::vector<std::vector<KeypointLabel>>& labels) {
   const fs::path path = LabelsPath(workspace);
-  nlohmann::json file = ReadLabelsFile(path);
-  std::map<std::string, size_t> index;
-  for (size_t i = 0; i < images.size(); ++i) index[images[i].name] = i;
-  try {
-    for (nlohmann::json& image : file.at("images")) {
-      const auto found = index.find(image.at("name").get<std::string>());
-      if (found == index.end()) continue;
-      std::string text;
-      text.reserve(labels[found->second].size());
-      for (const KeypointLabel label : labels[found->second]) {
-        text.push_back(static_cast<char>('0' + static_cast<int>(label)));
-      }
-      if (!image.contains(kSplitLabels)) image[kSplitLabels] = image.at("labels");
-      image["labels"] = text;
-    }
-  } catch (const nlohmann::json::exception& error) {
-    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
+  std::map<std::string, std::string> of_name;
+  for (size_t i = 0; i < images.size(); ++i) {
+    std::string& text = of_name[images[i].name];
+    text.reserve(labels[i].size());
+    for (const KeypointLabel label : labels[i])
+      text.push_back(static_cast<char>('0' + static_cast<int>(label)));
   }
-  WriteFileAtomically(path, [&](std::ostream& stream) { stream << file.dump(1) << '\n'; });
+  const std::string replaced = ReplaceSplitLabels(ReadLabelsText(path), of_name, path);
+  WriteFileAtomically(path, [&](std::ostream& stream) { stream << replaced; });
 }
 
 }  // namespace s2gs

@@ -4,18 +4,11 @@
 #include <string>
 #include <vector>
 
+#include "plugin/split_labels.h"
 #include "plugin/workspace.h"
 #include "sfm_split/scan_features.h"
 
 namespace s2gs {
-
-/// What kind of scene the split found.
-enum class ScanCase {
-  kTurntable,
-  kSingleStation,
-  kOneBody,  ///< nothing to split: held by hand, no textured background, or nothing turns.
-};
-const char* ScanCaseName(ScanCase scan_case);
 
 /// split/labels.json and the two databases.
 struct ScanInput {

@@ -21,8 +21,10 @@
 #include "plugin/turntable_report.h"
 #include "plugin/workspace.h"
 #include "sfm_split/align_scene.h"
+#include "sfm_split/colmap_database.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
+#include "sfm_split/guided_registration.h"
 #include "sfm_split/scan_refinement.h"
 #include "sfm_split/single_axis_scene.h"
 #include "sfm_split/top_view.h"
@@ -38,6 +40,10 @@ constexpr uint64_t kMaxReportBytes = uint64_t{1} << 28;
 // Free SfM that places fewer of the images does not stand without the single-axis path beside it.
 constexpr double kEnoughImages = 0.95;
 
+// Photos that are placed later leave the errors of the object's points as they were, if they are right.
+constexpr double kMaxNoiseGrowth = 1.5;
+constexpr double kLeastNoisePx = 0.3;
+
 enum class MappingPath { kAuto, kFreeSfm, kSingleAxis };
 
 struct Settings {
@@ -51,6 +57,7 @@ struct Settings {
   JointOptions joint;
   RefineOptions refine;
   SingleAxisOptions single_axis;
+  GuidedOptions guided;
 };
 
 void AddOptions(Options& options, Settings* settings) {
@@ -132,6 +139,24 @@ void AddOptions(Options& options, Settings* settings) {
   axis.Add("max_matches", &SingleAxisOptions::max_matches, "of a pair in the adjustment");
   axis.Add("min_inlier_ratio", &SingleAxisOptions::min_inlier_ratio,
            "of all matches, below which nothing was found");
+  auto guided = options.Group("Guided", &settings->guided);
+  guided.Add("max_looks", &GuidedOptions::max_looks, "keypoints whose descriptors stand for a point");
+  guided.Add("num_candidates", &GuidedOptions::num_candidates, "points that a keypoint proposes");
+  guided.Add("max_distance_rad", &GuidedOptions::max_distance_rad, "between descriptors").Unit("radians");
+  guided
+      .Add("max_view_change_deg", &GuidedOptions::max_view_change_deg,
+           "between the directions a point is seen from in two photos")
+      .Unit("degrees");
+  guided.Add("max_error_px", &GuidedOptions::max_error_px, "of a proposal").Unit("px");
+  guided
+      .Add("window_px", &GuidedOptions::window_px,
+           "around a point's place, in which its keypoint is looked for")
+      .Unit("px");
+  guided.Add("min_inliers", &GuidedOptions::min_inliers,
+             "proposals that must agree on a photo's table angle");
+  guided.Add("min_margin", &GuidedOptions::min_margin, "how many times those at any other angle");
+  guided.Add("max_chance", &GuidedOptions::max_chance,
+             "expected number of angles at which as many agree by chance");
 }
 
 class Stopwatch {
@@ -225,6 +250,7 @@ class TurntableMapper {
  private:
   Candidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
   Candidate BySingleAxis(const ColmapModel* background);
+  void PlaceMissing(Candidate* candidate, json* report);
   bool IsEnough(const Candidate& candidate) const {
     return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
                                       kEnoughImages * static_cast<double>(input_.features.images.size());
@@ -298,6 +324,56 @@ Candidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
   return candidate;
 }
 
+// Photos that are still missing, by what the object's points look like.
+void TurntableMapper::PlaceMissing(Candidate* candidate, json* report) {
+  const ColmapDatabase database =
+      ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly);
+  const ReadDescriptors read = [&](int image) {
+    const ScanImage& of_image = input_.features.images[static_cast<size_t>(image)];
+    const DescriptorMatrix descriptors = database.ReadDescriptors(of_image.image_id);
+    if (static_cast<size_t>(descriptors.rows()) != of_image.keypoints.size()) {
+      throw UserError(workspace_.ObjectDatabase(),
+                      "image " + of_image.name + " has other than one descriptor a keypoint",
+                      "Run `colmap feature_extractor` again on a new database");
+    }
+    return std::vector<uint8_t>(descriptors.data(), descriptors.data() + descriptors.size());
+  };
+  (*report)["guided"] = json::array();
+  while (candidate->aligned.scene.views.size() < input_.features.images.size()) {
+    const size_t before = candidate->aligned.scene.views.size();
+    AlignedScene aligned = candidate->aligned;
+    std::vector<ImagePairMatches> pairs = input_.features.object_pairs;
+    const std::vector<GuidedPhoto> placed =
+        RegisterByLooks(input_.features, read, settings_.guided, reporter_, &aligned, &pairs);
+    if (placed.empty()) return;
+    reporter_.Info(std::to_string(placed.size()) + " of " +
+                   std::to_string(input_.features.images.size() - before) +
+                   " missing photos placed by what the object's points look like");
+    std::swap(input_.features.object_pairs, pairs);
+    aligned.object.points3D.clear();
+    RefineReport refined =
+        RefineScan(input_.features, nullptr, settings_.joint, settings_.refine, reporter_, &aligned);
+    const double noise = candidate->refined.joint.object_rms_px;
+    if (aligned.scene.views.size() <= before ||
+        refined.joint.object_rms_px > kMaxNoiseGrowth * std::max(noise, kLeastNoisePx)) {
+      reporter_.Info("which the adjustment does not bear out: they are left out again");
+      std::swap(input_.features.object_pairs, pairs);
+      return;
+    }
+    refined.mended.insert(refined.mended.begin(), candidate->refined.mended.begin(),
+                          candidate->refined.mended.end());
+    candidate->aligned = std::move(aligned);
+    candidate->refined = std::move(refined);
+    for (const GuidedPhoto& photo : placed) {
+      (*report)["guided"].push_back({{"image", photo.name},
+                                     {"inliers", photo.inliers},
+                                     {"elsewhere", photo.other},
+                                     {"chance", photo.chance},
+                                     {"matches", photo.matches}});
+    }
+  }
+}
+
 void TurntableMapper::WriteScene(Candidate* candidate, json report) {
   Stopwatch watch;
   AlignedScene& aligned = candidate->aligned;
@@ -339,21 +415,12 @@ void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json 
     ++file.num_stations;
   }
   WriteTurntableFile(workspace_.Turntable(), file);
-  double error = 0;
-  size_t observations = 0;
-  for (const auto& [id, point] : model.points3D) {
-    error += point.error * static_cast<double>(point.track.size());
-    observations += point.track.size();
-  }
   report["registered"] = names.size();
   report["missing"] = json::array();
   for (const ScanImage& image : input_.features.images) {
     if (!std::binary_search(names.begin(), names.end(), image.name)) report["missing"].push_back(image.name);
   }
-  report["object"] = {
-      {"points", model.points3D.size()},
-      {"observations", observations},
-      {"mean_reprojection_error_px", observations > 0 ? error / static_cast<double>(observations) : 0}};
+  report["object"] = DescribePoints(model);
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
 }
@@ -422,6 +489,8 @@ void TurntableMapper::Place() {
   }
   report["path_reason"] = findings;
   if (best.is_usable) {
+    PlaceMissing(&best, &report);
+    seconds_["place_missing"] = watch.Lap();
     WriteScene(&best, report);
     return;
   }

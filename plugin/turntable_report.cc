@@ -35,17 +35,10 @@ json ToJson(const ModelTest& test) {
 }
 
 json BodyToJson(const ColmapModel& model, double rms_px, int adjusted_observations) {
-  size_t observations = 0;
-  double error = 0;
-  for (const auto& [id, point] : model.points3D) {
-    observations += point.track.size();
-    error += point.error * static_cast<double>(point.track.size());
-  }
-  return {{"points", model.points3D.size()},
-          {"observations", observations},
-          {"mean_reprojection_error_px", observations > 0 ? error / static_cast<double>(observations) : 0},
-          {"adjusted_observations", adjusted_observations},
-          {"adjusted_rms_px", rms_px}};
+  json body = DescribePoints(model);
+  body["adjusted_observations"] = adjusted_observations;
+  body["adjusted_rms_px"] = rms_px;
+  return body;
 }
 
 // A number for people; what is not observable is null in the file.
@@ -55,6 +48,22 @@ std::string Number(const json& value, const char* format = "{:.4g}") {
 }
 
 }  // namespace
+
+json DescribePoints(const ColmapModel& model) {
+  size_t observations = 0;
+  double over_points = 0;
+  double over_observations = 0;
+  for (const auto& [id, point] : model.points3D) {
+    observations += point.track.size();
+    over_points += point.error;
+    over_observations += point.error * static_cast<double>(point.track.size());
+  }
+  const auto mean = [](double sum, size_t count) { return count > 0 ? sum / static_cast<double>(count) : 0; };
+  return {{"points", model.points3D.size()},
+          {"observations", observations},
+          {"mean_reprojection_error_px", mean(over_points, model.points3D.size())},
+          {"mean_observation_error_px", mean(over_observations, observations)}};
+}
 
 json ToJson(const std::vector<MappingAttempt>& attempts) {
   json result = json::array();
@@ -177,7 +186,7 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
       row(body, "none");
       continue;
     }
-    row(body, fmt::format("{} points, {} observations, {:.3f} px mean reprojection error",
+    row(body, fmt::format("{} points, {} observations, mean reprojection error {:.3f} px over points",
                           figures.at("points").get<int64_t>(), figures.at("observations").get<int64_t>(),
                           figures.at("mean_reprojection_error_px").get<double>()));
   }

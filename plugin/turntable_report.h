@@ -13,6 +13,11 @@ namespace s2gs {
 
 nlohmann::json ToJson(const std::vector<MappingAttempt>& attempts);
 
+/// A body's points, observations and reprojection errors [px], by the errors that its points carry:
+/// `mean_reprojection_error_px` is over points, as COLMAP's model_analyzer gives it, and
+/// `mean_observation_error_px` over observations, so that a point counts as often as it is seen.
+nlohmann::json DescribePoints(const ColmapModel& model);
+
 /// What an adjusted scene says of itself, for split/turntable_mapper.json: images and why some are missing or
 /// came back, points and reprojection errors of both bodies, standard deviations, observability, the joint
 /// model and the tests that chose it.

@@ -738,13 +738,10 @@ void ColmapDatabase::NumberImagesByName() {
         "INSERT INTO numbering SELECT image_id, ROW_NUMBER() OVER (ORDER BY name) FROM images;");
     // By way of numbers that no image has.
     for (const char* table : {"images", "keypoints", "descriptors"}) {
-      std::string sql =
-          "UPDATE TABLE SET image_id = image_id + 1000000000;"
-          "UPDATE TABLE SET image_id = (SELECT new FROM numbering WHERE old = TABLE.image_id - 1000000000);";
-      for (size_t at = sql.find("TABLE"); at != std::string::npos; at = sql.find("TABLE", at)) {
-        sql.replace(at, 5, table);
-      }
-      connection_->Execute(sql);
+      const std::string update = std::string("UPDATE ") + table + " SET image_id = ";
+      connection_->Execute(update + "image_id + 1000000000");
+      connection_->Execute(update + "(SELECT new FROM numbering WHERE old = " + table +
+                           ".image_id - 1000000000)");
     }
     connection_->Execute("DROP TABLE numbering;");
   });

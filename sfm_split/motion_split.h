@@ -80,7 +80,7 @@ struct MotionSplit {
   std::vector<VerifiedPair> static_pairs;        ///< between representatives of different stations.
   std::vector<ImagePairMatches> object_matches;  ///< raw matches behind object_pairs.
   std::vector<ImagePairMatches> static_matches;  ///< raw matches behind static_pairs.
-  int64_t num_pairs_matched = 0;
+  int64_t num_pairs_matched = 0;                 ///< each pair once, however often it was matched.
 };
 
 /// Options of all steps of the split.

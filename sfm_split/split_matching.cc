@@ -85,7 +85,7 @@ std::vector<ImagePairMatches> SplitMatching::Match(const std::vector<ImagePair>&
   if (!pairs.empty()) {
     reporter_.Progress(task, static_cast<int64_t>(pairs.size()), static_cast<int64_t>(pairs.size()));
   }
-  num_pairs_matched_ += static_cast<int64_t>(pairs.size());
+  for (const auto& [i, j] : pairs) matched_.insert({std::min(i, j), std::max(i, j)});
   return result;
 }
 

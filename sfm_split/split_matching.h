@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -59,7 +60,8 @@ class SplitMatching {
   Reporter& reporter() const { return reporter_; }
   DescriptorMatcher* matcher() { return &matcher_; }
   int NumImages() const { return static_cast<int>(images_.size()); }
-  int64_t num_pairs_matched() const { return num_pairs_matched_; }
+  /// Pairs that Match() was given, each counted once.
+  int64_t num_pairs_matched() const { return static_cast<int64_t>(matched_.size()); }
 
  private:
   static void KeepLargest(const SplitImage& image, size_t num, std::vector<uint32_t>* rows);
@@ -70,7 +72,7 @@ class SplitMatching {
   DescriptorMatcher matcher_;
   std::vector<Keypoints> keypoints_;
   std::vector<Eigen::Vector2i> sizes_;
-  int64_t num_pairs_matched_ = 0;
+  std::set<ImagePair> matched_;
 };
 
 }  // namespace s2gs

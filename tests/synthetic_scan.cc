@@ -54,6 +54,21 @@ ScanFeatures SyntheticScanFeatures(const SyntheticTurntable& turntable) {
   return features;
 }
 
+std::vector<PosedImage> TruePosesOfObject(const SyntheticTurntable& turntable) {
+  std::vector<PosedImage> posed;
+  for (size_t i = 0; i < turntable.images.size(); ++i) {
+    posed.push_back(
+        {true, &turntable.CameraOf(static_cast<int>(i)), turntable.scene.views[i].CamFromObject()});
+  }
+  return posed;
+}
+
+std::vector<Keypoints> KeypointsOf(const ScanFeatures& features) {
+  std::vector<Keypoints> keypoints;
+  for (const ScanImage& image : features.images) keypoints.push_back(image.keypoints);
+  return keypoints;
+}
+
 void DamageModel(const ModelFaults& faults, uint32_t seed, ColmapModel* model) {
   std::mt19937 rng(seed);
   std::normal_distribution<double> normal;

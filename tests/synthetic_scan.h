@@ -1,9 +1,11 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "sfm_split/colmap_model.h"
 #include "sfm_split/scan_features.h"
+#include "sfm_split/track_triangulation.h"
 #include "tests/synthetic_turntable.h"
 
 namespace s2gs {
@@ -11,6 +13,12 @@ namespace s2gs {
 /// What a split would know of a synthetic turntable: true labels, all rotating matches, the static ones
 /// between the stations' first images; outliers go where their first keypoint belongs.
 ScanFeatures SyntheticScanFeatures(const SyntheticTurntable& turntable);
+
+/// Where the object's images truly stand, for triangulation; the poses refer to the turntable's cameras.
+std::vector<PosedImage> TruePosesOfObject(const SyntheticTurntable& turntable);
+
+/// Of all images [px].
+std::vector<Keypoints> KeypointsOf(const ScanFeatures& features);
 
 /// What SfM gets wrong.
 struct ModelFaults {

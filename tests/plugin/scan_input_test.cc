@@ -153,6 +153,10 @@ TEST_F(LabelsBadInput, NeverCrashes) {
   }
   WriteLabelsText(std::string(100000, '['));
   ExpectUserError([&] { ReadScanInput(workspace_); }, {path});
+  std::string deep = Labels().dump();
+  deep.insert(1, "\"more\":" + std::string(100000, '[') + std::string(100000, ']') + ",");
+  WriteLabelsText(deep);
+  ExpectUserError([&] { ReadScanInput(workspace_); }, {path, "nested too deeply"});
 }
 
 }  // namespace

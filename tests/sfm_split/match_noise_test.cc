@@ -56,13 +56,8 @@ TEST(MatchNoise, IsThatOfAKeypointsCoordinate) {
   options.outlier_share = 0.3;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   const ScanFeatures features = SyntheticScanFeatures(turntable);
-  std::vector<PosedImage> posed;
-  std::vector<Keypoints> keypoints;
-  for (size_t i = 0; i < features.images.size(); ++i) {
-    posed.push_back(
-        {true, &turntable.CameraOf(static_cast<int>(i)), turntable.scene.views[i].CamFromObject()});
-    keypoints.push_back(features.images[i].keypoints);
-  }
+  const std::vector<PosedImage> posed = TruePosesOfObject(turntable);
+  const std::vector<Keypoints> keypoints = KeypointsOf(features);
   const NoiseFit fit = MeasureMatchNoise(posed, keypoints, features.object_pairs, 24);
   EXPECT_NEAR(fit.sigma, 1.5, 0.05);  // measured 1.50
   // Every other match tells nearly the same.

@@ -204,13 +204,8 @@ TEST(TrackTriangulation, TracksHoldOnePointDespiteWrongMatches) {
   options.pixel_noise = 0.2;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   const ScanFeatures features = SyntheticScanFeatures(turntable);
-  std::vector<PosedImage> posed;
-  std::vector<Keypoints> keypoints;
-  for (size_t i = 0; i < features.images.size(); ++i) {
-    posed.push_back(
-        {true, &turntable.CameraOf(static_cast<int>(i)), turntable.scene.views[i].CamFromObject()});
-    keypoints.push_back(features.images[i].keypoints);
-  }
+  const std::vector<PosedImage> posed = TruePosesOfObject(turntable);
+  const std::vector<Keypoints> keypoints = KeypointsOf(features);
   TrackOptions track_options;
   track_options.max_error_px = 2;
   const std::vector<TrackPoint> points =
