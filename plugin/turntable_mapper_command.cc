@@ -99,7 +99,10 @@ void AddOptions(Options& options, Settings* settings) {
       "loss", &JointOptions::loss,
       {{"squared", JointLoss::kSquared}, {"huber", JointLoss::kHuber}, {"cauchy", JointLoss::kCauchy}},
       "of the reprojection errors");
-  joint.Add("loss_scale_px", &JointOptions::loss_scale_px, "where the loss turns from squared").Unit("px");
+  joint
+      .Add("loss_scale_px", &JointOptions::loss_scale_px,
+           "where the loss turns from squared; 0: at twice the keypoints' standard deviation")
+      .Unit("px");
   joint
       .Add("max_reprojection_error_px", &JointOptions::max_reprojection_error_px,
            "observations beyond are taken out")

@@ -10,6 +10,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <set>
 #include <thread>
 #include <unordered_map>
 #include <utility>
@@ -427,11 +428,26 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
                                                 gradient.dot(observability.robust_covariance * gradient)}));
 }
 
+// The loss' scale that the residuals of a problem ask for.
+double LossScaleOf(const JointProblem& problem) {
+  std::set<std::pair<bool, int>> points;
+  for (const bool of_object : {true, false}) {
+    for (const JointObservation& observation :
+         of_object ? problem.object.observations : problem.background.observations) {
+      if (observation.active) points.emplace(of_object, observation.point);
+    }
+  }
+  return LossScalePx(RobustSigma(MeasureResiduals(problem).coordinates, 3 * static_cast<int>(points.size())));
+}
+
 // Alternates adjusting and taking observations out until nothing more goes.
-Solved SolveInRounds(const JointOptions& options, Reporter& reporter, JointProblem* problem,
+// \param options  its loss' scale follows the residuals where `fit_loss`.
+Solved SolveInRounds(bool fit_loss, Reporter& reporter, JointOptions* fitted_options, JointProblem* problem,
                      JointReport* report) {
+  JointOptions& options = *fitted_options;
   Solved solved;
   for (int round = 0; round < options.max_rounds; ++round) {
+    if (fit_loss) options.loss_scale_px = LossScaleOf(*problem);
     const bool may_be_last = round + 1 == options.max_rounds;
     solved = SolveOnce(
         options,
@@ -444,6 +460,7 @@ Solved SolveInRounds(const JointOptions& options, Reporter& reporter, JointProbl
     report->undetermined_points += counts.points;
     const bool settled = counts.observations <= 1e-4 * solved.residuals && counts.points == 0;
     if (settled) {
+      if (fit_loss) options.loss_scale_px = LossScaleOf(*problem);
       solved = SolveOnce(options, options.function_tolerance, reporter, problem);
       report->iterations += solved.iterations;
       break;
@@ -472,7 +489,7 @@ OptionCheck JointOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
     return OptionFault{field, std::to_string(value), bound};
   };
-  if (!(loss_scale_px > 0)) return fault("loss_scale_px", loss_scale_px, "loss_scale_px > 0");
+  if (!(loss_scale_px >= 0)) return fault("loss_scale_px", loss_scale_px, "loss_scale_px >= 0");
   if (!(max_reprojection_error_px > 0)) {
     return fault("max_reprojection_error_px", max_reprojection_error_px, "max_reprojection_error_px > 0");
   }
@@ -537,8 +554,10 @@ FilterCounts FilterObservations(const JointOptions& options, double max_error_px
   return counts;
 }
 
-JointReport AdjustJointly(const JointOptions& options, Reporter& reporter, JointProblem* problem) {
-  S2GS_INVARIANT(!options.Check());
+JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem) {
+  S2GS_INVARIANT(!asked.Check());
+  JointOptions options = asked;
+  const bool fit_loss = asked.loss_scale_px == 0;
   const auto start = std::chrono::steady_clock::now();
   JointReport report;
   JointProblem working = *problem;
@@ -555,7 +574,7 @@ JointReport AdjustJointly(const JointOptions& options, Reporter& reporter, Joint
     working = WithFreeObject(working);
     report.model = JointModel::kFreeObject;
   }
-  Solved solved = SolveInRounds(options, reporter, &working, &report);
+  Solved solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
 
   if (options.model == JointModel::kAuto && !working.free_object) {
     for (const JointModel general : {JointModel::kFreeCameras, JointModel::kFreeObject}) {
@@ -590,7 +609,7 @@ JointReport AdjustJointly(const JointOptions& options, Reporter& reporter, Joint
       const FilterCounts counts = FilterObservations(options, options.max_reprojection_error_px, &working);
       report.removed_observations += counts.observations;
       report.undetermined_points += counts.points;
-      solved = SolveInRounds(options, reporter, &working, &report);
+      solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
     }
   }
 

@@ -48,7 +48,9 @@ struct JointOptions {
   bool refine_principal_point = false;
   bool refine_extra_params = true;
   JointLoss loss = JointLoss::kCauchy;
-  double loss_scale_px = 1;
+  /// Where the loss turns from squared; 0: at twice the standard deviation of a keypoint's coordinate, as the
+  /// residuals show it.
+  double loss_scale_px = 0;
   double max_reprojection_error_px = 4;  ///< observations beyond are taken out between rounds.
   double min_triangulation_deg = 0.25;   ///< points whose rays all meet at less are taken out.
   int max_rounds = 3;                    ///< of adjusting and taking out.
@@ -123,11 +125,14 @@ struct JointReport {
 };
 
 /// Adjusts in place. Throws Interrupted when the reporter asks to stop; the problem is then unchanged.
-JointReport AdjustJointly(const JointOptions& options, Reporter& reporter, JointProblem* problem);
+JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem);
 
 /// The linearised system of a problem as it stands.
+/// \param sigma_px  standard deviation of a keypoint's coordinate; also scales the loss when the options
+/// leave
+///                  its scale open.
 /// \param fix_gauge  false: nothing is held, so that the nullity counts the gauge freedoms too.
-Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& options, bool fix_gauge,
+Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
                                    double sigma_px);
 
 /// Takes observations beyond the error bound, behind the camera, and of points that are not determined out of

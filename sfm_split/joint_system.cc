@@ -20,7 +20,12 @@ Eigen::Quaterniond RotationOf(const std::array<double, 6>& values, const Matrix3
       .normalized();
 }
 
+constexpr double kLossSigmas = 2;      // of a coordinate
+constexpr double kLeastLossPx = 0.05;  // of points without any error
+
 }  // namespace
+
+double LossScalePx(double sigma_px) { return std::max(kLossSigmas * sigma_px, kLeastLossPx); }
 
 std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options) {
   switch (options.loss) {

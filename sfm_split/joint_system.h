@@ -14,7 +14,10 @@
 
 namespace s2gs {
 
-/// Null for squared errors.
+/// Where the loss turns from squared, for keypoints of a standard deviation.
+double LossScalePx(double sigma_px);
+
+/// Null for squared errors. The options' scale is above 0.
 std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options);
 
 /// The joint adjustment's parameter blocks and residuals, for Ceres and for the linearised system alike.

@@ -187,8 +187,10 @@ std::string Describe(const VectorXd& direction, const std::vector<std::string>& 
 
 }  // namespace
 
-Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& options, bool fix_gauge,
+Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
                                    double sigma_px) {
+  JointOptions options = asked;
+  if (options.loss_scale_px == 0) options.loss_scale_px = LossScalePx(sigma_px);
   Observability result;
   const JointSystem system(problem, options, fix_gauge);
   int free = 0;

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "sfm_split/joint_problem.h"
+#include "sfm_split/joint_system.h"
 #include "sfm_split/match_noise.h"
 #include "sfm_split/rotation.h"
 #include "sfm_split/scan_refiner.h"
@@ -25,7 +26,7 @@ constexpr float kMaxUnmovedPx = 1.5F;
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;     // below, keypoints are dropped that are only badly localised
 constexpr double kErrorSigmas = 5;      // of a coordinate
-constexpr double kLossSigmas = 2;       // of a coordinate, where the loss turns from squared
+constexpr double kFirstLossPx = 1;      // for reconstructions with other cameras than the common ones
 constexpr double kMaxErrorGrowth = 4;   // of the error bound, where the matches are noisier than it expects
 constexpr double kNoiseRange = 6;       // of the error bound, over which matches' errors are looked at
 constexpr double kMaxScaleSigma = 0.1;  // of a scale that is called observed
@@ -298,7 +299,7 @@ JointReport ScanRefiner::Adjust(JointModel model, bool covariance) {
 }
 
 JointReport ScanRefiner::AdjustWith(JointOptions options) {
-  options.loss_scale_px = std::max(options.loss_scale_px, kLossSigmas * noise_px_);
+  if (options.loss_scale_px == 0 && noise_px_ > 0) options.loss_scale_px = LossScalePx(noise_px_);
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   options.refine_focal_length &= !holds_cameras_;
   options.refine_extra_params &= !holds_cameras_;
@@ -392,6 +393,7 @@ RefineReport ScanRefiner::Run() {
     JointOptions options = joint_options_;
     options.model = JointModel::kSharedStations;
     options.loss = JointLoss::kHuber;
+    options.loss_scale_px = std::max(options.loss_scale_px, kFirstLossPx);
     options.max_rounds = 1;
     options.function_tolerance = 1e-5;
     options.compute_covariance = false;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -204,19 +205,40 @@ class StationSplitter {
       }
       return matches;
     };
-    std::vector<bool> is_folded(split_.object_pairs.size(), false);
-#pragma omp parallel for schedule(dynamic)
-    for (size_t s = 0; s < pairs_of_station.size(); ++s) {
+    const double max_error_px = matching_.settings().motion.max_error_px;
+    const size_t num_stations = pairs_of_station.size();
+    std::vector<std::optional<StationTurn>> turns(num_stations);
+    const auto fit = [&](size_t s, std::optional<double> focal_px) {
+      const auto num_photos = static_cast<int>(split_.stations.images[s].size());
       std::vector<TurnMatches> close;
       for (const VerifiedPair* pair : pairs_of_station[s]) {
-        if (std::abs(place[pair->image2] - place[pair->image1]) <= kCloseSteps)
-          close.push_back(to_turn(*pair));
+        const int steps = std::abs(place[pair->image2] - place[pair->image1]);
+        if (std::min(steps, num_photos - steps) <= kCloseSteps) close.push_back(to_turn(*pair));
       }
-      const auto turn = FitStationTurn(close, matching_.sizes()[split_.stations.images[s].front()],
-                                       matching_.settings().motion.max_error_px, kMinTurnShare);
-      if (!turn) continue;
+      turns[s] = FitStationTurn(close, num_photos, matching_.sizes()[split_.stations.images[s].front()],
+                                max_error_px, kMinTurnShare, focal_px);
+    };
+#pragma omp parallel for schedule(dynamic)
+    for (size_t s = 0; s < num_stations; ++s) fit(s, std::nullopt);
+    // What stations know that were turned all around holds for the others.
+    std::vector<double> focals;
+    for (const std::optional<StationTurn>& turn : turns) {
+      if (turn && turn->is_full_turn) focals.push_back(turn->focal_px);
+    }
+    if (!focals.empty() && HaveOneSize()) {
+      const auto middle = focals.begin() + static_cast<std::ptrdiff_t>(focals.size() / 2);
+      std::nth_element(focals.begin(), middle, focals.end());
+#pragma omp parallel for schedule(dynamic)
+      for (size_t s = 0; s < num_stations; ++s) {
+        if (!turns[s] || !turns[s]->is_full_turn) fit(s, *middle);
+      }
+    }
+    std::vector<bool> is_folded(split_.object_pairs.size(), false);
+#pragma omp parallel for schedule(dynamic)
+    for (size_t s = 0; s < num_stations; ++s) {
+      if (!turns[s]) continue;
       for (const VerifiedPair* pair : pairs_of_station[s]) {
-        if (FitsItsAngle(*turn, to_turn(*pair), matching_.settings().motion.max_error_px)) continue;
+        if (FitsItsAngle(*turns[s], to_turn(*pair), max_error_px)) continue;
           // Elements of vector<bool> share bytes: each station's thread must not write at once.
 #pragma omp critical
         is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = true;
@@ -232,6 +254,11 @@ class StationSplitter {
       matching_.reporter().Debug(std::to_string(num_folded) + " pairs show a wrong angle: taken out");
     }
     split_.object_pairs = std::move(kept);
+  }
+
+  bool HaveOneSize() const {
+    return std::all_of(matching_.sizes().begin(), matching_.sizes().end(),
+                       [&](const Eigen::Vector2i& size) { return size == matching_.sizes().front(); });
   }
 
   // Photos whose names do not tell the order of capture, and tables turned to and fro.

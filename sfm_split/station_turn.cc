@@ -15,11 +15,14 @@ namespace {
 constexpr double kPi = 3.14159265358979323846;
 constexpr size_t kSearchMatches = 240;  // that rank the starting points
 constexpr size_t kFitMatches = 3000;    // that the fit uses
-constexpr int kNumRefined = 12;         // starting points that are refined
+constexpr size_t kMinSearchMatches = 30;
+constexpr size_t kNumRefined = 12;  // starting points that are refined
 constexpr int kMaxIterations = 40;
 constexpr double kSlack = 2;  // errors of a family fitted to many pairs, over those of one pair's fit
 constexpr double kAngleSlackRad = 8 * kPi / 180;
 constexpr double kAngleSlackShare = 0.1;
+constexpr double kLeastFocal = 0.3;  // of the longest side
+constexpr double kLargestFocal = 10;
 constexpr double kFitsShare = 0.5;     // of a pair's matches that must follow its angle
 constexpr double kFitsOverBest = 0.8;  // or of the matches that follow the best angle
 
@@ -76,15 +79,17 @@ double Cost(const Eigen::VectorXd& errors) {
 }
 
 double Refine(const Eigen::Vector2i& size, const std::vector<Match>& matches, double max_error_px,
-              Parameters* p) {
+              const std::array<bool, 5>& is_free, Parameters* p) {
   Eigen::VectorXd errors;
   Eigen::VectorXd moved;
   Errors(*p, size, matches, max_error_px, &errors);
   double cost = Cost(errors);
   double damping = 1e-2;
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
-    Eigen::Matrix<double, Eigen::Dynamic, 5> jacobian(errors.size(), 5);
+    Eigen::Matrix<double, Eigen::Dynamic, 5> jacobian =
+        Eigen::Matrix<double, Eigen::Dynamic, 5>::Zero(errors.size(), 5);
     for (int c = 0; c < 5; ++c) {
+      if (!is_free[c]) continue;
       constexpr double kDelta = 1e-6;
       Parameters q = *p;
       q[c] += kDelta;
@@ -100,7 +105,7 @@ double Refine(const Eigen::Vector2i& size, const std::vector<Match>& matches, do
       Eigen::Matrix<double, 5, 5> damped = hessian;
       damped.diagonal() += damping * (hessian.diagonal() + Parameters::Constant(1e-9));
       Parameters q = *p - damped.ldlt().solve(gradient);
-      q[0] = std::clamp(q[0], std::log(0.3), std::log(10.0));
+      q[0] = std::clamp(q[0], std::log(kLeastFocal), std::log(kLargestFocal));
       if (!q.allFinite()) break;
       Errors(q, size, matches, max_error_px, &moved);
       const double new_cost = Cost(moved);
@@ -146,6 +151,71 @@ int CountInliers(const StationTurn& turn, const TurnMatches& pair, double theta,
   return count;
 }
 
+double InlierShare(const StationTurn& turn, const std::vector<TurnMatches>& pairs, double max_error_px) {
+  double inliers = 0;
+  double all = 0;
+  for (const TurnMatches& pair : pairs) {
+    inliers += CountInliers(turn, pair, pair.steps * turn.step_rad, kSlack * max_error_px);
+    all += static_cast<double>(pair.xy1.size());
+  }
+  return all > 0 ? inliers / all : 0;
+}
+
+// A focal length that runs to the search's bounds is not known: without perspective, the table may as well
+// turn the other way.
+bool HasSensibleFocal(const StationTurn& turn, const Eigen::Vector2i& size) {
+  const double ratio = turn.focal_px / size.maxCoeff();
+  return ratio > 1.1 * kLeastFocal && ratio < kLargestFocal / 1.1;
+}
+
+// \param focal_px  where given, it is exact.
+// \param step_rad  where given, the step but for its sense.
+std::optional<StationTurn> FitFamily(const std::vector<TurnMatches>& pairs, const Eigen::Vector2i& size,
+                                     double max_error_px, double min_inlier_share,
+                                     std::optional<double> focal_px, std::optional<double> step_rad) {
+  const std::vector<Match> few = Sample(pairs, kSearchMatches);
+  if (few.size() < kMinSearchMatches) return std::nullopt;
+  const std::vector<Match> many = Sample(pairs, kFitMatches);
+  const std::array<bool, 5> is_free = {!focal_px, true, true, true, !step_rad};
+  std::vector<double> focals = {0.8, 1.3, 2.5};  // longest sides
+  if (focal_px) focals = {*focal_px / size.maxCoeff()};
+  std::vector<double> steps;
+  if (step_rad) {
+    steps = {*step_rad};
+  } else {
+    for (const double degrees : {1.5, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 90.0, 120.0})
+      steps.push_back(degrees * kPi / 180);
+  }
+  std::vector<std::pair<double, Parameters>> starts;
+  Eigen::VectorXd errors;
+  for (const double focal : focals) {
+    for (const double elevation_deg : {5.0, 20.0, 40.0, 60.0, 80.0}) {
+      for (const double step : steps) {
+        for (const double sign : {-1.0, 1.0}) {
+          Parameters p;
+          p << std::log(focal), elevation_deg * kPi / 180, 0, 0, sign * step;
+          Errors(p, size, few, 4 * max_error_px, &errors);
+          starts.emplace_back(Cost(errors), p);
+        }
+      }
+    }
+  }
+  std::sort(starts.begin(), starts.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  starts.resize(std::min(starts.size(), kNumRefined));
+  for (auto& [cost, p] : starts) {
+    Refine(size, few, 4 * max_error_px, is_free, &p);
+    cost = Refine(size, few, max_error_px, is_free, &p);
+  }
+  Parameters best = std::min_element(starts.begin(), starts.end(), [](const auto& a, const auto& b) {
+                      return a.first < b.first;
+                    })->second;
+  Refine(size, many, max_error_px, is_free, &best);
+  StationTurn turn = ToTurn(best, size);
+  turn.inlier_share = InlierShare(turn, pairs, max_error_px);
+  if (turn.inlier_share < min_inlier_share) return std::nullopt;
+  return turn;
+}
+
 }  // namespace
 
 Eigen::Matrix3d StationTurn::Fundamental(double theta_rad) const {
@@ -159,41 +229,30 @@ Eigen::Matrix3d StationTurn::Fundamental(double theta_rad) const {
   return to_ray.transpose() * cross * R * to_ray;
 }
 
-std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs, const Eigen::Vector2i& size,
-                                          double max_error_px, double min_inlier_share) {
-  const std::vector<Match> few = Sample(pairs, kSearchMatches);
-  if (few.size() < 30) return std::nullopt;
-  const std::vector<Match> many = Sample(pairs, kFitMatches);
-  std::vector<std::pair<double, Parameters>> starts;
-  Eigen::VectorXd errors;
-  for (const double focal : {0.8, 1.3, 2.5}) {
-    for (const double elevation_deg : {5.0, 20.0, 40.0, 60.0, 80.0}) {
-      for (const double step_deg : {1.5, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 90.0, 120.0}) {
-        for (const double sign : {-1.0, 1.0}) {
-          Parameters p;
-          p << std::log(focal), elevation_deg * kPi / 180, 0, 0, sign * step_deg * kPi / 180;
-          Errors(p, size, few, 4 * max_error_px, &errors);
-          starts.emplace_back(Cost(errors), p);
-        }
-      }
+std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs, int num_photos,
+                                          const Eigen::Vector2i& size, double max_error_px,
+                                          double min_inlier_share, std::optional<double> focal_px) {
+  std::vector<TurnMatches> inside;
+  std::vector<TurnMatches> across;  // the end of a full turn
+  for (const TurnMatches& pair : pairs) {
+    if (2 * std::abs(pair.steps) <= num_photos) {
+      inside.push_back(pair);
+    } else {
+      across.push_back(pair);
+      across.back().steps -= pair.steps > 0 ? num_photos : -num_photos;
     }
   }
-  std::sort(starts.begin(), starts.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  starts.resize(kNumRefined);
-  for (auto& [cost, p] : starts) {
-    Refine(size, few, 4 * max_error_px, &p);
-    cost = Refine(size, few, max_error_px, &p);
+  if (!across.empty()) {
+    std::vector<TurnMatches> all = inside;
+    all.insert(all.end(), across.begin(), across.end());
+    auto turn = FitFamily(all, size, max_error_px, min_inlier_share, focal_px, 2 * kPi / num_photos);
+    if (turn && HasSensibleFocal(*turn, size) &&
+        InlierShare(*turn, across, max_error_px) >= min_inlier_share) {
+      turn->is_full_turn = true;
+      return turn;
+    }
   }
-  Parameters best = std::min_element(starts.begin(), starts.end(), [](const auto& a, const auto& b) {
-                      return a.first < b.first;
-                    })->second;
-  Refine(size, many, max_error_px, &best);
-  StationTurn turn = ToTurn(best, size);
-  Errors(best, size, many, kSlack * max_error_px, &errors);
-  turn.inlier_share =
-      static_cast<double>((errors.array().abs() <= 1).count()) / static_cast<double>(errors.size());
-  if (turn.inlier_share < min_inlier_share) return std::nullopt;
-  return turn;
+  return FitFamily(inside, size, max_error_px, min_inlier_share, focal_px, std::nullopt);
 }
 
 bool FitsItsAngle(const StationTurn& turn, const TurnMatches& pair, double max_error_px) {

@@ -18,7 +18,8 @@ struct StationTurn {
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();             ///< unit.
   Eigen::Vector3d foot = Eigen::Vector3d::Zero();             ///< unit, at right angles to the axis.
   double step_rad = 0;                                        ///< between photos that follow each other.
-  double inlier_share = 0;                                    ///< of the matches that it was fitted to.
+  bool is_full_turn = false;  ///< the photos' matches close the circle: focal length and step are known.
+  double inlier_share = 0;    ///< of the matches that it was fitted to.
 
   /// x2ᵀ F x1 = 0 in pixels.
   Eigen::Matrix3d Fundamental(double theta_rad) const;
@@ -32,12 +33,19 @@ struct TurnMatches {
 };
 
 /// Fits the family to photos few steps apart, taking the steps to be equal; robust against outliers.
+/// Photos a few steps apart hardly tell a long focal length and large steps from a short one and small steps.
+/// Where matches between the station's last photos and its first ones fit a full turn of `num_photos` equal
+/// steps, the step is that turn's.
 /// Nothing when fewer than `min_inlier_share` of the matches follow any: the steps are too unequal, or the
 /// photos are not in the order of capture.
+/// \param pairs         of photos few steps apart, also across the end of a full turn.
 /// \param size          of the photos [px].
 /// \param max_error_px  largest Sampson error of an inlier [px].
-std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs, const Eigen::Vector2i& size,
-                                          double max_error_px, double min_inlier_share);
+/// \param focal_px      where it is known.
+std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs, int num_photos,
+                                          const Eigen::Vector2i& size, double max_error_px,
+                                          double min_inlier_share,
+                                          std::optional<double> focal_px = std::nullopt);
 
 /// Whether the matches fit the angle that their number of steps makes, or, as on an object that looks the
 /// same from several sides, fit another angle much better.

@@ -2,18 +2,23 @@
 // get harder in one respect at a time. No SfM runs: its result is the exact models with errors, missing and
 // wrong poses.
 //
-//   turntable_stress [SEEDS] [THREADS] [CELL]      prints a Markdown table, of all cells or of the one named,
-//                                                  and runs that failed on stderr
+//   turntable_stress [SEEDS] [THREADS] [--cells TEXT...]
+//
+// prints a Markdown table of all cells, or of those whose names contain one of the texts, each row as soon as
+// it is done, and runs that failed on stderr.
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
 #include <map>
+#include <mutex>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "sfm_split/align_scene.h"
@@ -268,64 +273,106 @@ std::string Summary(const std::vector<Outcome>& outcomes) {
   return text;
 }
 
+// The table, filled in by all threads and printed in the cells' order.
+class Table {
+ public:
+  Table(std::vector<std::string> names, int seeds) : names_(std::move(names)), rows_(names_.size()) {
+    for (Row& row : rows_) {
+      for (std::vector<Outcome>& outcomes : row.outcomes) outcomes.resize(static_cast<size_t>(seeds));
+      row.left = 2 * seeds;
+    }
+    std::printf("| | free SfM: success | angle | rotation | single axis: success | angle | rotation |\n");
+    std::printf("|---|---|---|---|---|---|---|\n");
+    std::fflush(stdout);
+  }
+
+  void Add(size_t cell, int seed, bool single_axis, const Outcome& outcome) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    Row& row = rows_[cell];
+    row.outcomes[single_axis ? 1 : 0][static_cast<size_t>(seed)] = outcome;
+    --row.left;
+    for (; next_ < rows_.size() && rows_[next_].left == 0; ++next_) Print(next_);
+  }
+
+ private:
+  struct Row {
+    std::array<std::vector<Outcome>, 2> outcomes;  // free SfM, single axis; by seed
+    int left = 0;
+  };
+
+  void Print(size_t cell) const {
+    const Row& row = rows_[cell];
+    const char* name = names_[cell].c_str();
+    for (const bool single_axis : {false, true}) {
+      const std::vector<Outcome>& outcomes = row.outcomes[single_axis ? 1 : 0];
+      for (size_t seed = 0; seed < outcomes.size(); ++seed) {
+        const Outcome& run = outcomes[seed];
+        if (run.success) continue;
+        std::fprintf(
+            stderr,
+            "failed: %s, %s, seed %zu: %d of %d images, %s, sigma %.2f px, angle %.3f / %.2f, rotation "
+            "%.3f / %.2f\n",
+            name, single_axis ? "single axis" : "free SfM", seed + 1, run.images, run.all_images,
+            JointModelName(run.model), run.sigma_px, run.angle_median_deg, run.angle_max_deg,
+            run.rotation_median_deg, run.rotation_max_deg);
+      }
+    }
+    std::printf("| %s | %s | %s |\n", name, Summary(row.outcomes[0]).c_str(),
+                Summary(row.outcomes[1]).c_str());
+    std::fflush(stdout);
+  }
+
+  std::vector<std::string> names_;
+  std::vector<Row> rows_;
+  size_t next_ = 0;
+  std::mutex mutex_;
+};
+
 }  // namespace
 }  // namespace s2gs
 
 int main(int argc, char** argv) {
-  const int seeds = argc > 1 ? std::atoi(argv[1]) : 20;
-  const int threads = argc > 2 ? std::atoi(argv[2]) : 2;
-  std::vector<s2gs::Cell> cells = s2gs::Cells();
-  if (argc > 3) {
-    cells.erase(std::remove_if(cells.begin(), cells.end(),
-                               [&](const s2gs::Cell& cell) { return cell.name != argv[3]; }),
-                cells.end());
-  }
-  struct Task {
-    size_t cell;
-    int seed;
-    bool single_axis;
-  };
-  std::vector<Task> tasks;
-  std::vector<std::vector<s2gs::Outcome>> outcomes[2];
-  for (auto& all : outcomes) all.assign(cells.size(), std::vector<s2gs::Outcome>(static_cast<size_t>(seeds)));
-  for (size_t c = 0; c < cells.size(); ++c) {
-    for (int seed = 0; seed < seeds; ++seed) {
-      tasks.push_back({c, seed, false});
-      tasks.push_back({c, seed, true});
+  std::vector<int> numbers;
+  std::vector<std::string> wanted;
+  bool are_cells = false;
+  for (int k = 1; k < argc; ++k) {
+    const std::string argument = argv[k];
+    if (argument == "--cells") {
+      are_cells = true;
+    } else if (are_cells) {
+      wanted.push_back(argument);
+    } else {
+      numbers.push_back(std::max(1, std::atoi(argv[k])));
     }
   }
+  const int seeds = numbers.empty() ? 20 : numbers[0];
+  const int threads = numbers.size() > 1 ? numbers[1] : 2;
+  std::vector<s2gs::Cell> cells;
+  std::vector<std::string> names;
+  for (s2gs::Cell& cell : s2gs::Cells()) {
+    const bool is_wanted = wanted.empty() || std::any_of(wanted.begin(), wanted.end(), [&](const auto& text) {
+                             return cell.name.find(text) != std::string::npos;
+                           });
+    if (!is_wanted) continue;
+    names.push_back(cell.name);
+    cells.push_back(std::move(cell));
+  }
+  const size_t runs_of_cell = 2 * static_cast<size_t>(seeds);
+  s2gs::Table table(std::move(names), seeds);
   std::atomic<size_t> next{0};
   std::vector<std::thread> workers;
+  workers.reserve(static_cast<size_t>(threads));
   for (int t = 0; t < threads; ++t) {
     workers.emplace_back([&] {
-      for (size_t k = next++; k < tasks.size(); k = next++) {
-        const Task& task = tasks[k];
-        outcomes[task.single_axis ? 1 : 0][task.cell][static_cast<size_t>(task.seed)] =
-            s2gs::Run(cells[task.cell], static_cast<uint64_t>(task.seed) + 1, task.single_axis);
+      for (size_t k = next++; k < cells.size() * runs_of_cell; k = next++) {
+        const size_t cell = k / runs_of_cell;
+        const auto seed = static_cast<int>(k % runs_of_cell / 2);
+        const bool single_axis = k % 2 == 1;
+        table.Add(cell, seed, single_axis,
+                  s2gs::Run(cells[cell], static_cast<uint64_t>(seed) + 1, single_axis));
       }
     });
   }
   for (std::thread& worker : workers) worker.join();
-  for (const bool single_axis : {false, true}) {
-    for (size_t c = 0; c < cells.size(); ++c) {
-      for (int seed = 0; seed < seeds; ++seed) {
-        const s2gs::Outcome& run = outcomes[single_axis ? 1 : 0][c][static_cast<size_t>(seed)];
-        if (run.success) continue;
-        std::fprintf(
-            stderr,
-            "failed: %s, %s, seed %d: %d of %d images, %s, sigma %.2f px, angle %.3f / %.2f, rotation "
-            "%.3f / %.2f\n",
-            cells[c].name.c_str(), single_axis ? "single axis" : "free SfM", seed + 1, run.images,
-            run.all_images, s2gs::JointModelName(run.model), run.sigma_px, run.angle_median_deg,
-            run.angle_max_deg, run.rotation_median_deg, run.rotation_max_deg);
-      }
-    }
-  }
-  std::printf("| | free SfM: success | angle | rotation | single axis: success | angle | rotation |\n");
-  std::printf("|---|---|---|---|---|---|---|\n");
-  for (size_t c = 0; c < cells.size(); ++c) {
-    std::printf("| %s | %s | %s |\n", cells[c].name.c_str(), s2gs::Summary(outcomes[0][c]).c_str(),
-                s2gs::Summary(outcomes[1][c]).c_str());
-  }
   return 0;
 }

@@ -508,7 +508,7 @@ TEST(JointBa, NothingToAdjustIsNoFault) {
 TEST(JointBa, OptionsAreChecked) {
   JointOptions options;
   EXPECT_FALSE(options.Check());
-  options.loss_scale_px = 0;
+  options.loss_scale_px = -1;
   EXPECT_EQ(options.Check()->field, "loss_scale_px");
 }
 
