@@ -31,6 +31,8 @@ struct Pass {
 constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3}, {0, 1.0F, 4}, {0, 0.5F, 4}}};
 
 constexpr int kMinPhotos = 4;
+// With fewer, a part that one photo shows may well be there.
+constexpr size_t kMinPhotosToDrop = 40;
 // Of one vertex. Two photos agree by chance too often.
 constexpr int kMinViews = 3;
 // Around a vertex the photo must show the mesh and nothing in front of it [px].
@@ -190,7 +192,7 @@ class Refiner {
 
   // \return  how many triangles.
   int64_t DropUnseen() {
-    if (!(options_.min_seen_pct > 0)) return 0;
+    if (!(options_.min_seen_pct > 0) || views_.size() < kMinPhotosToDrop) return 0;
     const std::vector<VertexFlags> visible = FindVisible({kMinSeenCosine, 0});
     const int needed = std::max(
         2, static_cast<int>(std::lround(options_.min_seen_pct / 100 * static_cast<double>(views_.size()))));

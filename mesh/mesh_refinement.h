@@ -23,9 +23,10 @@ namespace s2gs {
 struct MeshRefinementOptions {
   bool enabled = true;
   int num_views = 8;               ///< photos in which a vertex is compared.
-  double max_view_angle_deg = 66;  ///< between a vertex's normal and the rays to these photos.
+  double max_view_angle_deg = 60;  ///< between a vertex's normal and the rays to these photos.
   double smoothness = 0.3;         ///< of the offsets over the mesh; larger trusts photos less.
-  /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; 0: all stay.
+  /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; 0: all stay,
+  /// as they do with fewer than 40 photos.
   double min_seen_pct = 3;
   double max_memory_gib = 4;  ///< photos are shrunk until they fit.
   int num_threads = 0;        ///< 0: one for each core.

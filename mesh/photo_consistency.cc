@@ -11,7 +11,7 @@ namespace s2gs {
 namespace {
 
 // Standard deviation of a grey value that no texture explains: sensor, JPEG, resampling.
-constexpr float kGreyNoise = 3;
+constexpr float kGreyNoise = 2;
 // Photos further apart than this are no better for it [rad].
 constexpr float kEnoughParallax = 0.26F;
 // Less than this, and a photo adds nothing [rad, times the cosine].

@@ -330,7 +330,7 @@ void RunTsdfMesher(CommandContext& context) {
                  "of the offsets over the mesh; larger trusts the photos less");
   refinement
       .Add("min_seen_pct", &MeshRefinementOptions::min_seen_pct,
-           "drop triangles that fewer of the photos see; 0 keeps all")
+           "drop triangles that fewer of the photos see, when there are 40 or more; 0 keeps all")
       .Unit("%");
   refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
       .Unit("GiB");
@@ -348,9 +348,8 @@ void RunTsdfMesher(CommandContext& context) {
   for (const fs::path& masks : {mesher.mask_path, workspace.Masks()}) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }
-  stage.options =
-      ValuesWithout(options, {"workspace_path", "output_path", "mask_path", "use_gpu", "Tsdf.num_threads",
-                              "Tsdf.max_memory_gib", "Refine.num_threads"}); "Refine.max_memory_gib"});
+  stage.options = ValuesWithout(options, {"workspace_path", "output_path", "mask_path", "use_gpu",
+                                          "Tsdf.num_threads", "Tsdf.max_memory_gib", "Refine.num_threads"});
   stage.outputs = {workspace.TsdfMesh()};
   stage.depends_on = {"gaussian_renderer"};
   if (!runner.Run(stage, mesh)) {
