@@ -143,6 +143,7 @@ class Refiner {
 
   void LoadPhotos(const RefinementPhotoSource& source) {
     std::vector<Crop> crops;
+    crops.reserve(source.size());
     double bytes = 0;
     double finest = std::numeric_limits<double>::infinity();  // pixel at the mesh
     Eigen::Vector3d middle = Eigen::Vector3d::Zero();

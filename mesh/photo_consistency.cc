@@ -166,7 +166,7 @@ void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_
     std::array<float, kPatchSize> sum{};
     float self = 0;
     for (int i = 0; i < patch.num_views; ++i) {
-      std::array<float, kPatchSize> values;
+      std::array<float, kPatchSize> values{};
       patch.views[i]->SamplePatch(middle, u, v, level, values.data());
       const float length = patch.cosines[i] * Normalise(values.data());
       self += length * length;

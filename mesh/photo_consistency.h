@@ -48,12 +48,12 @@ constexpr int kPatchSize = kPatchSide * kPatchSide;
 /// A piece of surface and the photos that show it.
 struct SurfacePatch {
   static constexpr int kMaxViews = 16;
-  Eigen::Vector3f middle;
-  Eigen::Vector3f normal;  ///< of unit length.
+  Eigen::Vector3f middle = Eigen::Vector3f::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::UnitZ();  ///< of unit length.
   int num_views = 0;
-  std::array<const PhotoPyramid*, kMaxViews> views;
-  std::array<float, kMaxViews> cosines;  ///< between the normal and the direction to each camera.
-  float PixelSize() const;               ///< of the photo that shows it best.
+  std::array<const PhotoPyramid*, kMaxViews> views = {};
+  std::array<float, kMaxViews> cosines = {};  ///< between the normal and the direction to each camera.
+  float PixelSize() const;                    ///< of the photo that shows it best.
 };
 
 /// Gives the patch `max_views` photos or fewer: those that face it, and that look from different sides.

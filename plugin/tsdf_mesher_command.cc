@@ -82,6 +82,8 @@ class WorkspaceViews : public DepthViewSource {
 class WorkspacePhotos : public RefinementPhotoSource {
  public:
   explicit WorkspacePhotos(const std::vector<ViewFiles>& files) {
+    cameras_.reserve(files.size());
+    paths_.reserve(files.size());
     for (const ViewFiles& view : files) {
       if (view.image.empty()) continue;
       const ImageSize size = ReadImageSize(view.image);

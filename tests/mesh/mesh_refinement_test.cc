@@ -27,6 +27,8 @@ constexpr double kPixel = (kDistance - 1) / kFocal;
 TriangleMesh Sphere(double radius, int rings) {
   TriangleMesh mesh;
   const int steps = 2 * rings;
+  mesh.vertices.reserve(static_cast<size_t>(steps) * rings);
+  mesh.triangles.reserve(2 * static_cast<size_t>(steps) * rings);
   mesh.vertices.emplace_back(0, 0, static_cast<float>(radius));
   for (int ring = 1; ring < rings; ++ring) {
     const double polar = M_PI * ring / rings;
@@ -76,6 +78,8 @@ class SpherePhotos : public RefinementPhotoSource {
   SpherePhotos(int num_around, const std::vector<double>& elevations, const Texture& texture,
                double noise = 0) {
     RandomNumbers random(7);
+    views_.reserve(num_around * elevations.size());
+    photos_.reserve(num_around * elevations.size());
     for (const double elevation : elevations) {
       for (int i = 0; i < num_around; ++i) {
         const ObjectView view = LookAtMiddle(2 * M_PI * (i + 0.3 * elevation) / num_around, elevation);
