@@ -78,6 +78,39 @@ class WorkspaceViews : public DepthViewSource {
   std::vector<ViewFiles> files_;
 };
 
+// The photos of the views, grey, for the refinement.
+class WorkspacePhotos : public RefinementPhotoSource {
+ public:
+  explicit WorkspacePhotos(const std::vector<ViewFiles>& files) {
+    cameras_.reserve(files.size());
+    paths_.reserve(files.size());
+    for (const ViewFiles& view : files) {
+      if (view.image.empty()) continue;
+      const ImageSize size = ReadImageSize(view.image);
+      ObjectView camera = view.camera;
+      // Photos of another size show the whole image all the same.
+      const double scale_x = static_cast<double>(size.width) / camera.width;
+      const double scale_y = static_cast<double>(size.height) / camera.height;
+      camera.width = size.width;
+      camera.height = size.height;
+      camera.fx *= scale_x;
+      camera.cx *= scale_x;
+      camera.fy *= scale_y;
+      camera.cy *= scale_y;
+      cameras_.push_back(camera);
+      paths_.push_back(view.image);
+    }
+  }
+
+  int size() const override { return static_cast<int>(paths_.size()); }
+  const ObjectView& Camera(int index) const override { return cameras_[index]; }
+  Image8 Load(int index) const override { return ReadImage(paths_[index], 1); }
+
+ private:
+  std::vector<ObjectView> cameras_;
+  std::vector<fs::path> paths_;
+};
+
 // Masks are those of the photos, so they fit the dense images only when these are the photos.
 fs::path MaskFolder(const Workspace& workspace, const TsdfMesherOptions& options, Reporter& reporter) {
   if (!options.mask_path.empty()) {
@@ -163,6 +196,19 @@ void Report(const TsdfSummary& tsdf, Reporter& reporter) {
   }
 }
 
+void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
+  if (refinement.num_vertices == 0) {
+    reporter.Warn(fmt::format("{} photos show the mesh: too few to refine it by", refinement.num_photos));
+    return;
+  }
+  reporter.Info(fmt::format(
+      "refined by {} photos: {} triangles dropped that hardly any of them sees, {:.0f} % of {} vertices "
+      "placed by their texture; moved by {:+.2f} px outwards, {:.2f} px rms, in {:.2f} s",
+      refinement.num_photos, refinement.num_unseen_triangles,
+      100.0 * static_cast<double>(refinement.num_accepted) / static_cast<double>(refinement.num_vertices),
+      refinement.num_vertices, refinement.mean_offset_px, refinement.rms_offset_px, refinement.seconds));
+}
+
 void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, std::ostream& out) {
   out << fmt::format("depth maps       {} of {} images, {} with masks\n", summary.num_depth_maps,
                      summary.num_images, summary.num_masks)
@@ -172,6 +218,10 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
                      summary.tsdf.truncation)
       << fmt::format("clusters         {} of {} kept\n", summary.cleanup.num_clusters_kept,
                      summary.cleanup.num_clusters);
+  if (summary.refinement.num_vertices > 0) {
+    out << fmt::format("refined          {:+.3f} px outwards, {} unseen triangles dropped\n",
+                       summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles);
+  }
   if (mesher.cleanup.max_hole_edges > 0) {
     out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
   }
@@ -191,14 +241,26 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   TsdfMesherSummary summary;
   summary.output_path = options.output_path.empty() ? workspace.TsdfMesh() : options.output_path;
   RequireMeshExtension(summary.output_path);
-  const WorkspaceViews views(FindViews(workspace, options, reporter, &summary));
+  const std::vector<ViewFiles> files = FindViews(workspace, options, reporter, &summary);
+  const WorkspaceViews views(files);
   TriangleMesh mesh = MeshFromDepthMaps(views, options.tsdf, reporter, &summary.tsdf);
   Report(summary.tsdf, reporter);
   MeshCleanupOptions cleanup = options.cleanup;
   // Without a table that turns, z is no direction of the scene.
   cleanup.is_axis_known =
       Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
-  summary.cleanup = CleanMesh(cleanup, reporter, &mesh);
+  // First what is not the object: it would hide the object from the photos.
+  MeshCleanupOptions clusters_only = cleanup;
+  clusters_only.max_hole_edges = 0;
+  clusters_only.smoothing_iterations = 0;
+  clusters_only.max_triangles = 0;
+  summary.cleanup = CleanMesh(clusters_only, reporter, &mesh);
+  if (options.refinement.enabled && !mesh.triangles.empty()) {
+    summary.refinement = RefineMesh(WorkspacePhotos(files), options.refinement, reporter, &mesh);
+    Report(summary.refinement, reporter);
+  }
+  cleanup.remove_disc = false;
+  summary.cleanup.num_holes_closed = CleanMesh(cleanup, reporter, &mesh).num_holes_closed;
   if (mesh.triangles.empty()) {
     throw UserError(workspace.DepthMaps(), "the depth maps agree on no surface",
                     "Check that they belong to the poses of dense/0/sparse, or set a larger voxel_size");
@@ -258,6 +320,23 @@ void RunTsdfMesher(CommandContext& context) {
   cleanup.Add("smoothing_iterations", &MeshCleanupOptions::smoothing_iterations, "of Taubin's smoothing");
   cleanup.Add("max_triangles", &MeshCleanupOptions::max_triangles,
               "simplify the mesh to about so many triangles; 0: keep all");
+  auto refinement = options.Group("Refine", &mesher.refinement);
+  refinement.Add("enabled", &MeshRefinementOptions::enabled,
+                 "move the surface to where the photos of dense/0 agree best, and drop what they do not see");
+  refinement.Add("num_views", &MeshRefinementOptions::num_views, "photos in which a vertex is compared");
+  refinement
+      .Add("max_view_angle_deg", &MeshRefinementOptions::max_view_angle_deg,
+           "steepest angle between a vertex's normal and the rays to these photos")
+      .Unit("degrees");
+  refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
+                 "of the offsets over the mesh; larger trusts the photos less");
+  refinement
+      .Add("min_seen_pct", &MeshRefinementOptions::min_seen_pct,
+           "drop triangles that fewer of the photos see, when there are 40 or more; 0 keeps all")
+      .Unit("%");
+  refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
+      .Unit("GiB");
+  refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
   Reporter& reporter = context.Parse();
 
   const Workspace workspace{workspace_path};
@@ -272,7 +351,7 @@ void RunTsdfMesher(CommandContext& context) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }
   stage.options = ValuesWithout(options, {"workspace_path", "output_path", "mask_path", "use_gpu",
-                                          "Tsdf.num_threads", "Tsdf.max_memory_gib"});
+                                          "Tsdf.num_threads", "Tsdf.max_memory_gib", "Refine.num_threads"});
   stage.outputs = {workspace.TsdfMesh()};
   stage.depends_on = {"gaussian_renderer"};
   if (!runner.Run(stage, mesh)) {

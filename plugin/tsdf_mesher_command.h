@@ -5,6 +5,7 @@
 #include <string>
 
 #include "mesh/mesh_cleanup.h"
+#include "mesh/mesh_refinement.h"
 #include "mesh/tsdf.h"
 #include "plugin/command.h"
 #include "plugin/workspace.h"
@@ -20,11 +21,13 @@ struct TsdfMesherOptions {
   bool use_normals = true;               ///< where there are normal maps.
   TsdfOptions tsdf;
   MeshCleanupOptions cleanup;
+  MeshRefinementOptions refinement;  ///< by the photos of dense/0.
 };
 
 struct TsdfMesherSummary {
   TsdfSummary tsdf;
   MeshCleanupSummary cleanup;
+  MeshRefinementSummary refinement;
   std::filesystem::path output_path;
   int num_images = 0;      ///< of the dense model.
   int num_depth_maps = 0;  ///< of these, with a depth map.
@@ -33,8 +36,9 @@ struct TsdfMesherSummary {
   size_t num_triangles = 0;
 };
 
-/// Fuses the depth maps of dense/0 in the frame of its model, which is the object's, cleans the mesh up and
-/// writes it. Throws UserError when there are no depth maps, or nothing is left of the mesh.
+/// Fuses the depth maps of dense/0 in the frame of its model, which is the object's, cleans the mesh up,
+/// refines it by the photos and writes it. Throws UserError when there are no depth maps, or nothing is left
+/// of the mesh.
 TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
                                 Reporter& reporter);
 
