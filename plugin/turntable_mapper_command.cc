@@ -25,6 +25,7 @@
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
 #include "sfm_split/guided_registration.h"
+#include "sfm_split/scan_candidate.h"
 #include "sfm_split/scan_refinement.h"
 #include "sfm_split/single_axis_scene.h"
 #include "sfm_split/top_view.h"
@@ -209,26 +210,6 @@ size_t CountImages(const std::vector<ImagePairMatches>& pairs) {
   return images.size();
 }
 
-// One way of placing the object, adjusted.
-struct Candidate {
-  AlignedScene aligned;
-  RefineReport refined;
-  std::string finding;  // what came of it, for the report.
-  bool is_usable = false;
-
-  // Grows as the sum over images of the root of their observations would if all had as many: a few images
-  // more do not outweigh a fit that explains a fraction of the matches, and the matches of a few images do
-  // not outweigh many.
-  double Evidence() const {
-    return static_cast<double>(aligned.scene.views.size()) *
-           static_cast<double>(refined.joint.object_observations);
-  }
-  bool IsBetterThan(const Candidate& other) const {
-    if (is_usable != other.is_usable) return is_usable;
-    return Evidence() > other.Evidence();
-  }
-};
-
 class TurntableMapper {
  public:
   TurntableMapper(const Settings& settings, const Workspace& workspace, Reporter& reporter)
@@ -251,14 +232,14 @@ class TurntableMapper {
   void Place();
 
  private:
-  Candidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
-  Candidate BySingleAxis(const ColmapModel* background);
-  void PlaceMissing(Candidate* candidate, json* report);
-  bool IsEnough(const Candidate& candidate) const {
+  ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
+  ScanCandidate BySingleAxis(const ColmapModel* background);
+  void PlaceMissing(ScanCandidate* candidate, json* report);
+  bool IsEnough(const ScanCandidate& candidate) const {
     return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
                                       kEnoughImages * static_cast<double>(input_.features.images.size());
   }
-  void WriteScene(Candidate* candidate, json report);
+  void WriteScene(ScanCandidate* candidate, json report);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
 
   const Settings& settings_;
@@ -285,9 +266,9 @@ void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
   WriteJson(mapping.output / "attempts.json", ToJson(MapBody(mapping, colmap, reporter_)));
 }
 
-Candidate TurntableMapper::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
-                                     const char* how) {
-  Candidate candidate;
+ScanCandidate TurntableMapper::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
+                                         const char* how) {
+  ScanCandidate candidate;
   std::map<std::string, int> station_of_image;
   for (const ScanImage& image : input_.features.images) station_of_image[image.name] = image.station;
   AlignOptions options;
@@ -309,8 +290,8 @@ Candidate TurntableMapper::ByFreeSfm(const ColmapModel& object, const ColmapMode
   return candidate;
 }
 
-Candidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
-  Candidate candidate;
+ScanCandidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
+  ScanCandidate candidate;
   SingleAxisSolution solution;
   SingleAxisOptions options = settings_.single_axis;
   candidate.aligned = SceneFromSingleAxis(input_.features, background, options, reporter_, &solution);
@@ -328,7 +309,7 @@ Candidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
 }
 
 // Photos that are still missing, by what the object's points look like.
-void TurntableMapper::PlaceMissing(Candidate* candidate, json* report) {
+void TurntableMapper::PlaceMissing(ScanCandidate* candidate, json* report) {
   const ColmapDatabase database =
       ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly);
   const ReadDescriptors read = [&](int image) {
@@ -377,7 +358,7 @@ void TurntableMapper::PlaceMissing(Candidate* candidate, json* report) {
   }
 }
 
-void TurntableMapper::WriteScene(Candidate* candidate, json report) {
+void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   Stopwatch watch;
   AlignedScene& aligned = candidate->aligned;
   ColorPoints(settings_.image_path, {&aligned.object, &aligned.background}, reporter_);
@@ -458,9 +439,9 @@ void TurntableMapper::Place() {
   }
   seconds_["read"] = watch.Lap();
 
-  Candidate best;
+  ScanCandidate best;
   std::string findings;
-  const auto consider = [&](Candidate candidate, const char* name) {
+  const auto consider = [&](ScanCandidate candidate, const char* name) {
     findings += (findings.empty() ? "" : "; ") + candidate.finding;
     seconds_[name] = watch.Lap();
     if (!candidate.IsBetterThan(best)) return;
@@ -477,7 +458,7 @@ void TurntableMapper::Place() {
       if (joined > 0) {
         reporter_.Info(std::to_string(joined) + " images joined from partial models of the object");
       }
-      Candidate candidate = ByFreeSfm(object, background, "free SfM");
+      ScanCandidate candidate = ByFreeSfm(object, background, "free SfM");
       motion = candidate.aligned.solution.motion;
       consider(std::move(candidate), "free_sfm");
       if (background != nullptr && !IsEnough(best)) {

@@ -348,12 +348,16 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
   for (size_t k = 0; k < observability.parameters.size(); ++k) {
     index_of[observability.parameters[k]] = static_cast<int>(k);
   }
+  const std::array<const Eigen::MatrixXd*, 3> covariances = {
+      &observability.covariance, &observability.robust_covariance, &observability.regional_covariance};
   const JointSystem system(problem, options, true);
   const auto variance = [&](int block, int value) {
     const auto found = index_of.find({block, value});
     if (found == index_of.end()) return 0.0;
-    return std::max(observability.covariance(found->second, found->second),
-                    observability.robust_covariance(found->second, found->second));
+    double largest = 0;
+    for (const Eigen::MatrixXd* covariance : covariances)
+      largest = std::max(largest, (*covariance)(found->second, found->second));
+    return largest;
   };
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
     report->focal_sigma_px.push_back(std::sqrt(variance(system.IntrinsicsBlock(static_cast<int>(c)), 0)));
@@ -364,25 +368,25 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     report->angle_sigma_deg.push_back(system.IsTied(problem.images[i].pose) ? sigma : kInfinity);
   }
   if (!system.blocks()[system.AxisBlock()].used) return;
-  Eigen::Matrix4d axis = Eigen::Matrix4d::Zero();
-  Eigen::Matrix4d robust_axis = Eigen::Matrix4d::Zero();
-  for (int a = 0; a < 4; ++a) {
-    for (int b = 0; b < 4; ++b) {
-      const auto first = index_of.find({system.AxisBlock(), a});
-      const auto second = index_of.find({system.AxisBlock(), b});
-      if (first == index_of.end() || second == index_of.end()) continue;
-      axis(a, b) = observability.covariance(first->second, second->second);
-      robust_axis(a, b) = observability.robust_covariance(first->second, second->second);
-    }
-  }
   const auto worst = [](const Eigen::Matrix2d& covariance) {
     return std::sqrt(
         std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()(1)));
   };
-  report->axis_direction_sigma_deg =
-      std::max(worst(axis.topLeftCorner<2, 2>()), worst(robust_axis.topLeftCorner<2, 2>())) * 180 / kPi;
-  report->axis_point_sigma =
-      std::max(worst(axis.bottomRightCorner<2, 2>()), worst(robust_axis.bottomRightCorner<2, 2>()));
+  report->axis_direction_sigma_deg = report->axis_point_sigma = 0;
+  for (const Eigen::MatrixXd* covariance : covariances) {
+    Eigen::Matrix4d axis = Eigen::Matrix4d::Zero();
+    for (int a = 0; a < 4; ++a) {
+      for (int b = 0; b < 4; ++b) {
+        const auto first = index_of.find({system.AxisBlock(), a});
+        const auto second = index_of.find({system.AxisBlock(), b});
+        if (first == index_of.end() || second == index_of.end()) continue;
+        axis(a, b) = (*covariance)(first->second, second->second);
+      }
+    }
+    report->axis_direction_sigma_deg =
+        std::max(report->axis_direction_sigma_deg, worst(axis.topLeftCorner<2, 2>()) * 180 / kPi);
+    report->axis_point_sigma = std::max(report->axis_point_sigma, worst(axis.bottomRightCorner<2, 2>()));
+  }
 
   // log(scale) = log(distance of the anchor from the axis) - log(distance of the anchor from the station
   // farthest from it), by differences over the parameters that it depends on.
@@ -424,8 +428,10 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     below(k) -= step;
     gradient(found->second) = (log_scale(above) - log_scale(below)) / (2 * step);
   }
-  report->scale_sigma_rel = std::sqrt(std::max({0.0, gradient.dot(observability.covariance * gradient),
-                                                gradient.dot(observability.robust_covariance * gradient)}));
+  double scale_variance = 0;
+  for (const Eigen::MatrixXd* covariance : covariances)
+    scale_variance = std::max(scale_variance, gradient.dot(*covariance * gradient));
+  report->scale_sigma_rel = std::sqrt(scale_variance);
 }
 
 // The loss' scale that the residuals of a problem ask for.

@@ -95,6 +95,8 @@ struct Observability {
   Eigen::MatrixXd covariance;
   /// The same from the residuals themselves, when those of one point depend on each other.
   Eigen::MatrixXd robust_covariance;
+  /// And when those in one part of the photos do, too; from few parts, so that it may come out too small.
+  Eigen::MatrixXd regional_covariance;
 };
 
 struct JointReport {
@@ -113,8 +115,8 @@ struct JointReport {
   std::string linear_solver;
   std::vector<ModelTest> tests;
 
-  // Standard deviations, the larger of those by both covariances; negative when not computed, infinite when
-  // not observable.
+  // Standard deviations, the largest of those by the three covariances; negative when not computed, infinite
+  // when not observable.
   double axis_direction_sigma_deg = -1;  ///< the worse direction.
   double axis_point_sigma = -1;          ///< across the axis, the worse direction, world units.
   /// Per image; 0 where held, infinite where no background point ties its station to the reference's.

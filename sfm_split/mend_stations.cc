@@ -123,6 +123,19 @@ void ScanRefiner::TurnStation(int station, const StationTie& tie) {
                                tie.matches, tie.margin};
 }
 
+// Where there are too few matches to say anything against it, the background's reconstruction stands.
+void ScanRefiner::PlaceByReconstruction(const std::vector<StationMatches>& matches, int enough_matches) {
+  for (const StationMatches& pair : matches) {
+    if (static_cast<int>(pair.matches.size()) >= enough_matches) return;
+  }
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    if (view_of_image_[i] >= 0 && aligned_->cam_from_background.count(features_.images[i].name) > 0)
+      placed_stations_.insert(StationOf(static_cast<int>(i)));
+  }
+  has_background_ = placed_stations_.size() >= 2;
+  if (!has_background_) placed_stations_.clear();
+}
+
 // Each station may be wrong by its angle about the axis, where the object alone placed it or the background's
 // reconstruction failed: matches on the background say where it stands, and whether they do.
 void ScanRefiner::PlaceStations(double max_error_px) {
@@ -139,8 +152,9 @@ void ScanRefiner::PlaceStations(double max_error_px) {
   if (root < 0) root = images.begin()->first;
   TieOptions options;
   options.max_error_px = max_error_px;
+  const std::vector<StationMatches> matches = MatchesOfStations();
   const std::vector<StationTie> ties =
-      TieStations(images.rbegin()->first + 1, root, aligned_->scene.axis, MatchesOfStations(), options);
+      TieStations(images.rbegin()->first + 1, root, aligned_->scene.axis, matches, options);
   std::map<int, int> images_of_component;
   std::map<int, int> stations_of_component;
   for (const auto& [station, count] : images) {
@@ -154,7 +168,10 @@ void ScanRefiner::PlaceStations(double max_error_px) {
   }
   placed_stations_.clear();
   has_background_ = stations_of_component[largest] >= 2;
-  if (!has_background_) return;
+  if (!has_background_) {
+    PlaceByReconstruction(matches, options.min_inliers);
+    return;
+  }
   for (const auto& [station, count] : images) {
     const StationTie& tie = ties[static_cast<size_t>(station)];
     if (tie.component != largest) continue;

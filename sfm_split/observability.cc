@@ -21,16 +21,33 @@ using Eigen::VectorXd;
 // times the largest are zero: rounding leaves about 1e-15.
 constexpr double kZeroEigenvalue = 1e-12;
 constexpr double kRounding = 1e-16;
+constexpr int kCells = 12;  // of a photo, in each direction, in which errors may depend on each other
+constexpr int kQuadrature = 400;
+constexpr double kLeastCurvature = 0.1;  // of the robust cost, over that of squares
 
 struct Column {
   int block;
   int value;
 };
 
-// The gradient of a point's cost by the cameras' parameters, the point eliminated.
+// A point's observations with the point eliminated.
 struct PointScore {
   std::vector<int> columns;
-  VectorXd gradient;
+  MatrixXd by_cameras;  // two rows for each observation
+  VectorXd residuals;
+  std::vector<int> cells;  // where in the photos each observation lies
+
+  VectorXd Gradient() const { return by_cameras.transpose() * residuals; }
+  VectorXd GradientOf(Eigen::Index observation) const {
+    return by_cameras.middleRows<2>(2 * observation).transpose() * residuals.segment<2>(2 * observation);
+  }
+};
+
+// What the loss makes of the residuals, summed over observations.
+struct LossSums {
+  double weights = 0;  // of the observations themselves
+  double first = 0;    // times the loss' first derivative, as in S
+  double second = 0;   // times the curvature of the loss, mean of both directions
 };
 
 // The reduced normal equations: S = sum over points of Jc^T Jc - Jc^T Jp (Jp^T Jp)^-1 Jp^T Jc.
@@ -41,9 +58,22 @@ struct ReducedSystem {
   VectorXd diagonal;   // of sum Jc^T Jc
   int redundancy = 0;  // residuals left by the points
   std::vector<PointScore> scores;
+  LossSums loss;
 };
 
-void EliminatePoint(const JointSystem& system, const ceres::LossFunction* loss,
+// The part of the photos of one camera in which a keypoint lies.
+int CellOf(const JointProblem& problem, const JointSystem::Term& term) {
+  const int camera = problem.images[static_cast<size_t>(term.image)].camera;
+  const Camera& size = problem.cameras[static_cast<size_t>(camera)];
+  const Eigen::Vector2d xy = term.cost->xy();
+  const auto place = [](double x, double side) {
+    return std::clamp(static_cast<int>(kCells * x / std::max(1.0, side)), 0, kCells - 1);
+  };
+  return (camera * kCells + place(xy.y(), static_cast<double>(size.height))) * kCells +
+         place(xy.x(), static_cast<double>(size.width));
+}
+
+void EliminatePoint(const JointProblem& problem, const JointSystem& system, const ceres::LossFunction* loss,
                     const std::vector<const JointSystem::Term*>& terms, ReducedSystem* reduced) {
   std::vector<int> touched;
   for (const JointSystem::Term* term : terms) {
@@ -62,13 +92,20 @@ void EliminatePoint(const JointSystem& system, const ceres::LossFunction* loss,
   std::array<std::array<double, 2 * 16>, 5> storage;
   std::array<double*, 5> jacobians{};
   for (int b = 0; b < 5; ++b) jacobians[b] = storage[b].data();
+  PointScore score;
+  score.cells.reserve(terms.size());
   Eigen::Index row = 0;
   for (const JointSystem::Term* term : terms) {
+    score.cells.push_back(CellOf(problem, *term));
     double residual[2];
     term->cost->Evaluate(term->values.data(), residual, jacobians.data());
     // Reweighted as at the robust cost's minimum.
     double rho[3] = {0, 1, 0};
-    if (loss != nullptr) loss->Evaluate(residual[0] * residual[0] + residual[1] * residual[1], rho);
+    const double squared = residual[0] * residual[0] + residual[1] * residual[1];
+    if (loss != nullptr) loss->Evaluate(squared, rho);
+    reduced->loss.weights += term->weight;
+    reduced->loss.first += term->weight * rho[1];
+    reduced->loss.second += term->weight * (rho[1] + rho[2] * squared);
     const double root_weight = std::sqrt(term->weight * rho[1]);
     residuals(row) = root_weight * residual[0];
     residuals(row + 1) = root_weight * residual[1];
@@ -99,7 +136,6 @@ void EliminatePoint(const JointSystem& system, const ceres::LossFunction* loss,
   residuals.applyOnTheLeft(qr.householderQ().transpose());
   const auto left = by_cameras.bottomRows(rows - qr.rank());
   reduced->redundancy += static_cast<int>(rows - qr.rank());
-  reduced->scores.push_back({touched, left.transpose() * residuals.tail(rows - qr.rank())});
   const MatrixXd square = left.transpose() * left;
   for (size_t a = 0; a < touched.size(); ++a) {
     for (size_t b = 0; b < touched.size(); ++b) {
@@ -107,9 +143,19 @@ void EliminatePoint(const JointSystem& system, const ceres::LossFunction* loss,
           square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
     }
   }
+  // What each observation adds to the gradient once the point has taken its share.
+  by_cameras.topRows(qr.rank()).setZero();
+  residuals.head(qr.rank()).setZero();
+  by_cameras.applyOnTheLeft(qr.householderQ());
+  residuals.applyOnTheLeft(qr.householderQ());
+  score.columns = std::move(touched);
+  score.by_cameras = std::move(by_cameras);
+  score.residuals = std::move(residuals);
+  reduced->scores.push_back(std::move(score));
 }
 
-ReducedSystem Reduce(const JointSystem& system, const ceres::LossFunction* loss) {
+ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system,
+                     const ceres::LossFunction* loss) {
   ReducedSystem reduced;
   for (size_t b = 0; b < system.blocks().size(); ++b) {
     const JointSystem::Block& block = system.blocks()[b];
@@ -126,25 +172,84 @@ ReducedSystem Reduce(const JointSystem& system, const ceres::LossFunction* loss)
   std::map<std::pair<bool, int>, std::vector<const JointSystem::Term*>> by_point;
   for (const JointSystem::Term& term : system.terms())
     by_point[{term.of_object, term.point}].push_back(&term);
-  for (const auto& [point, terms] : by_point) EliminatePoint(system, loss, terms, &reduced);
+  for (const auto& [point, terms] : by_point) EliminatePoint(problem, system, loss, terms, &reduced);
   return reduced;
 }
 
-// The covariance of the sum of the points' gradients, from the gradients themselves: errors of the keypoints
-// of one point may depend on each other (Liang and Zeger's estimate, with points as clusters).
-MatrixXd ScoreCovariance(const ReducedSystem& reduced) {
+// The covariance of the gradient, from the observations' own shares of it.
+struct ScoreCovariance {
+  MatrixXd of_points;   // errors of the keypoints of one point may depend on each other
+  MatrixXd of_regions;  // and so may those in one part of the photos
+};
+
+// Liang and Zeger's estimate with points as clusters, with the gradients that these would have without their
+// own pull on the parameters (the jackknife, Bell and McCaffrey's CR3): with few points to many parameters,
+// residuals are much smaller than errors. Shading and foreshortening move features alike in one part of the
+// photos: parts as clusters are added, less, as Cameron, Gelbach and Miller join two ways of clustering, what
+// both count.
+ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd& inverse_system) {
   const auto size = reduced.s.rows();
-  MatrixXd sum = MatrixXd::Zero(size, size);
+  const auto redundancy = static_cast<double>(reduced.redundancy);
+  const double growth = redundancy / std::max(1.0, redundancy - static_cast<double>(size));
+  ScoreCovariance sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
+  std::map<int, VectorXd> by_cell;
   for (const PointScore& score : reduced.scores) {
-    for (size_t a = 0; a < score.columns.size(); ++a) {
-      for (size_t b = 0; b < score.columns.size(); ++b) {
-        sum(score.columns[a], score.columns[b]) +=
-            score.gradient(static_cast<Eigen::Index>(a)) * score.gradient(static_cast<Eigen::Index>(b));
+    const auto columns = static_cast<Eigen::Index>(score.columns.size());
+    MatrixXd inverse(columns, columns);
+    for (Eigen::Index a = 0; a < columns; ++a) {
+      for (Eigen::Index b = 0; b < columns; ++b)
+        inverse(a, b) = inverse_system(score.columns[a], score.columns[b]);
+    }
+    const MatrixXd left =
+        MatrixXd::Identity(columns, columns) - score.by_cameras.transpose() * (score.by_cameras * inverse);
+    VectorXd of_point = left.partialPivLu().solve(score.Gradient());
+    if (!of_point.allFinite()) of_point = score.Gradient();
+    MatrixXd of_observations = MatrixXd::Zero(columns, columns);
+    for (size_t k = 0; k < score.cells.size(); ++k) {
+      const VectorXd gradient = score.GradientOf(static_cast<Eigen::Index>(k));
+      of_observations += growth * gradient * gradient.transpose();
+      VectorXd& cell = by_cell.try_emplace(score.cells[k], VectorXd::Zero(size)).first->second;
+      for (Eigen::Index a = 0; a < columns; ++a) cell(score.columns[a]) += gradient(a);
+    }
+    for (Eigen::Index a = 0; a < columns; ++a) {
+      for (Eigen::Index b = 0; b < columns; ++b) {
+        sums.of_points(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
+        sums.of_regions(score.columns[a], score.columns[b]) -= of_observations(a, b);
       }
     }
   }
-  const auto redundancy = static_cast<double>(reduced.redundancy);
-  return sum * (redundancy / std::max(1.0, redundancy - static_cast<double>(size)));
+  MatrixXd cells(size, static_cast<Eigen::Index>(by_cell.size()));
+  Eigen::Index next = 0;
+  for (const auto& [cell, gradient] : by_cell) cells.col(next++) = gradient;
+  const auto num_cells = static_cast<double>(by_cell.size());
+  sums.of_regions += sums.of_points;
+  sums.of_regions += cells * cells.transpose() * (growth * num_cells / std::max(1.0, num_cells - 1));
+  return sums;
+}
+
+// The loss' curvature over its weights: how much less than S the robust cost's own second derivatives are.
+double CurvatureShare(const LossSums& sums) {
+  return sums.first > 0 ? std::clamp(sums.second / sums.first, kLeastCurvature, 1.0) : 1.0;
+}
+
+// The variance of the robust estimate over that of the mean of squares' with S for its information, when
+// errors are normal and independent: E[psi^2] E[weight] / (sigma^2 E[curvature]^2), of which the weights are
+// those in S.
+double NormalVarianceFactor(const ceres::LossFunction* loss, const LossSums& sums, double sigma_px) {
+  if (loss == nullptr || !(sigma_px > 0) || !(sums.weights > 0)) return 1;
+  double squares = 0;
+  double curvature = 0;
+  for (int k = 0; k < kQuadrature; ++k) {
+    // Squared lengths of normal errors are exponential, with a mean of 2 sigma^2.
+    const double squared = -2 * sigma_px * sigma_px * std::log((k + 0.5) / kQuadrature);
+    double rho[3];
+    loss->Evaluate(squared, rho);
+    squares += 0.5 * squared * rho[1] * rho[1];
+    curvature += rho[1] + rho[2] * squared;
+  }
+  squares /= kQuadrature;
+  curvature = std::max(curvature / kQuadrature, kLeastCurvature);
+  return squares / (sigma_px * sigma_px) * (sums.first / sums.weights) / (curvature * curvature);
 }
 
 std::string ColumnName(const JointSystem& system, const JointProblem& problem, const Column& column) {
@@ -201,7 +306,7 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   if (free == 0 || free > options.max_dense_parameters) return result;
 
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
-  const ReducedSystem reduced = Reduce(system, loss.get());
+  const ReducedSystem reduced = Reduce(problem, system, loss.get());
   for (const Column& column : reduced.columns) {
     result.names.push_back(ColumnName(system, problem, column));
     result.parameters.emplace_back(column.block, column.value);
@@ -228,8 +333,12 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   for (int k = result.nullity; k < free; ++k) inverse(k) = 1 / eigen.eigenvalues()(k);
   const MatrixXd half = scale.asDiagonal() * eigen.eigenvectors();
   const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
-  result.covariance = sigma_px * sigma_px * inverse_system;
-  result.robust_covariance = inverse_system * ScoreCovariance(reduced) * inverse_system;
+  result.covariance =
+      NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px * inverse_system;
+  const double share = CurvatureShare(reduced.loss);
+  const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system);
+  result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
+  result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
   return result;
 }
 

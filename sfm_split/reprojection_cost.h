@@ -34,6 +34,7 @@ class ReprojectionCost : public ceres::CostFunction {
                    const Eigen::Matrix3d* camera_r0, const Eigen::Matrix3d* object_r0);
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
+  const Eigen::Vector2d& xy() const { return xy_; }
 
  private:
   Kind kind_;

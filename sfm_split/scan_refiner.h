@@ -56,6 +56,7 @@ class ScanRefiner {
   double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
+  void PlaceByReconstruction(const std::vector<StationMatches>& matches, int enough_matches);
   std::vector<StationMatches> MatchesOfStations() const;
   void TurnStation(int station, const StationTie& tie);
   void DropUntiedStations();

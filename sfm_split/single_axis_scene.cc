@@ -102,6 +102,7 @@ AlignedScene SceneFromSingleAxis(const ScanFeatures& features, const ColmapModel
     std::set<std::string> kept;
     for (const View& view : scene.views) kept.insert(view.name);
     for (const auto& [id, image] : aligned.background.images) {
+      aligned.cam_from_background[image.name] = image.cam_from_world;
       if (kept.count(image.name) == 0) gone.push_back(image.name);
     }
     // Poses of stations stay known through their views; points are triangulated anew.

@@ -3,8 +3,8 @@
 
 usage: thin_database.py WORKSPACE OUTPUT_WORKSPACE SHARE [SEED]
 
-Copies WORKSPACE/split to OUTPUT_WORKSPACE/split. Of the keypoints in object.db SHARE (0 to 1) keep their verified
-matches, so that about SHARE squared of the matches stay; the share of wrong ones stays as it was. Needs numpy.
+Copies WORKSPACE/split to OUTPUT_WORKSPACE/split. Of the keypoints in object.db SHARE (0 to 1) keep their matches,
+raw and verified, so that about SHARE squared of them stay; the share of wrong ones stays as it was. Needs numpy.
 """
 import os, shutil, sqlite3, sys
 
@@ -19,17 +19,18 @@ for name in ('labels.json', 'static.db', 'object.db'):
 database = sqlite3.connect(os.path.join(output, 'split', 'object.db'))
 kept = {image_id: rng.random(rows) < share
         for image_id, rows in database.execute('select image_id, rows from keypoints').fetchall()}
-for pair_id, rows, data in database.execute(
-        'select pair_id, rows, data from two_view_geometries where rows > 0').fetchall():
-    second = pair_id % 2147483647
-    first = (pair_id - second) // 2147483647
-    matches = np.frombuffer(data, np.uint32).reshape(rows, 2)
-    matches = matches[kept[first][matches[:, 0]] & kept[second][matches[:, 1]]]
-    if len(matches) == 0:
-        database.execute('delete from two_view_geometries where pair_id = ?', (pair_id,))
-    else:
-        database.execute('update two_view_geometries set rows = ?, data = ? where pair_id = ?',
-                         (len(matches), matches.tobytes(), pair_id))
+for table in ('two_view_geometries', 'matches'):
+    for pair_id, rows, data in database.execute(
+            f'select pair_id, rows, data from {table} where rows > 0').fetchall():
+        second = pair_id % 2147483647
+        first = (pair_id - second) // 2147483647
+        matches = np.frombuffer(data, np.uint32).reshape(rows, 2)
+        matches = matches[kept[first][matches[:, 0]] & kept[second][matches[:, 1]]]
+        if len(matches) == 0:
+            database.execute(f'delete from {table} where pair_id = ?', (pair_id,))
+        else:
+            database.execute(f'update {table} set rows = ?, data = ? where pair_id = ?',
+                             (len(matches), matches.tobytes(), pair_id))
 database.commit()
 count = database.execute('select count(*), sum(rows) from two_view_geometries').fetchone()
 print(f'{share:.2f} of the keypoints keep their matches: {count[0]} pairs, {count[1]} matches')
