@@ -152,6 +152,7 @@ class Renderer {
   Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend)
       : a_(arguments), workspace_(workspace), scene_(std::move(scene)), backend_(backend) {
     output_ = a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path;
+    if (scene_.mode == TrainMode::kS2gs) shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
   }
 
   // What other stages and COLMAP work on. \param dense_view  null: no maps.
@@ -223,7 +224,7 @@ class Renderer {
 
  private:
   Image8 Mask(const ScenePhoto& photo) {
-    return MaskImage(RotatingMask(backend_->Render(MaskRequest(scene_, photo.view))));
+    return MaskImage(RotatingMask(backend_->Render(MaskRequest(scene_, shape_, photo.view))));
   }
 
   Image8 SoftForeground(const ScenePhoto& photo) {
@@ -285,6 +286,7 @@ class Renderer {
   const Workspace& workspace_;
   TrainingScene scene_;
   Backend* backend_;
+  std::optional<RotatingShape> shape_;
   fs::path output_;
   std::map<std::string, Undistortion> plans_;
 };

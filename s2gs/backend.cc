@@ -12,11 +12,18 @@ DrawnSelection<float> SelectionOf(const RenderRequest& request) {
   };
   DrawnSelection<float> selection;
   selection.body = request.drawn;
-  if (request.without_static) {
-    const RotatingRegion& region = *request.without_static;
-    selection.without_static = {to_vec(region.axis.point), to_vec(region.axis.direction),
-                                static_cast<float>(region.radius), static_cast<float>(region.low),
-                                static_cast<float>(region.high)};
+  const auto to_cylinder = [&](const RotatingRegion& region) {
+    return AxisCylinder<float>{to_vec(region.axis.point), to_vec(region.axis.direction),
+                               static_cast<float>(region.radius), static_cast<float>(region.low),
+                               static_cast<float>(region.high)};
+  };
+  if (request.without_static) selection.without_static = to_cylinder(*request.without_static);
+  if (request.side) {
+    const RotatingSide& side = *request.side;
+    selection.side = {to_cylinder(side.region),
+                      static_cast<float>(side.inner_radius),
+                      {side.color[0], side.color[1], side.color[2]},
+                      side.color_tolerance};
   }
   return selection;
 }

@@ -42,7 +42,8 @@ struct RenderRequest {
   SceneBodies bodies = SceneBodies::kBoth;
   bool freeze_foreground = false;  ///< p is settled, as in TrainStep.
   DrawnBody drawn = DrawnBody::kAll;
-  std::optional<RotatingRegion> without_static;       ///< static Gaussians in it are not drawn.
+  std::optional<RotatingRegion> without_static;       ///< static Gaussians in it are not drawn,
+  std::optional<RotatingSide> side;                   ///< but for those of this, which count as rotating.
   std::array<float, 3> background_color = {0, 0, 0};  ///< [0, 1]
   bool geometry = false;                              ///< depth, normal and distortion maps.
   bool foreground = false;                            ///< the map of p.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "s2gs/rotating_mask.h"
 
@@ -52,6 +53,8 @@ HeldOutErrors MeasureHeldOut(const TrainingScene& scene, Backend* backend) {
   Mean object_ssim;
   Mean iou;
   HeldOutErrors errors;
+  std::optional<RotatingShape> shape;
+  if (scene.mode == TrainMode::kS2gs) shape = FindRotatingShape(scene, backend->GetGaussians());
   for (const ScenePhoto& photo : scene.photos) {
     if (!photo.held_out) continue;
     ++errors.num_photos;
@@ -70,7 +73,7 @@ HeldOutErrors MeasureHeldOut(const TrainingScene& scene, Backend* backend) {
     for (const uint8_t value : truth) mask.inside.push_back(value > 127 ? 1 : 0);
     object_psnr.Add(Psnr(image, photo.image, &mask));
     object_ssim.Add(similarity.Mean(mask));
-    iou.Add(Iou(RotatingMask(backend->Render(MaskRequest(scene, photo.view))), mask));
+    iou.Add(Iou(RotatingMask(backend->Render(MaskRequest(scene, shape, photo.view))), mask));
   }
   errors.psnr = psnr.Value();
   errors.ssim = ssim.Value();

@@ -1,9 +1,102 @@
 #include "s2gs/rotating_mask.h"
 
 #include <algorithm>
+#include <cmath>
+
+#include "s2gs/kernel/foreground.h"
+#include "s2gs/kernel/sh.h"
 
 namespace s2gs {
 namespace {
+
+// Lengths are in radii of the rotating part.
+constexpr double kRimQuantile = 0.98;    // of the radii: the few beyond are strays.
+constexpr double kRim = 0.9;             // from this radius on a Gaussian is one of the rim.
+constexpr double kBinHeight = 0.01;      // in which the rim's lower end is looked for.
+constexpr double kMinShare = 5e-4;       // of the Gaussians: a bin with fewer of the rim is empty,
+constexpr size_t kMinInBin = 4;          // and with fewer than these.
+constexpr double kMaxShareBelow = 0.05;  // more Gaussians below the rim: it is no disc's.
+constexpr float kMinOpacity = 0.3F;      // fainter ones lie anywhere.
+constexpr double kSweptMargin = 0.01;    // of the radius.
+constexpr double kSideInner = 0.95;      // the side is between these radii,
+constexpr double kSideOuter = 1.02;
+constexpr double kSideColorAbove = 0.06;  // has the colour of the rotating ones up to this above its end,
+constexpr double kSideAbove = 0.08;       // and reaches from this above
+constexpr double kSideBelow = 0.04;       // to this below the end.
+constexpr size_t kMinOnSide = 5;          // rotating Gaussians, for a colour.
+constexpr float kColorTolerance = 0.1F;
+
+// A rotating Gaussian about the axis.
+struct RingPlace {
+  double radius;
+  double height;
+  Vec3<float> color;
+};
+
+std::vector<RingPlace> RotatingPlaces(const TurntableAxis& axis, const Gaussians& gaussians) {
+  std::vector<RingPlace> places;
+  places.reserve(gaussians.size());
+  for (size_t i = 0; i < gaussians.size(); ++i) {
+    if (!IsForeground(gaussians.foreground_logit[i])) continue;
+    if (Sigmoid(gaussians.opacity_logit[i]) < kMinOpacity) continue;
+    const float* x = gaussians.centre.data() + 3 * i;
+    const float* dc = gaussians.sh_dc.data() + 3 * i;
+    const Eigen::Vector3d from_point = Eigen::Vector3d(x[0], x[1], x[2]) - axis.point;
+    const double height = from_point.dot(axis.direction);
+    const double radius = (from_point - height * axis.direction).norm();
+    if (!std::isfinite(radius)) continue;
+    places.push_back({radius, height, ShBaseColor(Vec3<float>{dc[0], dc[1], dc[2]})});
+  }
+  return places;
+}
+
+template <typename T>
+T Quantile(std::vector<T>* values, double share) {
+  const auto middle =
+      values->begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+// The lowest height from which on the rim has enough Gaussians, or nothing when they are too many below.
+std::optional<double> RimEnd(const std::vector<RingPlace>& places, double radius) {
+  std::vector<double> rim;
+  rim.reserve(places.size());
+  for (const RingPlace& place : places) {
+    if (place.radius > kRim * radius) rim.push_back(place.height);
+  }
+  const size_t needed =
+      std::max(kMinInBin, static_cast<size_t>(kMinShare * static_cast<double>(places.size())));
+  std::sort(rim.begin(), rim.end());
+  for (size_t i = 0; i + needed <= rim.size(); ++i) {
+    if (rim[i + needed - 1] - rim[i] > kBinHeight * radius) continue;
+    const double end = rim[i];
+    const auto below = std::count_if(places.begin(), places.end(),
+                                     [&](const RingPlace& place) { return place.height < end; });
+    if (static_cast<double>(below) > kMaxShareBelow * static_cast<double>(places.size())) return std::nullopt;
+    return end;
+  }
+  return std::nullopt;
+}
+
+std::optional<RotatingSide> FindSide(const std::vector<RingPlace>& places, const TurntableAxis& axis,
+                                     double radius, double end) {
+  std::array<std::vector<float>, 3> colors;
+  for (std::vector<float>& channel : colors) channel.reserve(places.size());
+  for (const RingPlace& place : places) {
+    if (place.radius < kSideInner * radius || place.height > end + kSideColorAbove * radius) continue;
+    colors[0].push_back(place.color.x);
+    colors[1].push_back(place.color.y);
+    colors[2].push_back(place.color.z);
+  }
+  if (colors[0].size() < kMinOnSide) return std::nullopt;
+  RotatingSide side;
+  side.region = {axis, kSideOuter * radius, end - kSideBelow * radius, end + kSideAbove * radius};
+  side.inner_radius = kSideInner * radius;
+  for (int c = 0; c < 3; ++c) side.color[c] = Quantile(&colors[c], 0.5);
+  side.color_tolerance = kColorTolerance;
+  return side;
+}
 
 bool IsOneStation(const TrainingScene& scene) {
   return std::all_of(scene.photos.begin(), scene.photos.end(),
@@ -12,7 +105,27 @@ bool IsOneStation(const TrainingScene& scene) {
 
 }  // namespace
 
-RenderRequest MaskRequest(const TrainingScene& scene, const PinholeView& view) {
+std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const Gaussians& gaussians) {
+  if (!scene.region) return std::nullopt;
+  RotatingShape shape;
+  shape.swept = *scene.region;
+  const TurntableAxis& axis = scene.region->axis;
+  const std::vector<RingPlace> places = RotatingPlaces(axis, gaussians);
+  if (places.empty()) return shape;
+  std::vector<double> radii;
+  radii.reserve(places.size());
+  for (const RingPlace& place : places) radii.push_back(place.radius);
+  const double radius = Quantile(&radii, kRimQuantile);
+  const std::optional<double> end = RimEnd(places, radius);
+  if (!end) return shape;
+  shape.swept.radius = std::min(shape.swept.radius, (1 + kSweptMargin) * radius);
+  shape.swept.low = std::max(shape.swept.low, *end);
+  shape.side = FindSide(places, axis, radius, *end);
+  return shape;
+}
+
+RenderRequest MaskRequest(const TrainingScene& scene, const std::optional<RotatingShape>& shape,
+                          const PinholeView& view) {
   RenderRequest request;
   request.view = view;
   // A scene where nothing turns has Gaussians of the object too, by where they are.
@@ -22,8 +135,9 @@ RenderRequest MaskRequest(const TrainingScene& scene, const PinholeView& view) {
   if (scene.mode != TrainMode::kS2gs) return request;
   if (IsOneStation(scene)) {
     request.drawn = DrawnBody::kForeground;
-  } else {
-    request.without_static = scene.region;
+  } else if (shape) {
+    request.without_static = shape->swept;
+    request.side = shape->side;
   }
   return request;
 }

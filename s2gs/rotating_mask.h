@@ -1,17 +1,33 @@
 #pragma once
 
+#include <optional>
+
 #include "s2gs/backend.h"
+#include "s2gs/gaussians.h"
 #include "s2gs/image_error.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {
 
+/// Where the rotating part ends, from the Gaussians that rotate.
+struct RotatingShape {
+  RotatingRegion swept;              ///< within the scene's region.
+  std::optional<RotatingSide> side;  ///< absent when its bottom is not found.
+};
+
+/// Nothing when the scene has no region. When few rotating Gaussians lie below the widest part's lower end
+/// (as with a disc), that end bounds `swept`, else the scene's region does.
+std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const Gaussians& gaussians);
+
 /// What to render for the mask of the rotating part. Static Gaussians where the rotating part sweeps are left
 /// out: nothing that stands still can be there, so that they are shadows or reflections that keep their place
-/// while the surface moves on below them. Static ones elsewhere may stand before the rotating part and hide
-/// it. In photos of a single station the depth of what stands still cannot be observed: all of it is taken to
-/// be behind.
-RenderRequest MaskRequest(const TrainingScene& scene, const PinholeView& view);
+/// while the surface moves on below them. Static ones at the lower end of its side count as rotating when
+/// they have the side's colour: a plain side under light that stands still looks the same either way. Static
+/// ones elsewhere may stand before the rotating part and hide it. In photos of a single station the depth of
+/// what stands still cannot be observed: all of it is taken to be behind.
+/// \param shape  FindRotatingShape's of the model that is rendered.
+RenderRequest MaskRequest(const TrainingScene& scene, const std::optional<RotatingShape>& shape,
+                          const PinholeView& view);
 
 /// The pixels where the map of the indicator p >= tau is above one half.
 PixelMask RotatingMask(const RenderedView& view);

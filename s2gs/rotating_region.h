@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 
 #include "sfm_split/scene.h"
 
@@ -15,6 +16,15 @@ struct RotatingRegion {
 
   /// \param margin  beyond the region that is still inside.
   bool Contains(const Eigen::Vector3d& x_in_object, double margin) const;
+};
+
+/// The lower end of the rotating part's side, where plain surfaces look the same whether they turn or stand
+/// still.
+struct RotatingSide {
+  RotatingRegion region;
+  double inner_radius = 0;
+  std::array<float, 3> color = {0, 0, 0};  ///< of the side above, [0, 1].
+  float color_tolerance = 0;               ///< mean over the channels.
 };
 
 }  // namespace s2gs

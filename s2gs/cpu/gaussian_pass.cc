@@ -68,7 +68,9 @@ bool ProjectGaussian(const Gaussians& gaussians, size_t i, const ViewSetup& setu
   row->x_begin = row->x_end = row->y_begin = row->y_end = 0;
   const SurfelParameters<float> g = LoadSurfel(gaussians, i);
   const bool is_foreground = IsForeground(g.foreground_logit, setup.rule);
-  if (!IsSelected(setup.selection, g.centre, is_foreground)) return false;
+  const float* dc = gaussians.sh_dc.data() + 3 * i;
+  const Vec3<float> base_color = ShBaseColor(Vec3<float>{dc[0], dc[1], dc[2]});
+  if (!IsSelected(setup.selection, g.centre, base_color, is_foreground)) return false;
   Surfel<float> surfel;
   Footprint<float> footprint;
   PixelRect rect;
@@ -76,7 +78,6 @@ bool ProjectGaussian(const Gaussians& gaussians, size_t i, const ViewSetup& setu
   if (!ComputeFootprint(surfel, setup.camera, &footprint)) return false;
   if (!BoundSplat(surfel, footprint, setup.camera, &rect)) return false;
   const float* rest = gaussians.sh_rest.data() + 3 * kShRestPerChannel * i;
-  const float* dc = gaussians.sh_dc.data() + 3 * i;
   const Vec3<float> color = ShColor(
       setup.sh_degree, Vec3<float>{dc[0], dc[1], dc[2]},
       [rest](int k, int channel) { return rest[3 * k + channel]; }, surfel.view_direction);
@@ -98,7 +99,8 @@ bool ProjectGaussian(const Gaussians& gaussians, size_t i, const ViewSetup& setu
   row->red = color.x;
   row->green = color.y;
   row->blue = color.z;
-  row->foreground = setup.hard_map ? (is_foreground ? 1.0F : 0.0F) : surfel.foreground;
+  const bool is_rotating = CountsAsRotating(setup.selection, g.centre, base_color, is_foreground);
+  row->foreground = setup.hard_map ? (is_rotating ? 1.0F : 0.0F) : surfel.foreground;
   row->cutoff2 = CutoffSquaredRadius(surfel.opacity) * kCutoffSlack + 1e-4F;
   row->x_begin = rect.x_begin;
   row->y_begin = rect.y_begin;

@@ -16,15 +16,18 @@ __device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions
   Surfel<float> surfel;
   if (!TransformSurfel(g, options.camera, options.rule, &surfel)) return false;
   const bool is_foreground = IsForeground(g.foreground_logit, options.rule);
-  if (!IsSelected(options.selection, g.centre, is_foreground)) return false;
+  const auto at = [&](int plane) { return parameters.data[plane * parameters.stride + i]; };
+  const Vec3<float> dc = {at(kShDc), at(kShDc + 1), at(kShDc + 2)};
+  const Vec3<float> base_color = ShBaseColor(dc);
+  if (!IsSelected(options.selection, g.centre, base_color, is_foreground)) return false;
   if (!ComputeFootprint(surfel, options.camera, &splat->footprint)) return false;
   if (!BoundSplat(surfel, splat->footprint, options.camera, rect)) return false;
   splat->opacity = surfel.opacity;
-  splat->foreground = options.hard_map ? (is_foreground ? 1.0F : 0.0F) : surfel.foreground;
-  const auto at = [&](int plane) { return parameters.data[plane * parameters.stride + i]; };
+  const bool is_rotating = CountsAsRotating(options.selection, g.centre, base_color, is_foreground);
+  splat->foreground = options.hard_map ? (is_rotating ? 1.0F : 0.0F) : surfel.foreground;
   splat->color = ShColor(
-      options.sh_degree, {at(kShDc), at(kShDc + 1), at(kShDc + 2)},
-      [&](int k, int channel) { return at(kShRest + 3 * k + channel); }, surfel.view_direction);
+      options.sh_degree, dc, [&](int k, int channel) { return at(kShRest + 3 * k + channel); },
+      surfel.view_direction);
   return IsDrawableColor(splat->color);
 }
 

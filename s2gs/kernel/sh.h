@@ -72,6 +72,13 @@ S2GS_HD inline Vec3<T> ShRestBasisAdjoint(int degree, const Vec3<T>& d, const T*
 
 constexpr int ShRestCount(int degree) { return (degree + 1) * (degree + 1) - 1; }
 
+/// The colour's part that is the same from all sides.
+template <typename T>
+S2GS_HD inline Vec3<T> ShBaseColor(const Vec3<T>& dc) {
+  const T half(0.5);
+  return {half + T(kShBand0) * dc.x, half + T(kShBand0) * dc.y, half + T(kShBand0) * dc.z};
+}
+
 /// Colour of a Gaussian seen along a direction: .5 + sum of coefficients times basis, not below 0.
 /// \param rest  rest(k, channel) is coefficient k of bands 1 to 3.
 template <typename T, typename Rest>

@@ -142,6 +142,12 @@ TEST_P(BackendTest, ImagesEqualTheReference) {
   request.without_static =
       RotatingRegion{{{0.1, -0.2, 0.05}, Eigen::Vector3d(0.2, -0.1, 1).normalized()}, 0.8, -0.7, 0.6};
   compare();
+  for (const float tolerance : {0.1F, 0.3F}) {
+    request.hard_foreground = true;
+    request.side = RotatingSide{*request.without_static, 0.3, {0.5F, 0.4F, 0.6F}, tolerance};
+    request.side->region.radius = 1.2;
+    compare();
+  }
 }
 
 struct LossCase {

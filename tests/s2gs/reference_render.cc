@@ -183,6 +183,18 @@ Gaussians FromReference(const std::vector<ReferenceGaussian>& gaussians, int sh_
   return result;
 }
 
+namespace {
+
+bool IsOfSide(const ReferenceGaussian& g, const RotatingSide& side) {
+  const Eigen::Vector3d x(g[kRefCentre], g[kRefCentre + 1], g[kRefCentre + 2]);
+  const double from_axis = (x - side.region.axis.point).cross(side.region.axis.direction).norm();
+  double apart = 0;
+  for (int c = 0; c < 3; ++c) apart += std::abs(0.5 + g[kRefDc + c] / std::sqrt(4 * M_PI) - side.color[c]);
+  return side.region.Contains(x, 0) && from_axis >= side.inner_radius && apart / 3 <= side.color_tolerance;
+}
+
+}  // namespace
+
 ReferenceMaps RenderReference(const std::vector<ReferenceGaussian>& gaussians, const RenderRequest& request,
                               int sh_degree) {
   const PinholeView& view = request.view;
@@ -194,11 +206,12 @@ ReferenceMaps RenderReference(const std::vector<ReferenceGaussian>& gaussians, c
     const bool is_object = IsObject(g, rule);
     if (request.drawn == DrawnBody::kForeground && !is_object) continue;
     if (request.drawn == DrawnBody::kBackground && is_object) continue;
-    if (request.without_static && !is_object &&
+    const bool is_side = request.side && IsOfSide(g, *request.side);
+    if (request.without_static && !is_object && !is_side &&
         request.without_static->Contains({g[kRefCentre], g[kRefCentre + 1], g[kRefCentre + 2]}, 0))
       continue;
     if (!MakeSplat(g, view, rule, sh_degree, &splat)) continue;
-    if (request.hard_foreground) splat.foreground = is_object ? 1 : 0;
+    if (request.hard_foreground) splat.foreground = is_object || is_side ? 1 : 0;
     splats.push_back(splat);
   }
   std::stable_sort(splats.begin(), splats.end(), [](const ReferenceSplat& a, const ReferenceSplat& b) {

@@ -68,7 +68,8 @@ PixelMask MaskOf(const std::vector<ReferenceGaussian>& splats, const TrainingSce
   TrainState state;
   state.gaussians = FromReference(splats, 0);
   backend->SetState(state);
-  return RotatingMask(backend->Render(MaskRequest(scene, scene.photos[0].view)));
+  const std::optional<RotatingShape> shape = FindRotatingShape(scene, state.gaussians);
+  return RotatingMask(backend->Render(MaskRequest(scene, shape, scene.photos[0].view)));
 }
 
 bool IsInside(const PixelMask& mask, int x, int y) {
@@ -113,6 +114,83 @@ TEST(RotatingMask, EndsAtWhatStandsBeforeTheTable) {
   const PixelMask mask = MaskOf(splats, TurntableScene(2));
   EXPECT_FALSE(IsInside(mask, 41, 30));
   EXPECT_TRUE(IsInside(mask, 22, 30));
+}
+
+constexpr double kSideEnd = -0.06;       // of what rotates,
+constexpr double kSideStaticEnd = -0.1;  // and of the static splats that continue it.
+
+// The disc's rim before the camera of SideScene: top and side down to kSideEnd rotate; static splats of
+// `color` (band 0) go on below.
+std::vector<ReferenceGaussian> DiscWithStaticEnd(double color) {
+  std::vector<ReferenceGaussian> scene;
+  constexpr double kStep = 0.01;
+  for (int i = -30; i <= 30; ++i) {
+    const double x = i * kStep;
+    for (int j = -100; j <= 100; ++j) {
+      if (std::hypot(x, j * kStep) <= kDiscRadius) scene.push_back(Splat(x, j * kStep, 0, kStep / 2, true));
+    }
+    for (double z = 0; z > kSideStaticEnd - 0.1 * kStep; z -= kStep) {
+      const bool rotates = z > kSideEnd - 0.1 * kStep;
+      ReferenceGaussian g = Splat(x, -std::sqrt(1 - x * x), z, kStep / 2, rotates);
+      g[kRefRotation] = g[kRefRotation + 1] = std::sqrt(0.5);  // faces the camera
+      if (!rotates) g[kRefDc] = g[kRefDc + 1] = g[kRefDc + 2] = color;
+      scene.push_back(g);
+    }
+  }
+  return scene;
+}
+
+// A camera at the height of the disc's top, 150 px to a unit of length at the rim.
+TrainingScene SideScene() {
+  TrainingScene scene = TurntableScene(2);
+  for (ScenePhoto& photo : scene.photos) {
+    PinholeView& view = photo.view;
+    view.fx = view.fy = 450;
+    Eigen::Matrix3d rotation;
+    rotation << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+    view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
+    view.cam_from_object = view.cam_from_world;
+  }
+  return scene;
+}
+
+TEST(RotatingMask, FindsTheLowerEndOfTheDisc) {
+  const TrainingScene scene = SideScene();
+  const std::optional<RotatingShape> shape =
+      FindRotatingShape(scene, FromReference(DiscWithStaticEnd(0.2), 0));
+  ASSERT_TRUE(shape && shape->side);
+  EXPECT_NEAR(shape->swept.low, kSideEnd, 1e-6);
+  EXPECT_NEAR(shape->swept.high, scene.region->high, 1e-12);
+  EXPECT_NEAR(shape->swept.radius, 1.01 * kDiscRadius, 1e-3);
+  EXPECT_NEAR(shape->side->color[0], 0.5, 1e-6);
+}
+
+TEST(RotatingMask, KeepsTheRegionWithoutARim) {
+  std::vector<ReferenceGaussian> cone;  // its widest part is its top
+  for (int i = 0; i < 2000; ++i) {
+    const double z = -0.2 + 0.0001 * i;
+    const double radius = 0.5 + 2.5 * (z + 0.2);
+    cone.push_back(Splat(radius * std::cos(i), radius * std::sin(i), z, 0.02, true));
+  }
+  const TrainingScene scene = SideScene();
+  const std::optional<RotatingShape> shape = FindRotatingShape(scene, FromReference(cone, 0));
+  ASSERT_TRUE(shape);
+  EXPECT_FALSE(shape->side);
+  EXPECT_EQ(shape->swept.low, scene.region->low);
+  EXPECT_EQ(shape->swept.radius, scene.region->radius);
+}
+
+TEST(RotatingMask, APlainSideGoesOnInItsColour) {
+  // Colour of band 0 is 0.5 + 0.28 dc: 0.03 off the side's, and 0.28 off.
+  const PixelMask same = MaskOf(DiscWithStaticEnd(0.1), SideScene());
+  const PixelMask other = MaskOf(DiscWithStaticEnd(-1), SideScene());
+  const int side = 30 + static_cast<int>(-150 * kSideEnd / 2);
+  const int below = 30 + static_cast<int>(-150 * (kSideEnd - 0.02));
+  EXPECT_TRUE(IsInside(same, 30, side));
+  EXPECT_TRUE(IsInside(other, 30, side));
+  EXPECT_TRUE(IsInside(same, 30, below));
+  EXPECT_FALSE(IsInside(other, 30, below));
+  EXPECT_FALSE(IsInside(same, 30, 50));
 }
 
 TEST(RotatingMask, DoesNotTrustDepthsOfASingleStation) {
