@@ -138,7 +138,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("normal_weight", &T::normal_weight, "weight of agreement between normals and depth");
   group.Add("normal_from", &T::normal_from, "when it begins, as share of the run");
   group.Add("distortion_weight", &T::distortion_weight, "weight of depth distortion");
-  group.Add("distortion_from", &T::distortion_from, "when it begins, as share of the run");
+  group.Add("distortion_from", &T::distortion_from,
+            "when it begins, as share of the run; in mode s2gs not before p is settled");
   group.Add("local_consistency_weight", &T::local_consistency_weight,
             "weight of agreement of p between neighbours");
   group.Add("entropy_3d_weight", &T::entropy_3d_weight, "weight of the entropy of p of Gaussians");

@@ -1,6 +1,7 @@
 #include "s2gs/rotating_mask.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "s2gs/kernel/foreground.h"
@@ -25,6 +26,9 @@ constexpr double kSideAbove = 0.08;       // and reaches from this above
 constexpr double kSideBelow = 0.04;       // to this below the end.
 constexpr size_t kMinOnSide = 5;          // rotating Gaussians, for a colour.
 constexpr float kColorTolerance = 0.1F;
+constexpr double kMaxUprightCosine = 0.7;  // between the axis and the normal of a Gaussian on a side.
+constexpr double kMinUprightShare =
+    0.85;  // of the static Gaussians' area on the side: else they are the ground.
 
 // A rotating Gaussian about the axis.
 struct RingPlace {
@@ -79,8 +83,36 @@ std::optional<double> RimEnd(const std::vector<RingPlace>& places, double radius
   return std::nullopt;
 }
 
-std::optional<RotatingSide> FindSide(const std::vector<RingPlace>& places, const TurntableAxis& axis,
-                                     double radius, double end) {
+// Whether the static Gaussians on the side stand as it does. The ground around a disc of its colour lies.
+bool StaticOnesAreUpright(const RotatingSide& side, const Gaussians& gaussians) {
+  const TurntableAxis& axis = side.region.axis;
+  double area = 0;
+  double upright = 0;
+  for (size_t i = 0; i < gaussians.size(); ++i) {
+    if (IsForeground(gaussians.foreground_logit[i])) continue;
+    const float* x = gaussians.centre.data() + 3 * i;
+    const Eigen::Vector3d centre(x[0], x[1], x[2]);
+    if (!side.region.Contains(centre, 0)) continue;
+    const Eigen::Vector3d from_point = centre - axis.point;
+    if ((from_point - from_point.dot(axis.direction) * axis.direction).norm() < side.inner_radius) continue;
+    const float* dc = gaussians.sh_dc.data() + 3 * i;
+    const Vec3<float> color = ShBaseColor(Vec3<float>{dc[0], dc[1], dc[2]});
+    const float apart = std::abs(color.x - side.color[0]) + std::abs(color.y - side.color[1]) +
+                        std::abs(color.z - side.color[2]);
+    if (!(apart <= 3 * side.color_tolerance)) continue;
+    const float* q = gaussians.rotation.data() + 4 * i;
+    const Eigen::Vector3d normal =
+        Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized() * Eigen::Vector3d::UnitZ();
+    const double weight = Sigmoid(gaussians.opacity_logit[i]) *
+                          std::exp(double{gaussians.log_scale[2 * i]} + gaussians.log_scale[2 * i + 1]);
+    area += weight;
+    if (std::abs(normal.dot(axis.direction)) < kMaxUprightCosine) upright += weight;
+  }
+  return area > 0 && upright >= kMinUprightShare * area;
+}
+
+std::optional<RotatingSide> FindSide(const Gaussians& gaussians, const std::vector<RingPlace>& places,
+                                     const TurntableAxis& axis, double radius, double end) {
   std::array<std::vector<float>, 3> colors;
   for (std::vector<float>& channel : colors) channel.reserve(places.size());
   for (const RingPlace& place : places) {
@@ -95,6 +127,7 @@ std::optional<RotatingSide> FindSide(const std::vector<RingPlace>& places, const
   side.inner_radius = kSideInner * radius;
   for (int c = 0; c < 3; ++c) side.color[c] = Quantile(&colors[c], 0.5);
   side.color_tolerance = kColorTolerance;
+  if (!StaticOnesAreUpright(side, gaussians)) return std::nullopt;
   return side;
 }
 
@@ -120,7 +153,7 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
   if (!end) return shape;
   shape.swept.radius = std::min(shape.swept.radius, (1 + kSweptMargin) * radius);
   shape.swept.low = std::max(shape.swept.low, *end);
-  shape.side = FindSide(places, axis, radius, *end);
+  shape.side = FindSide(gaussians, places, axis, radius, *end);
   return shape;
 }
 

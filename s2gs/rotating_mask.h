@@ -12,7 +12,7 @@ namespace s2gs {
 /// Where the rotating part ends, from the Gaussians that rotate.
 struct RotatingShape {
   RotatingRegion swept;              ///< within the scene's region.
-  std::optional<RotatingSide> side;  ///< absent when its bottom is not found.
+  std::optional<RotatingSide> side;  ///< absent when its end, or what goes on below, is not found.
 };
 
 /// Nothing when the scene has no region. When few rotating Gaussians lie below the widest part's lower end
@@ -22,9 +22,10 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
 /// What to render for the mask of the rotating part. Static Gaussians where the rotating part sweeps are left
 /// out: nothing that stands still can be there, so that they are shadows or reflections that keep their place
 /// while the surface moves on below them. Static ones at the lower end of its side count as rotating when
-/// they have the side's colour: a plain side under light that stands still looks the same either way. Static
-/// ones elsewhere may stand before the rotating part and hide it. In photos of a single station the depth of
-/// what stands still cannot be observed: all of it is taken to be behind.
+/// they have the side's colour and stand as it does: a plain side under light that stands still looks the
+/// same either way. Static ones elsewhere may stand before the rotating part and hide it. In photos of a
+/// single station the depth of what stands still cannot be observed: all of it is taken to be behind.
+///
 /// \param shape  FindRotatingShape's of the model that is rendered.
 RenderRequest MaskRequest(const TrainingScene& scene, const std::optional<RotatingShape>& shape,
                           const PinholeView& view);

@@ -133,7 +133,10 @@ TrainMoment MomentAt(const TrainOptions& options, double progress, SceneBodies b
   LossWeights& weights = moment.weights;
   weights.dssim = static_cast<float>(options.dssim_weight);
   if (progress >= options.normal_from) weights.normal = static_cast<float>(options.normal_weight);
-  if (progress >= options.distortion_from) weights.distortion = static_cast<float>(options.distortion_weight);
+  // While p is learnt, depths of either body may be far off: drawing them together would settle p by chance.
+  if (!learns_foreground && progress >= options.distortion_from) {
+    weights.distortion = static_cast<float>(options.distortion_weight);
+  }
   if (learns_foreground && progress >= options.regularise_from) {
     weights.local_consistency = static_cast<float>(options.local_consistency_weight);
     weights.entropy_3d = static_cast<float>(options.entropy_3d_weight);

@@ -121,7 +121,7 @@ constexpr double kSideStaticEnd = -0.1;  // and of the static splats that contin
 
 // The disc's rim before the camera of SideScene: top and side down to kSideEnd rotate; static splats of
 // `color` (band 0) go on below.
-std::vector<ReferenceGaussian> DiscWithStaticEnd(double color) {
+std::vector<ReferenceGaussian> DiscWithStaticEnd(double color, bool stands = true) {
   std::vector<ReferenceGaussian> scene;
   constexpr double kStep = 0.01;
   for (int i = -30; i <= 30; ++i) {
@@ -132,7 +132,7 @@ std::vector<ReferenceGaussian> DiscWithStaticEnd(double color) {
     for (double z = 0; z > kSideStaticEnd - 0.1 * kStep; z -= kStep) {
       const bool rotates = z > kSideEnd - 0.1 * kStep;
       ReferenceGaussian g = Splat(x, -std::sqrt(1 - x * x), z, kStep / 2, rotates);
-      g[kRefRotation] = g[kRefRotation + 1] = std::sqrt(0.5);  // faces the camera
+      if (rotates || stands) g[kRefRotation] = g[kRefRotation + 1] = std::sqrt(0.5);  // faces the camera
       if (!rotates) g[kRefDc] = g[kRefDc + 1] = g[kRefDc + 2] = color;
       scene.push_back(g);
     }
@@ -163,6 +163,16 @@ TEST(RotatingMask, FindsTheLowerEndOfTheDisc) {
   EXPECT_NEAR(shape->swept.high, scene.region->high, 1e-12);
   EXPECT_NEAR(shape->swept.radius, 1.01 * kDiscRadius, 1e-3);
   EXPECT_NEAR(shape->side->color[0], 0.5, 1e-6);
+}
+
+TEST(RotatingMask, GroundOfTheDiscsColourIsNoSide) {
+  const TrainingScene scene = SideScene();
+  EXPECT_TRUE(FindRotatingShape(scene, FromReference(DiscWithStaticEnd(0.1, true), 0))->side);
+  const std::optional<RotatingShape> shape =
+      FindRotatingShape(scene, FromReference(DiscWithStaticEnd(0.1, false), 0));
+  ASSERT_TRUE(shape);
+  EXPECT_FALSE(shape->side);
+  EXPECT_NEAR(shape->swept.low, kSideEnd, 1e-6);
 }
 
 TEST(RotatingMask, KeepsTheRegionWithoutARim) {

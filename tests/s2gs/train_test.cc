@@ -233,5 +233,18 @@ TEST(TrainOptions, SchedulesAreThoseOf2dgsOver30000Iterations) {
   EXPECT_GT(at(5001).weights.entropy_3d, 0);
 }
 
+TEST(TrainOptions, DistortionWaitsUntilPIsSettled) {
+  const TrainOptions options;
+  const auto weight = [&](double progress, SceneBodies bodies, bool foreground_frozen) {
+    return MomentAt(options, progress, bodies, foreground_frozen, false).weights.distortion;
+  };
+  const auto full = static_cast<float>(options.distortion_weight);
+  EXPECT_GT(full, 0);
+  EXPECT_EQ(weight(0.5, SceneBodies::kBoth, false), 0);
+  EXPECT_EQ(weight(0.5, SceneBodies::kBoth, true), full);
+  EXPECT_EQ(weight(options.distortion_from - 0.01, SceneBodies::kObjectOnly, false), 0);
+  EXPECT_EQ(weight(options.distortion_from + 0.01, SceneBodies::kObjectOnly, false), full);
+}
+
 }  // namespace
 }  // namespace s2gs
