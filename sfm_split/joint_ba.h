@@ -130,9 +130,7 @@ struct JointReport {
 JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem);
 
 /// The linearised system of a problem as it stands.
-/// \param sigma_px  standard deviation of a keypoint's coordinate; also scales the loss when the options
-/// leave
-///                  its scale open.
+/// \param sigma_px  standard deviation of a keypoint's coordinate; scales a loss whose scale is open.
 /// \param fix_gauge  false: nothing is held, so that the nullity counts the gauge freedoms too.
 Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
                                    double sigma_px);
