@@ -55,14 +55,17 @@ PhotoPyramid::PhotoPyramid(const ObjectView& view, Image8 grey)
   S2GS_INVARIANT(grey.channels == 1 && grey.width == view.width && grey.height == view.height);
   S2GS_INVARIANT(grey.width >= 2 && grey.height >= 2);
   levels_.reserve(kNumLevels);
-  for (int level = 0; level < kNumLevels; ++level) {
-    if (level > 0) grey = HalfSize(levels_.back().grey);
-    if (grey.width < 2 || grey.height < 2) return;
-    const double scale = std::ldexp(1, -level);
+  const auto add = [&](Image8 image, double scale) {
     levels_.push_back(
-        {std::move(grey),
+        {std::move(image),
          {static_cast<float>(view.fx * scale), static_cast<float>(view.fy * scale)},
          {static_cast<float>(view.cx * scale - 0.5), static_cast<float>(view.cy * scale - 0.5)}});
+  };
+  add(std::move(grey), 1);
+  for (int level = 1; level < kNumLevels; ++level) {
+    Image8 half = HalfSize(levels_.back().grey);
+    if (half.width < 2 || half.height < 2) return;
+    add(std::move(half), std::ldexp(1, -level));
   }
 }
 
