@@ -60,7 +60,7 @@ struct Preset {
 Preset PresetOf(Quality quality) {
   switch (quality) {
     case Quality::kLow:
-      return {3'500, 320, GrowthStrategy::kBudget, 30'000};
+      return {6'000, 240, GrowthStrategy::kBudget, 30'000};
     case Quality::kMedium:
       return {10'000, 800, GrowthStrategy::kAdaptive, 500'000};
     case Quality::kExtreme:

@@ -40,7 +40,7 @@ struct TrainOptions {
   double dssim_weight = 0.2;
   double normal_weight = 0.05;
   double normal_from = 7.0 / 30;
-  double distortion_weight = 30'000;
+  double distortion_weight = 0;
   double distortion_from = 3.0 / 30;
   double local_consistency_weight = 0.1;
   double entropy_3d_weight = 1;
