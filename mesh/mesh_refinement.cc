@@ -45,6 +45,11 @@ constexpr int kAverageRounds = 1;
 // reflect, that another part hides, or that are not where the mesh has them.
 constexpr float kNoTrust = 0.4F;
 constexpr float kFullTrust = 0.8F;
+// How much a peak falls in a pixel of the pyramid's level at least. Shading without texture correlates at any
+// depth, and its flat peaks lie where noise puts them (below 0.02; those of texture from 0.04 on).
+constexpr float kLeastSharpness = 0.03F;
+// Fewer vertices than this share with a clear peak may all be chance: then none moves.
+constexpr double kLeastAccepted = 0.05;
 // A second peak of this share of the highest makes that doubtful.
 constexpr float kRivalShare = 0.9F;
 constexpr float kRivalTrust = 0.1F;
@@ -246,6 +251,7 @@ class Refiner {
     }
     num_accepted_ = std::count_if(observations.begin(), observations.end(),
                                   [](const OffsetObservation& o) { return o.weight > 0; });
+    if (static_cast<double>(num_accepted_) < kLeastAccepted * static_cast<double>(count)) return;
     // Vertices that no photo shows move as far as those around them.
     SpreadPixels();
     const std::vector<float> offsets =
@@ -303,7 +309,8 @@ class Refiner {
     const auto best = static_cast<int>(std::max_element(curve, curve + width) - curve);
     if (best == 0 || best == width - 1) return {};
     const float curvature = 2 * curve[best] - curve[best - 1] - curve[best + 1];
-    if (!(curvature > std::numeric_limits<float>::epsilon()) || !(curve[best] > kNoTrust)) return {};
+    const float sharpness = curvature / (pass.step * pass.step);
+    if (!(std::ldexp(sharpness, 2 * pass.level) > kLeastSharpness) || !(curve[best] > kNoTrust)) return {};
     float trust = std::min(1.0F, (curve[best] - kNoTrust) / (kFullTrust - kNoTrust));
     trust *= trust;
     for (int i = 1; i + 1 < width; ++i) {
@@ -312,7 +319,7 @@ class Refiner {
     }
     const float fraction = (curve[best + 1] - curve[best - 1]) / (2 * curvature);
     const float offset = (static_cast<float>(best - pass.max_steps) + fraction) * pass.step;
-    return {offset, trust * curvature / (pass.step * pass.step)};
+    return {offset, trust * sharpness};
   }
 
   void SpreadPixels() {
