@@ -50,7 +50,7 @@ float Normalise(float* values) {
 PhotoPyramid::PhotoPyramid(const ObjectView& view, Image8 grey)
     : rotation_(view.cam_from_object.rotation.toRotationMatrix().cast<float>()),
       translation_(view.cam_from_object.translation.cast<float>()),
-      center_((view.cam_from_object.rotation.conjugate() * -view.cam_from_object.translation).cast<float>()),
+      center_(CameraCentre(view.cam_from_object).cast<float>()),
       focal_(static_cast<float>(std::max(view.fx, view.fy))) {
   S2GS_INVARIANT(grey.channels == 1 && grey.width == view.width && grey.height == view.height);
   S2GS_INVARIANT(grey.width >= 2 && grey.height >= 2);

@@ -21,7 +21,7 @@ struct FloatView {
   explicit FloatView(const ObjectView& view)
       : rotation(view.cam_from_object.rotation.toRotationMatrix().cast<float>()),
         translation(view.cam_from_object.translation.cast<float>()),
-        center((view.cam_from_object.rotation.conjugate() * -view.cam_from_object.translation).cast<float>()),
+        center(CameraCentre(view.cam_from_object).cast<float>()),
         focal(static_cast<float>(view.fx), static_cast<float>(view.fy)),
         principal(static_cast<float>(view.cx), static_cast<float>(view.cy)) {}
 

@@ -310,6 +310,8 @@ ScanCandidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
 
 // Photos that are still missing, by what the object's points look like.
 void TurntableMapper::PlaceMissing(ScanCandidate* candidate, json* report) {
+  (*report)["guided"] = json::array();
+  if (candidate->aligned.scene.views.size() >= input_.features.images.size()) return;
   const ColmapDatabase database =
       ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly);
   const ReadDescriptors read = [&](int image) {
@@ -322,7 +324,6 @@ void TurntableMapper::PlaceMissing(ScanCandidate* candidate, json* report) {
     }
     return std::vector<uint8_t>(descriptors.data(), descriptors.data() + descriptors.size());
   };
-  (*report)["guided"] = json::array();
   while (candidate->aligned.scene.views.size() < input_.features.images.size()) {
     const size_t before = candidate->aligned.scene.views.size();
     AlignedScene aligned = candidate->aligned;

@@ -85,28 +85,24 @@ std::optional<double> RimEnd(const std::vector<RingPlace>& places, double radius
 
 // Whether the static Gaussians on the side stand as it does. The ground around a disc of its colour lies.
 bool StaticOnesAreUpright(const RotatingSide& side, const Gaussians& gaussians) {
-  const TurntableAxis& axis = side.region.axis;
+  RenderRequest request;
+  request.side = side;
+  const AxisTube<float> tube = SelectionOf(request).side;
   double area = 0;
   double upright = 0;
   for (size_t i = 0; i < gaussians.size(); ++i) {
     if (IsForeground(gaussians.foreground_logit[i])) continue;
     const float* x = gaussians.centre.data() + 3 * i;
-    const Eigen::Vector3d centre(x[0], x[1], x[2]);
-    if (!side.region.Contains(centre, 0)) continue;
-    const Eigen::Vector3d from_point = centre - axis.point;
-    if ((from_point - from_point.dot(axis.direction) * axis.direction).norm() < side.inner_radius) continue;
     const float* dc = gaussians.sh_dc.data() + 3 * i;
     const Vec3<float> color = ShBaseColor(Vec3<float>{dc[0], dc[1], dc[2]});
-    const float apart = std::abs(color.x - side.color[0]) + std::abs(color.y - side.color[1]) +
-                        std::abs(color.z - side.color[2]);
-    if (!(apart <= 3 * side.color_tolerance)) continue;
+    if (!Contains(tube, Vec3<float>{x[0], x[1], x[2]}, color)) continue;
     const float* q = gaussians.rotation.data() + 4 * i;
     const Eigen::Vector3d normal =
         Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized() * Eigen::Vector3d::UnitZ();
     const double weight = Sigmoid(gaussians.opacity_logit[i]) *
                           std::exp(double{gaussians.log_scale[2 * i]} + gaussians.log_scale[2 * i + 1]);
     area += weight;
-    if (std::abs(normal.dot(axis.direction)) < kMaxUprightCosine) upright += weight;
+    if (std::abs(normal.dot(side.region.axis.direction)) < kMaxUprightCosine) upright += weight;
   }
   return area > 0 && upright >= kMinUprightShare * area;
 }

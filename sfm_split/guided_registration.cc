@@ -286,18 +286,17 @@ GuidedPlacement PlaceByLooks(const ObjectLooks& looks, const UnplacedPhoto& phot
   // Finer, then with all that is seen from there.
   for (int round = 0; round < 2; ++round) {
     std::vector<PointInImage> points;
+    const auto add = [&](const auto& pairs) {
+      points.reserve(pairs.size());
+      for (const auto& pair : pairs) {
+        points.push_back({looks.points()[static_cast<size_t>(looks.looks()[pair.look].point)],
+                          (*photo.keypoints)[pair.keypoint].cast<double>()});
+      }
+    };
     if (round == 0) {
-      points.reserve(inliers.size());
-      for (const Proposal& inlier : inliers) {
-        points.push_back({looks.points()[static_cast<size_t>(looks.looks()[inlier.look].point)],
-                          (*photo.keypoints)[inlier.keypoint].cast<double>()});
-      }
+      add(inliers);
     } else {
-      points.reserve(placement.matches.size());
-      for (const GuidedPlacement::Match& match : placement.matches) {
-        points.push_back({looks.points()[static_cast<size_t>(looks.looks()[match.look].point)],
-                          (*photo.keypoints)[match.keypoint].cast<double>()});
-      }
+      add(placement.matches);
     }
     const TableAngleFit fit =
         FitTableAngle(*photo.camera, photo.cam_from_world, axis, points, 2 * options.max_error_px, 3);
