@@ -289,8 +289,9 @@ GuidedPlacement PlaceByLooks(const ObjectLooks& looks, const UnplacedPhoto& phot
     const auto add = [&](const auto& pairs) {
       points.reserve(pairs.size());
       for (const auto& pair : pairs) {
-        points.push_back({looks.points()[static_cast<size_t>(looks.looks()[pair.look].point)],
-                          (*photo.keypoints)[pair.keypoint].cast<double>()});
+        const Eigen::Vector2f& keypoint = (*photo.keypoints)[pair.keypoint];
+        points.push_back(
+            {looks.points()[static_cast<size_t>(looks.looks()[pair.look].point)], keypoint.cast<double>()});
       }
     };
     if (round == 0) {
