@@ -30,6 +30,7 @@ struct Settings {
   fs::path colmap_path;
   FeatureExtraction extraction;
   int max_overlays = 20;
+  bool use_matches = false;
   bool write_matches = true;
   SplitSettings split;
 };
@@ -49,6 +50,10 @@ void AddOptions(Options& options, Settings* settings) {
               "photos, spread evenly, whose keypoints are drawn by label in overlays/, given --image_path");
   options.Add("mask_path", &settings->mask_path,
               "masks of the rotating part, COLMAP's names (a.jpg.png); empty: it is found by its motion");
+  options.Add(
+      "use_matches", &settings->use_matches,
+      "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
+      "its pairs, instead of planning pairs and matching them");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
   auto station = options.Group("Station", &settings->split.station);
@@ -142,7 +147,16 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   reporter.Info(std::to_string(features.images.size()) + " photos read from " +
                 settings.database_path.string());
   if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
-  const MotionSplit split = SplitMotion(features.images, settings.split, &reporter);
+  GivenMatches given;
+  SplitSettings split_settings = settings.split;
+  if (settings.use_matches) {
+    given = ReadGivenMatches(settings.database_path, features);
+    const int all = static_cast<int>(features.images.size());
+    split_settings.split.max_object_steps = all;
+    split_settings.split.station_partners = all;
+    split_settings.split.max_nearby_stations = all;
+  }
+  const MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given);
   for (const std::string& warning : split.warnings) reporter.Warn(warning);
 
   CreateFolder(paths.output);

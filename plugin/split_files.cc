@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <system_error>
+#include <utility>
 
 #include "s2gs/image_file.h"
 #include "sfm_split/error.h"
@@ -83,6 +84,30 @@ SplitFeatures ReadSplitFeatures(const fs::path& database_path) {
                     "Run `colmap feature_extractor` on all photos first");
   }
   return features;
+}
+
+GivenMatches ReadGivenMatches(const fs::path& database_path, const SplitFeatures& features) {
+  const ColmapDatabase database = ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly);
+  std::map<uint32_t, uint32_t> image_of_id;
+  for (uint32_t i = 0; i < features.rows.size(); ++i) image_of_id[features.rows[i].image_id] = i;
+  GivenMatches given;
+  database.ForEachMatches([&](uint32_t image_id1, uint32_t image_id2, const FeatureMatches& matches) {
+    const auto found1 = image_of_id.find(image_id1);
+    const auto found2 = image_of_id.find(image_id2);
+    if (found1 == image_of_id.end() || found2 == image_of_id.end()) return;
+    const uint32_t image1 = found1->second;
+    const uint32_t image2 = found2->second;
+    FeatureMatches& ordered = given[{std::min(image1, image2), std::max(image1, image2)}];
+    ordered = matches;
+    if (image1 > image2) {
+      for (FeatureMatch& match : ordered) std::swap(match.point2D_idx1, match.point2D_idx2);
+    }
+  });
+  if (given.empty()) {
+    throw UserError(database_path, "has no matches, but --use_matches asks for them",
+                    "Run `colmap exhaustive_matcher` on it first, or leave out --use_matches");
+  }
+  return given;
 }
 
 void ApplyMasks(const fs::path& mask_path, SplitFeatures* features, Reporter& reporter) {

@@ -19,6 +19,10 @@ struct SplitFeatures {
 /// Throws UserError when the database is damaged or has fewer than three images.
 SplitFeatures ReadSplitFeatures(const std::filesystem::path& database_path);
 
+/// The raw matches that a database has of these images' pairs, of `colmap exhaustive_matcher`, say.
+/// Throws UserError when it has none or names keypoints that are not there.
+GivenMatches ReadGivenMatches(const std::filesystem::path& database_path, const SplitFeatures& features);
+
 /// Labels keypoints inside a mask as rotating and the others as static. Masks lie as COLMAP wants them: that
 /// of sub/a.jpg is sub/a.jpg.png (or sub/a.png), not zero where the part rotates. Images without a mask keep
 /// none of their keypoints from either body and are warned about.

@@ -172,8 +172,8 @@ OptionCheck MotionSplitOptions::Check() const {
 }
 
 MotionSplit SplitMotion(const std::vector<SplitImage>& images, const SplitSettings& settings,
-                        Reporter* reporter) {
-  SplitMatching matching(images, settings, reporter);
+                        Reporter* reporter, const GivenMatches& given) {
+  SplitMatching matching(images, settings, reporter, given);
   MotionSplit split;
   Split(&matching, &split);
   split.num_pairs_matched = matching.num_pairs_matched();

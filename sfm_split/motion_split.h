@@ -2,11 +2,13 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
 #include "sfm_split/descriptor_match.h"
 #include "sfm_split/error.h"
+#include "sfm_split/pair_plan.h"
 #include "sfm_split/reporter.h"
 #include "sfm_split/stations.h"
 #include "sfm_split/two_view_motion.h"
@@ -91,6 +93,9 @@ struct SplitSettings {
   MotionSplitOptions split;
 };
 
+/// Raw matches of pairs of images that somebody else matched, by the images' numbers, the smaller one first.
+using GivenMatches = std::map<ImagePair, FeatureMatches>;
+
 /// Splits photos of an object that turned on a table in front of a fixed background.
 ///
 /// With stations, camera positions at which several photos were taken, a keypoint of the background stays at
@@ -100,8 +105,12 @@ struct SplitSettings {
 /// hand) several motions are fitted to every pair and sorted into two bodies; where that does not tell two
 /// bodies apart, or nothing turns, all photos are matched as one body. Labels that are given by masks replace
 /// the measured ones. The number of pairs that are matched in full grows linearly with the images.
+/// \param given  when there are any, they are taken wherever pairs would be matched, and pairs that are not
+/// among
+///               them count as pairs without matches. Only stations and likeness are still found by matching
+///               each image's largest features.
 /// Throws Interrupted when the reporter asks to stop.
 MotionSplit SplitMotion(const std::vector<SplitImage>& images, const SplitSettings& settings,
-                        Reporter* reporter);
+                        Reporter* reporter, const GivenMatches& given = {});
 
 }  // namespace s2gs

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "sfm_split/pair_evidence.h"
 
@@ -15,8 +16,8 @@ constexpr double kMaxShakePx = 100;        // StationOptions' own bound
 }  // namespace
 
 SplitMatching::SplitMatching(const std::vector<SplitImage>& images, const SplitSettings& settings,
-                             Reporter* reporter)
-    : images_(images), settings_(settings), reporter_(*reporter), matcher_(settings.match) {
+                             Reporter* reporter, const GivenMatches& given)
+    : images_(images), given_(given), settings_(settings), reporter_(*reporter), matcher_(settings.match) {
   int longest_side = 0;
   keypoints_.reserve(images.size());
   sizes_.reserve(images.size());
@@ -62,9 +63,38 @@ void SplitMatching::KeepLargest(const SplitImage& image, size_t num, std::vector
   std::sort(rows->begin(), rows->end());
 }
 
+std::vector<ImagePairMatches> SplitMatching::TakeGiven(const std::vector<ImagePair>& pairs,
+                                                       const PackedImages& packed) const {
+  std::vector<std::vector<bool>> is_packed(packed.size());
+  for (size_t i = 0; i < packed.size(); ++i) {
+    is_packed[i].assign(images_[i].keypoints.size(), false);
+    for (const uint32_t row : packed[i].slot_index()) {
+      if (row != PackedDescriptors::kPadding) is_packed[i][row] = true;
+    }
+  }
+  std::vector<ImagePairMatches> result;
+  result.reserve(pairs.size());
+  for (const auto& [i, j] : pairs) {
+    ImagePairMatches pair{static_cast<int>(i), static_cast<int>(j), {}};
+    const auto given = given_.find({std::min(i, j), std::max(i, j)});
+    if (given != given_.end()) {
+      pair.matches.reserve(given->second.size());
+      for (FeatureMatch match : given->second) {
+        if (i > j) std::swap(match.point2D_idx1, match.point2D_idx2);
+        if (is_packed[i][match.point2D_idx1] && is_packed[j][match.point2D_idx2])
+          pair.matches.push_back(match);
+      }
+    }
+    result.push_back(std::move(pair));
+  }
+  return result;
+}
+
 std::vector<ImagePairMatches> SplitMatching::Match(const std::vector<ImagePair>& pairs,
                                                    const PackedImages& packed, const char* task) {
   constexpr size_t kBlock = 32;
+  for (const auto& [i, j] : pairs) matched_.insert({std::min(i, j), std::max(i, j)});
+  if (!given_.empty()) return TakeGiven(pairs, packed);
   std::vector<ImagePairMatches> result;
   result.reserve(pairs.size());
   std::vector<DescriptorMatcher::Job> jobs;
@@ -85,7 +115,6 @@ std::vector<ImagePairMatches> SplitMatching::Match(const std::vector<ImagePair>&
   if (!pairs.empty()) {
     reporter_.Progress(task, static_cast<int64_t>(pairs.size()), static_cast<int64_t>(pairs.size()));
   }
-  for (const auto& [i, j] : pairs) matched_.insert({std::min(i, j), std::max(i, j)});
   return result;
 }
 

@@ -16,7 +16,8 @@ using PackedImages = std::vector<PackedDescriptors>;
 /// What every kind of split does with images: match pairs, count matches cheaply, fit motions.
 class SplitMatching {
  public:
-  SplitMatching(const std::vector<SplitImage>& images, const SplitSettings& settings, Reporter* reporter);
+  SplitMatching(const std::vector<SplitImage>& images, const SplitSettings& settings, Reporter* reporter,
+                const GivenMatches& given);
 
   /// Descriptors of all keypoints.
   PackedImages PackAll() const;
@@ -37,7 +38,8 @@ class SplitMatching {
     return packed;
   }
 
-  /// Matches pairs, in blocks so that progress shows and a stop is heard. Throws Interrupted.
+  /// Matches pairs, in blocks so that progress shows and a stop is heard, or takes what was given for them of
+  /// the keypoints in `packed`. Throws Interrupted.
   std::vector<ImagePairMatches> Match(const std::vector<ImagePair>& pairs, const PackedImages& packed,
                                       const char* task);
 
@@ -64,9 +66,12 @@ class SplitMatching {
   int64_t num_pairs_matched() const { return static_cast<int64_t>(matched_.size()); }
 
  private:
+  std::vector<ImagePairMatches> TakeGiven(const std::vector<ImagePair>& pairs,
+                                          const PackedImages& packed) const;
   static void KeepLargest(const SplitImage& image, size_t num, std::vector<uint32_t>* rows);
 
   const std::vector<SplitImage>& images_;
+  const GivenMatches& given_;
   SplitSettings settings_;
   Reporter& reporter_;
   DescriptorMatcher matcher_;

@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdint>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -249,6 +251,44 @@ TEST(MotionSplit, MasksReplaceTheMeasuredLabels) {
   for (size_t i = 0; i < images.size(); ++i) EXPECT_EQ(split.labels[i], images[i].given_labels) << i;
   EXPECT_EQ(split.static_pairs.size(), 3U);
   EXPECT_GE(ShareOfOnePoint(turntable, split.object_pairs, true), 0.999);
+}
+
+// All pairs' matches as another program would give them.
+GivenMatches MatchAllPairs(const std::vector<SplitImage>& images) {
+  DescriptorMatcher matcher({});
+  std::vector<PackedDescriptors> packed;
+  packed.reserve(images.size());
+  for (const SplitImage& image : images)
+    packed.emplace_back(image.descriptors.data(), image.keypoints.size());
+  GivenMatches given;
+  for (uint32_t i = 0; i < images.size(); ++i) {
+    for (uint32_t j = i + 1; j < images.size(); ++j) matcher.Match(packed[i], packed[j], &given[{i, j}]);
+  }
+  return given;
+}
+
+TEST(MotionSplit, GivenMatchesReplaceItsOwn) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(TestScene(4));
+  const std::vector<SplitImage> images = ToSplitImages(turntable);
+  GivenMatches given = MatchAllPairs(images);
+  Reporter reporter;
+  const MotionSplit split = SplitMotion(images, {}, &reporter, given);
+  EXPECT_EQ(split.capture_case, CaptureCase::kTurntable);
+  EXPECT_EQ(split.stations.images.size(), 3U);
+  const LabelCounts counts = CountLabels(turntable, split);
+  EXPECT_GT(counts.StaticPrecision(), 0.98);
+  EXPECT_GT(counts.RotatingPrecision(), 0.98);
+  EXPECT_GT(ShareOfOnePoint(turntable, split.object_pairs, true), 0.98);
+
+  // Without the first photo's pairs nothing else is matched in their place.
+  ASSERT_TRUE(std::any_of(split.object_pairs.begin(), split.object_pairs.end(),
+                          [](const VerifiedPair& pair) { return pair.image1 == 0 || pair.image2 == 0; }));
+  for (auto pair = given.begin(); pair != given.end();)
+    pair = pair->first.first == 0 ? given.erase(pair) : std::next(pair);
+  for (const VerifiedPair& pair : SplitMotion(images, {}, &reporter, given).object_pairs) {
+    EXPECT_NE(pair.image1, 0);
+    EXPECT_NE(pair.image2, 0);
+  }
 }
 
 TEST(MotionSplit, StopsWhenAsked) {
