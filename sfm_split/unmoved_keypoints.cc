@@ -1,23 +1,17 @@
 #include "sfm_split/unmoved_keypoints.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <utility>
 
 #include "sfm_split/keypoint_grid.h"
+#include "sfm_split/statistics.h"
 
 namespace s2gs {
 namespace {
 
 using Cell = std::pair<int, int>;
-
-float MedianOf(std::vector<float> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 Eigen::Vector2f CommonShift(const Keypoints& keypoints, const std::vector<uint32_t>& chosen,
                             const Keypoints& others, const std::vector<bool>& usable, float max_shake_px) {
@@ -41,7 +35,7 @@ Eigen::Vector2f CommonShift(const Keypoints& keypoints, const std::vector<uint32
     x.push_back(d.x());
     y.push_back(d.y());
   }
-  return {MedianOf(x), MedianOf(y)};
+  return {UpperMedian(x), UpperMedian(y)};
 }
 
 }  // namespace
