@@ -256,7 +256,10 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   clusters_only.max_triangles = 0;
   summary.cleanup = CleanMesh(clusters_only, reporter, &mesh);
   if (options.refinement.enabled && !mesh.triangles.empty()) {
-    summary.refinement = RefineMesh(WorkspacePhotos(files), options.refinement, reporter, &mesh);
+    MeshRefinementOptions refinement = options.refinement;
+    // What stands around a body that is not told from it hides the body's rough parts, which are lost then.
+    if (!cleanup.is_axis_known) refinement.min_seen_pct = 0;
+    summary.refinement = RefineMesh(WorkspacePhotos(files), refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
   }
   cleanup.remove_disc = false;
@@ -331,8 +334,10 @@ void RunTsdfMesher(CommandContext& context) {
   refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
                  "of the offsets over the mesh; larger trusts the photos less");
   refinement
-      .Add("min_seen_pct", &MeshRefinementOptions::min_seen_pct,
-           "drop triangles that fewer of the photos see, when there are 40 or more; 0 keeps all")
+      .Add(
+          "min_seen_pct", &MeshRefinementOptions::min_seen_pct,
+          "drop triangles that fewer of the photos see, where a table turns and there are 40 photos or more; "
+          "0 keeps all")
       .Unit("%");
   refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
       .Unit("GiB");

@@ -6,6 +6,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "plugin/scan_input.h"
@@ -70,6 +71,30 @@ TEST_F(SplitFiles, WhatCannotBeSplitIsRefused) {
   Make({"a.jpg", "b.jpg", "c.jpg"},
        [](ColmapDatabase& database) { database.WriteDescriptors(2, DescriptorMatrix::Zero(1, 128)); });
   ExpectUserError(read, {path_.string(), "b.jpg has 2 keypoints but 1 descriptors"});
+}
+
+TEST_F(SplitFiles, GivenMatchesFollowTheImagesOrder) {
+  Make({"a10.jpg", "a9.jpg", "sub/b.jpg"}, [](ColmapDatabase& database) {
+    database.WriteMatches(1, 2, {{0, 1}});
+    database.WriteMatches(2, 3, {{1, 0}, {0, 1}});
+  });
+  const GivenMatches given = ReadGivenMatches(path_, ReadSplitFeatures(path_));
+  // a9.jpg, the first image, is the database's second.
+  const auto indices = [](const FeatureMatches& matches) {
+    std::vector<std::pair<uint32_t, uint32_t>> pairs;
+    for (const FeatureMatch& match : matches) pairs.emplace_back(match.point2D_idx1, match.point2D_idx2);
+    return pairs;
+  };
+  using Pairs = std::vector<std::pair<uint32_t, uint32_t>>;
+  ASSERT_EQ(given.size(), 2U);
+  EXPECT_EQ(indices(given.at({0, 1})), (Pairs{{1, 0}}));
+  EXPECT_EQ(indices(given.at({0, 2})), (Pairs{{1, 0}, {0, 1}}));
+}
+
+TEST_F(SplitFiles, MatchesAskedForButNotThereAreRefused) {
+  Make({"a10.jpg", "a9.jpg", "sub/b.jpg"});
+  ExpectUserError([&] { ReadGivenMatches(path_, ReadSplitFeatures(path_)); },
+                  {path_.string(), "has no matches"});
 }
 
 TEST_F(SplitFiles, MasksGiveLabels) {
