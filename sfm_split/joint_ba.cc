@@ -298,12 +298,17 @@ void FillScores(const JointProblem& problem, const std::vector<double>& scores, 
   test->score = count > 0 ? sum / count : 0;
 }
 
-// Every image with enough background gets a camera pose of its own.
+// Every image with enough of either body gets a camera pose of its own: the object tells all of it but its
+// turn about the axis.
 JointProblem WithFreeCameras(const JointProblem& problem, const JointOptions& options) {
   JointProblem free = problem;
   std::vector<int> counts(problem.images.size(), 0);
-  for (const JointObservation& observation : problem.background.observations) {
-    counts[observation.image] += observation.active ? 1 : 0;
+  for (const JointBody* body : {&problem.object, &problem.background}) {
+    std::vector<int> of_body(problem.images.size(), 0);
+    for (const JointObservation& observation : body->observations) {
+      of_body[observation.image] += observation.active ? 1 : 0;
+    }
+    for (size_t i = 0; i < counts.size(); ++i) counts[i] = std::max(counts[i], of_body[i]);
   }
   std::vector<int> users(problem.cam_from_world.size(), 0);
   for (const JointImage& image : problem.images) ++users[image.pose];

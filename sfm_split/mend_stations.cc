@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <map>
 #include <set>
 
@@ -11,6 +13,36 @@ namespace {
 constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr int kMaxBasesOfStation = 4;    // images that are tried as a lost station's first
 constexpr size_t kMaxTiedStations = 24;  // more are a camera held by hand
+// Of a camera's distance from the axis (as an angle, of a radian): between where the object has it and where
+// the background's reconstruction does, the turn about the axis apart.
+constexpr double kMaxMisfit = 0.03;
+
+// The angle about the axis from one place to another.
+double AngleAboutAxis(const TurntableAxis& axis, const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
+  const Eigen::Vector3d& n = axis.direction;
+  const Eigen::Vector3d u = from - axis.point;
+  const Eigen::Vector3d v = to - axis.point;
+  return std::atan2(n.dot(u.cross(v)), u.dot(v) - n.dot(u) * n.dot(v));
+}
+
+Rigid3 TurnAbout(const TurntableAxis& axis, double angle_rad) {
+  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, angle_rad);
+  return {Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+}
+
+// Turns a camera about the axis and its table angle back: what it sees of the object stays.
+void TurnView(const TurntableAxis& axis, double turn_rad, View* view) {
+  const Rigid3 turned_from_world = TurnAbout(axis, turn_rad);
+  view->cam_from_world = view->cam_from_world * turned_from_world;
+  view->world_from_object = turned_from_world.Inverse() * view->world_from_object;
+  view->angle_deg = WrapAngle(view->angle_deg * kDegree - turn_rad) / kDegree;
+}
+
+double MedianOf(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 }  // namespace
 
@@ -104,36 +136,114 @@ std::vector<StationMatches> ScanRefiner::MatchesOfStations() const {
   return result;
 }
 
-// Turns a station's cameras about the axis and its table angles back: what it sees of the object stays.
-void ScanRefiner::TurnStation(int station, const StationTie& tie) {
-  const TurntableAxis& axis = aligned_->scene.axis;
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, tie.turn_rad);
-  const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+void ScanRefiner::TurnStation(int station, double turn_rad, const MendedImage& how) {
   const std::string* name = nullptr;
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
     if (view_of_image_[i] < 0 || StationOf(static_cast<int>(i)) != station) continue;
     View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
-    view.cam_from_world = view.cam_from_world * turned_from_world;
-    view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
-    view.angle_deg = WrapAngle(view.angle_deg * kDegree - tie.turn_rad) / kDegree;
+    TurnView(aligned_->scene.axis, turn_rad, &view);
     if (name == nullptr) name = &view.name;
   }
   if (name == nullptr) return;
-  turned_stations_[station] = {*name, "its station was placed by the background's matches", tie.inliers,
-                               tie.matches, tie.margin};
+  turned_stations_[station] = how;
+  turned_stations_[station].name = *name;
 }
 
-// Where there are too few matches to say anything against it, the background's reconstruction stands.
-void ScanRefiner::PlaceByReconstruction(const std::vector<StationMatches>& matches, int enough_matches) {
-  for (const StationMatches& pair : matches) {
-    if (static_cast<int>(pair.matches.size()) >= enough_matches) return;
-  }
+// The turn about the axis between where a station stands and where the background's reconstruction has it, if
+// that agrees with the object on the rest of the camera's pose.
+std::optional<double> ScanRefiner::TurnFromReconstruction(int station) const {
+  const TurntableAxis& axis = aligned_->scene.axis;
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
-    if (view_of_image_[i] >= 0 && aligned_->cam_from_background.count(features_.images[i].name) > 0)
-      placed_stations_.insert(StationOf(static_cast<int>(i)));
+    if (view_of_image_[i] < 0 || StationOf(static_cast<int>(i)) != station) continue;
+    const auto found = aligned_->cam_from_background.find(features_.images[i].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    const Rigid3 there = TransformPose(aligned_->aligned_from_background, found->second);
+    const Eigen::Vector3d centre = CameraCentre(there);
+    const double turn_rad = AngleAboutAxis(axis, centre, CameraCentre(view.cam_from_world));
+    const Rigid3 turned = view.cam_from_world * TurnAbout(axis, turn_rad);
+    const double distance = (centre - axis.point).cross(axis.direction).norm();
+    if ((CameraCentre(turned) - centre).norm() <= kMaxMisfit * distance &&
+        AngleBetween(turned.rotation, there.rotation) <= kMaxMisfit) {
+      return turn_rad;
+    }
   }
-  has_background_ = placed_stations_.size() >= 2;
-  if (!has_background_) placed_stations_.clear();
+  return std::nullopt;
+}
+
+// Stations that matches do not tie to those placed stand to these as the background's reconstruction has it,
+// unless there are enough matches and they contradict it.
+void ScanRefiner::PlaceByReconstruction(const std::set<int>& stations, const TieOptions& options) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  std::vector<double> turns;
+  for (const int station : placed_stations_) {
+    if (const std::optional<double> turn = TurnFromReconstruction(station)) turns.push_back(*turn);
+  }
+  if (turns.empty()) return;
+  for (double& turn : turns) turn = turns[0] + WrapAngle(turn - turns[0]);
+  const double common_rad = MedianOf(turns);
+  const std::vector<StationMatches> matches = MatchesOfStations();
+  const std::set<int> by_matches = placed_stations_;
+  for (const int station : stations) {
+    if (by_matches.count(station) > 0) continue;
+    const std::optional<double> from_reconstruction = TurnFromReconstruction(station);
+    if (!from_reconstruction) continue;
+    const double turn_rad = WrapAngle(*from_reconstruction - common_rad);
+    int inliers = 0;
+    int asked = 0;
+    for (const StationMatches& pair : matches) {
+      const bool is_first = pair.station == station;
+      if (!is_first && pair.other_station != station) continue;
+      if (by_matches.count(is_first ? pair.other_station : pair.station) == 0) continue;
+      // Turning the second one's camera back is turning the first one's.
+      inliers +=
+          SupportOfTurn(axis, pair.matches, options.max_error_px, is_first ? turn_rad : -turn_rad).inliers;
+      asked += static_cast<int>(pair.matches.size());
+    }
+    if (asked >= options.min_inliers && inliers < options.min_share * asked) continue;
+    placed_stations_.insert(station);
+    TurnStation(station, turn_rad,
+                {"", "its station was placed by the background's reconstruction", inliers, asked, 0});
+  }
+}
+
+// What a camera of its own sees of the object does not tell how far it is turned about the axis. Where it
+// sees too little of the background, it stands where its station's other photos were taken: shaking turns a
+// camera more than it moves it.
+void ScanRefiner::SettleLoneCameras(int enough_observations) {
+  std::map<std::string, int> observations;
+  for (const auto& [id, image] : aligned_->background.images) {
+    int& count = observations[image.name];
+    for (const ColmapPoint2D& point : image.points2D) count += point.point3D_id != kInvalidPoint3DId ? 1 : 0;
+  }
+  std::vector<View>& views = aligned_->scene.views;
+  std::map<int, std::array<std::vector<double>, 3>> centres;  // by station
+  const auto is_lone = [&](const View& view) { return observations[view.name] < enough_observations; };
+  for (const View& view : views) {
+    if (is_lone(view)) continue;
+    const Eigen::Vector3d centre = CameraCentre(view.cam_from_world);
+    for (size_t k = 0; k < 3; ++k) centres[view.station][k].push_back(centre(static_cast<Eigen::Index>(k)));
+  }
+  std::set<std::string> lone;
+  for (const View& view : views) {
+    if (is_lone(view) && centres.count(view.station) > 0) lone.insert(view.name);
+  }
+  if (lone.empty()) return;
+  const auto is_reference = [](const View& view) {
+    return view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12);
+  };
+  if (const auto reference = std::find_if(views.begin(), views.end(), is_reference);
+      reference != views.end() && is_lone(*reference)) {
+    const View other = *std::find_if(views.begin(), views.end(), [&](const View& v) { return !is_lone(v); });
+    MakeReference(other);
+  }
+  for (View& view : views) {
+    if (lone.count(view.name) == 0) continue;
+    const auto& of_station = centres.at(view.station);
+    const Eigen::Vector3d there(MedianOf(of_station[0]), MedianOf(of_station[1]), MedianOf(of_station[2]));
+    const TurntableAxis& axis = aligned_->scene.axis;
+    TurnView(axis, AngleAboutAxis(axis, there, CameraCentre(view.cam_from_world)), &view);
+  }
 }
 
 // Each station may be wrong by its angle about the axis, where the object alone placed it or the background's
@@ -167,17 +277,20 @@ void ScanRefiner::PlaceStations(double max_error_px) {
     if (stations_of_component[largest] < 2 || count > images_of_component[largest]) largest = component;
   }
   placed_stations_.clear();
-  has_background_ = stations_of_component[largest] >= 2;
-  if (!has_background_) {
-    PlaceByReconstruction(matches, options.min_inliers);
-    return;
-  }
   for (const auto& [station, count] : images) {
     const StationTie& tie = ties[static_cast<size_t>(station)];
     if (tie.component != largest) continue;
     placed_stations_.insert(station);
-    if (tie.turn_rad != 0) TurnStation(station, tie);
+    if (tie.turn_rad == 0) continue;
+    TurnStation(
+        station, tie.turn_rad,
+        {"", "its station was placed by the background's matches", tie.inliers, tie.matches, tie.margin});
   }
+  std::set<int> stations;
+  for (const auto& [station, count] : images) stations.insert(station);
+  PlaceByReconstruction(stations, options);
+  has_background_ = placed_stations_.size() >= 2;
+  if (!has_background_) placed_stations_.clear();
 }
 
 // The object's frame becomes the world's at another image.

@@ -56,9 +56,11 @@ class ScanRefiner {
   double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
-  void PlaceByReconstruction(const std::vector<StationMatches>& matches, int enough_matches);
+  std::optional<double> TurnFromReconstruction(int station) const;
+  void PlaceByReconstruction(const std::set<int>& stations, const TieOptions& options);
+  void SettleLoneCameras(int enough_observations);
   std::vector<StationMatches> MatchesOfStations() const;
-  void TurnStation(int station, const StationTie& tie);
+  void TurnStation(int station, double turn_rad, const MendedImage& how);
   void DropUntiedStations();
   void MakeReference(const View& reference);
   int NewStation() const;
