@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/colmap_schema.h"
 #include "sfm_split/reporter.h"
 #include "sfm_split/rigid3.h"
 #include "sfm_split/scene.h"
@@ -131,7 +132,7 @@ class ColmapDatabase {
 
   const std::filesystem::path& path() const;
   /// COLMAP's version that wrote the schema: 3800 is 3.8, 4020100 is 4.2.1.
-  int64_t schema_version() const { return schema_version_; }
+  int64_t schema_version() const { return schema_.version; }
 
   /// Runs `change` as one transaction: all of it is written, or, when it throws, nothing. Many times faster
   /// than single writes, each of which waits for the disk. Not nested.
@@ -190,15 +191,10 @@ class ColmapDatabase {
 
  private:
   explicit ColmapDatabase(std::unique_ptr<SqliteConnection> connection);
-  void CheckSchema();
   void CheckMatches(const FeatureMatches& matches, uint32_t image_id1, uint32_t image_id2) const;
 
   std::unique_ptr<SqliteConnection> connection_;
-  int64_t schema_version_ = 0;
-  bool has_image_priors_ = false;
-  bool has_descriptor_type_ = false;
-  bool has_relative_pose_ = false;
-  bool has_frames_ = false;
+  ColmapSchema schema_;
 };
 
 }  // namespace s2gs

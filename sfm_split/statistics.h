@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -15,5 +17,15 @@ struct Summary {
 };
 
 Summary Summarize(std::vector<double> values);
+
+/// The median; the larger of the two in the middle when the count is even, so that it is always one of the
+/// values; 0 when there are none.
+template <typename T>
+T UpperMedian(std::vector<T> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 }  // namespace s2gs
