@@ -51,7 +51,8 @@ struct Stations {
   int count = 0;
 
   // Images without a station get one of their own; numbers are made dense in order of first names.
-  Stations(const ColmapModel& object, const ColmapModel* background, const std::map<std::string, int>& given) {
+  Stations(const ColmapModel& object, const ColmapModel* background,
+           const std::map<std::string, int>& given) {
     std::set<std::string> names;
     for (const ColmapModel* model : {&object, background}) {
       if (model == nullptr) continue;

@@ -6,6 +6,7 @@
 
 #include "sfm_split/rotation.h"
 #include "sfm_split/scan_refiner.h"
+#include "sfm_split/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -36,12 +37,6 @@ void TurnView(const TurntableAxis& axis, double turn_rad, View* view) {
   view->cam_from_world = view->cam_from_world * turned_from_world;
   view->world_from_object = turned_from_world.Inverse() * view->world_from_object;
   view->angle_deg = WrapAngle(view->angle_deg * kDegree - turn_rad) / kDegree;
-}
-
-double MedianOf(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace
@@ -181,7 +176,7 @@ void ScanRefiner::PlaceByReconstruction(const std::set<int>& stations, const Tie
   }
   if (turns.empty()) return;
   for (double& turn : turns) turn = turns[0] + WrapAngle(turn - turns[0]);
-  const double common_rad = MedianOf(turns);
+  const double common_rad = UpperMedian(turns);
   const std::vector<StationMatches> matches = MatchesOfStations();
   const std::set<int> by_matches = placed_stations_;
   for (const int station : stations) {
@@ -240,7 +235,8 @@ void ScanRefiner::SettleLoneCameras(int enough_observations) {
   for (View& view : views) {
     if (lone.count(view.name) == 0) continue;
     const auto& of_station = centres.at(view.station);
-    const Eigen::Vector3d there(MedianOf(of_station[0]), MedianOf(of_station[1]), MedianOf(of_station[2]));
+    const Eigen::Vector3d there(UpperMedian(of_station[0]), UpperMedian(of_station[1]),
+                                UpperMedian(of_station[2]));
     const TurntableAxis& axis = aligned_->scene.axis;
     TurnView(axis, AngleAboutAxis(axis, there, CameraCentre(view.cam_from_world)), &view);
   }
