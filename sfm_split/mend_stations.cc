@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 
+#include "sfm_split/axis_turn.h"
 #include "sfm_split/rotation.h"
 #include "sfm_split/scan_refiner.h"
 #include "sfm_split/statistics.h"
@@ -14,31 +15,6 @@ namespace {
 constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr int kMaxBasesOfStation = 4;    // images that are tried as a lost station's first
 constexpr size_t kMaxTiedStations = 24;  // more are a camera held by hand
-// Of a camera's distance from the axis (as an angle, of a radian): between where the object has it and where
-// the background's reconstruction does, the turn about the axis apart.
-constexpr double kMaxMisfit = 0.03;
-
-// The angle about the axis from one place to another.
-double AngleAboutAxis(const TurntableAxis& axis, const Eigen::Vector3d& from, const Eigen::Vector3d& to) {
-  const Eigen::Vector3d& n = axis.direction;
-  const Eigen::Vector3d u = from - axis.point;
-  const Eigen::Vector3d v = to - axis.point;
-  return std::atan2(n.dot(u.cross(v)), u.dot(v) - n.dot(u) * n.dot(v));
-}
-
-Rigid3 TurnAbout(const TurntableAxis& axis, double angle_rad) {
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, angle_rad);
-  return {Eigen::Quaterniond(turn), axis.point - turn * axis.point};
-}
-
-// Turns a camera about the axis and its table angle back: what it sees of the object stays.
-void TurnView(const TurntableAxis& axis, double turn_rad, View* view) {
-  const Rigid3 turned_from_world = TurnAbout(axis, turn_rad);
-  view->cam_from_world = view->cam_from_world * turned_from_world;
-  view->world_from_object = turned_from_world.Inverse() * view->world_from_object;
-  view->angle_deg = WrapAngle(view->angle_deg * kDegree - turn_rad) / kDegree;
-}
-
 }  // namespace
 
 // A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
@@ -154,14 +130,9 @@ std::optional<double> ScanRefiner::TurnFromReconstruction(int station) const {
     if (found == aligned_->cam_from_background.end()) continue;
     const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
     const Rigid3 there = TransformPose(aligned_->aligned_from_background, found->second);
-    const Eigen::Vector3d centre = CameraCentre(there);
-    const double turn_rad = AngleAboutAxis(axis, centre, CameraCentre(view.cam_from_world));
+    const double turn_rad = AngleAboutAxis(axis, CameraCentre(there), CameraCentre(view.cam_from_world));
     const Rigid3 turned = view.cam_from_world * TurnAbout(axis, turn_rad);
-    const double distance = (centre - axis.point).cross(axis.direction).norm();
-    if ((CameraCentre(turned) - centre).norm() <= kMaxMisfit * distance &&
-        AngleBetween(turned.rotation, there.rotation) <= kMaxMisfit) {
-      return turn_rad;
-    }
+    if (AreCamerasClose(axis, turned, there, kMaxCameraMisfit)) return turn_rad;
   }
   return std::nullopt;
 }

@@ -15,6 +15,9 @@ namespace s2gs {
 
 /// How far a raw match between images of one station moves at least [px]: less may be the background's.
 constexpr float kLeastMovePx = 3;
+/// Of two reconstructions of one camera, the turn about the axis apart: share of its distance from the axis,
+/// and radians.
+constexpr double kMaxCameraMisfit = 0.03;
 
 /// RefineScan at work: scan_refinement.cc has the rounds and what they adjust, mend_images.cc brings single
 /// images back or drops them, mend_stations.cc places whole stations.
@@ -69,6 +72,7 @@ class ScanRefiner {
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
   std::vector<MatchAcrossTurn> RawMatchesWithPosed(int image, const Rigid3& cam_from_world) const;
+  bool MendByPose(int image, const View& of_station, double max_error_px);
   bool MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   bool IsStatic(int image, uint32_t keypoint) const;
   std::optional<double> AngleByEqualSteps(int image) const;
@@ -102,7 +106,8 @@ class ScanRefiner {
   std::map<int, MendedImage> turned_stations_;
   bool has_background_ = false;
   bool holds_cameras_ = false;
-  double noise_px_ = 0;  // of the object's matches against the poses as they stand
+  bool cameras_are_free_ = false;  // each photo has its own: held by hand, or shaken
+  double noise_px_ = 0;            // of the object's matches against the poses as they stand
   std::map<std::string, int> drops_;
   std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].
