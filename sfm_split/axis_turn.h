@@ -35,6 +35,11 @@ inline void TurnView(const TurntableAxis& axis, double turn_rad, View* view) {
   view->angle_deg = WrapAngle(view->angle_deg * kDegree - turn_rad) / kDegree;
 }
 
+/// Whether the object's frame is the world's at this view.
+inline bool IsReference(const View& view) {
+  return view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12);
+}
+
 /// Whether two cameras differ by no more than this in place, as a share of the distance from the axis, and in
 /// direction [rad].
 inline bool AreCamerasClose(const TurntableAxis& axis, const Rigid3& a, const Rigid3& b, double max_misfit) {

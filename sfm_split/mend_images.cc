@@ -312,6 +312,23 @@ bool ScanRefiner::MendBySteps(int image, const Rigid3& cam_from_world, int stati
   return true;
 }
 
+// Takes views out for a while; mending may place them anew. The object's frame is the world's at another
+// image then, if it was at one that goes.
+void ScanRefiner::TakeOut(const std::set<std::string>& gone) {
+  std::vector<View>& views = aligned_->scene.views;
+  const auto is_gone = [&](const View& view) { return gone.count(view.name) > 0; };
+  if (gone.empty() || std::all_of(views.begin(), views.end(), is_gone)) return;
+  const auto reference = std::find_if(views.begin(), views.end(), IsReference);
+  if (reference != views.end() && is_gone(*reference)) {
+    const View other = *std::find_if_not(views.begin(), views.end(), is_gone);
+    MakeReference(other);
+  }
+  views.erase(std::remove_if(views.begin(), views.end(), is_gone), views.end());
+  for (const std::string& name : gone) ++drops_[name];
+  report_.doubted.insert(report_.doubted.end(), gone.begin(), gone.end());
+  IndexViews();
+}
+
 // Images whose matches contradict their pose, against what the others reach, are taken out; mending may place
 // them anew.
 void ScanRefiner::DropDoubtful(double max_error_px) {
@@ -338,7 +355,6 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
   if (shares.empty()) return;
   const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
   std::nth_element(shares.begin(), middle, shares.end());
-  std::vector<View>& views = aligned_->scene.views;
   std::set<std::string> gone;
   for (size_t i = 0; i < posed.size(); ++i) {
     // An image without matches is where SfM put it for reasons of its own; nothing contradicts it.
@@ -347,20 +363,8 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
     const std::string& name = features_.images[i].name;
     gone.insert(name);
   }
-  if (gone.empty() || gone.size() * 2 > views.size()) return;
-  // The reference image stays: the object's frame is the world's there.
-  for (const View& view : views) {
-    if (view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12)) {
-      gone.erase(view.name);
-      break;
-    }
-  }
-  views.erase(
-      std::remove_if(views.begin(), views.end(), [&](const View& view) { return gone.count(view.name) > 0; }),
-      views.end());
-  for (const std::string& name : gone) ++drops_[name];
-  report_.doubted.insert(report_.doubted.end(), gone.begin(), gone.end());
-  IndexViews();
+  if (gone.size() * 2 > aligned_->scene.views.size()) return;
+  TakeOut(gone);
 }
 
 void ScanRefiner::Mend(double max_error_px) {

@@ -13,8 +13,10 @@ namespace s2gs {
 namespace {
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr int kMaxBasesOfStation = 4;    // images that are tried as a lost station's first
-constexpr size_t kMaxTiedStations = 24;  // more are a camera held by hand
+constexpr int kMaxBasesOfStation = 4;        // images that are tried as a lost station's first
+constexpr int kMinStationVotes = 20;         // matches of two stations that may contradict them
+constexpr double kContradictedShare = 0.25;  // of the share that agrees inside stations
+constexpr size_t kMaxTiedStations = 24;      // more are a camera held by hand
 }  // namespace
 
 // A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
@@ -70,8 +72,58 @@ void ScanRefiner::MendStation(const std::vector<int>& images, double max_error_p
     for (const int image : images) {
       if (MendImage(image, cam_from_world, station, max_error_px)) return;
     }
+    // It may not be known well enough for that.
+    View there;
+    there.station = station;
+    there.cam_from_world = cam_from_world;
+    for (const int image : images) {
+      if (MendByPose(image, there, max_error_px)) return;
+    }
     break;
   }
+}
+
+// A station may be wrong as a whole, as where perspective is too weak to tell a view from its mirror image:
+// its own photos agree then. It goes where the object's matches contradict it against every station that it
+// shares any with, while others agree with each other.
+void ScanRefiner::DropContradictedStations(double max_error_px) {
+  struct Votes {
+    int agree = 0;
+    int all = 0;
+  };
+  std::map<std::pair<int, int>, Votes> votes;  // by two stations
+  Votes within;
+  const std::vector<PosedImage> posed = Posed(true);
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    const std::pair<int, int> stations = std::minmax({StationOf(pair.image1), StationOf(pair.image2)});
+    Votes& of_pair = stations.first == stations.second ? within : votes[stations];
+    for (const FeatureMatch& match : pair.matches) {
+      const bool agrees = MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
+                                       keypoints_[j][match.point2D_idx2].cast<double>()) <= max_error_px;
+      of_pair.agree += agrees ? 1 : 0;
+      ++of_pair.all;
+    }
+  }
+  if (within.agree == 0) return;
+  const double usual = within.agree / static_cast<double>(within.all);
+  std::set<int> agreeing;
+  std::set<int> contradicted;
+  for (const auto& [stations, of_pair] : votes) {
+    if (of_pair.all < kMinStationVotes) continue;
+    const bool agrees = of_pair.agree >= kContradictedShare * usual * of_pair.all;
+    (agrees ? agreeing : contradicted).insert({stations.first, stations.second});
+  }
+  std::set<std::string> gone;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    const int station = StationOf(static_cast<int>(i));
+    if (view_of_image_[i] >= 0 && contradicted.count(station) > 0 && agreeing.count(station) == 0)
+      gone.insert(features_.images[i].name);
+  }
+  if (agreeing.empty()) return;
+  TakeOut(gone);
 }
 
 // Matches on the background, each photo where it or its station stands.
@@ -195,10 +247,7 @@ void ScanRefiner::SettleLoneCameras(int enough_observations) {
     if (is_lone(view) && centres.count(view.station) > 0) lone.insert(view.name);
   }
   if (lone.empty()) return;
-  const auto is_reference = [](const View& view) {
-    return view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12);
-  };
-  if (const auto reference = std::find_if(views.begin(), views.end(), is_reference);
+  if (const auto reference = std::find_if(views.begin(), views.end(), IsReference);
       reference != views.end() && is_lone(*reference)) {
     const View other = *std::find_if(views.begin(), views.end(), [&](const View& v) { return !is_lone(v); });
     MakeReference(other);

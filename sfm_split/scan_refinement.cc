@@ -412,6 +412,7 @@ RefineReport ScanRefiner::Run() {
     if (reporter_.StopRequested()) throw Interrupted();
     const auto start = std::chrono::steady_clock::now();
     if (round > 0) {
+      DropContradictedStations(max_error_px);
       DropDoubtful(max_error_px);
       TakeRawMatches(max_error_px);
     }

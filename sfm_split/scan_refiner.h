@@ -78,6 +78,8 @@ class ScanRefiner {
   std::optional<double> AngleByEqualSteps(int image) const;
   bool MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   void DropDoubtful(double max_error_px);
+  void DropContradictedStations(double max_error_px);
+  void TakeOut(const std::set<std::string>& gone);
   void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
                double angle_rad);
   void AddCamera(uint32_t camera_id);
