@@ -23,7 +23,7 @@ constexpr double kClearMargin = 1.5;
 // Support so far beyond that of any other angle stands whatever the share of outliers.
 constexpr double kOverwhelmingMargin = 4;
 constexpr int kOverwhelmingInliers = 4;  // times those that must agree anyway
-constexpr int kPoseSamples = 1000;       // of a camera's pose, at most
+constexpr int kPoseSamples = 5000;       // of a camera's pose, at most
 constexpr double kPoseConfidence = 0.9999;
 constexpr double kStepsSupport = 0.85;  // of the best angle's, that the one by equal steps must have
 
@@ -147,24 +147,27 @@ bool ScanRefiner::MendImage(int image, const Rigid3& cam_from_world, int station
   return MendByRawMatches(image, cam_from_world, station, 0.5 * max_error_px);
 }
 
-// A camera of its own, from the object's points alone, which tell all of its pose but the turn about the
-// axis: that is told by its station's place, which shaking changes little.
-bool ScanRefiner::MendByPose(int image, const View& of_station, double max_error_px) {
+// A camera's pose against the object, from its points alone.
+std::optional<PoseByPoints> ScanRefiner::PoseFromPoints(int image, double max_error_px) const {
   const Camera& camera = CameraOf(image);
-  const TurntableAxis& axis = aligned_->scene.axis;
-  const std::vector<PointInImage> points =
-      PointsSeenBy(image, features_, features_.object_pairs, object_points_);
+  // Raw matches are more, and mostly wrong; but few wrong ones lead to a point, and fewer agree on a pose.
+  std::vector<ImagePairMatches> of_image;
+  for (const std::vector<ImagePairMatches>* pairs : {&features_.object_pairs, &features_.raw_pairs}) {
+    for (const ImagePairMatches& pair : *pairs) {
+      if (pair.image1 == image || pair.image2 == image) of_image.push_back(pair);
+    }
+  }
   std::vector<cv::Point3d> in_object;
   std::vector<cv::Point2d> in_plane;  // z = 1, in pixels
   const double focal = FocalLengths(camera).mean();
-  for (const PointInImage& point : points) {
+  for (const PointInImage& point : PointsSeenBy(image, features_, of_image, object_points_)) {
     const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(camera, point.xy);
     if (!ray) continue;
     in_object.emplace_back(point.x_in_object.x(), point.x_in_object.y(), point.x_in_object.z());
     in_plane.emplace_back(focal * ray->x() / ray->z(), focal * ray->y() / ray->z());
   }
   const int least = kOverwhelmingInliers * options_.min_mend_inliers;
-  if (static_cast<int>(in_object.size()) < least) return false;
+  if (static_cast<int>(in_object.size()) < least) return std::nullopt;
   const cv::Matx33d calibration(focal, 0, 0, 0, focal, 0, 0, 0, 1);
   cv::Vec3d turn;
   cv::Vec3d translation;
@@ -174,20 +177,29 @@ bool ScanRefiner::MendByPose(int image, const View& of_station, double max_error
                           cv::SOLVEPNP_SQPNP) ||
       static_cast<int>(inliers.size()) < least ||
       static_cast<double>(inliers.size()) < options_.min_mend_share * static_cast<double>(in_object.size())) {
-    return false;
+    return std::nullopt;
   }
-  const Rigid3 cam_from_object{
-      Eigen::Quaterniond(ExpRotation<double>(Eigen::Vector3d(turn[0], turn[1], turn[2]))),
-      {translation[0], translation[1], translation[2]}};
+  PoseByPoints pose;
+  pose.cam_from_object = {Eigen::Quaterniond(ExpRotation<double>(Eigen::Vector3d(turn[0], turn[1], turn[2]))),
+                          {translation[0], translation[1], translation[2]}};
+  pose.inliers = static_cast<int>(inliers.size());
+  pose.candidates = static_cast<int>(in_object.size());
+  return pose;
+}
+
+// The object's points tell all of a camera's pose but the turn about the axis: that is told by its station's
+// place, which shaking changes little.
+bool ScanRefiner::MendByPose(int image, const View& of_station, const PoseByPoints& pose) {
+  const TurntableAxis& axis = aligned_->scene.axis;
   const double angle_rad =
-      AngleAboutAxis(axis, CameraCentre(cam_from_object), CameraCentre(of_station.cam_from_world));
+      AngleAboutAxis(axis, CameraCentre(pose.cam_from_object), CameraCentre(of_station.cam_from_world));
   const Rigid3 world_from_object = TurnAbout(axis, angle_rad);
-  const Rigid3 cam_from_world = cam_from_object * world_from_object.Inverse();
+  const Rigid3 cam_from_world = pose.cam_from_object * world_from_object.Inverse();
   if (!AreCamerasClose(axis, cam_from_world, of_station.cam_from_world, kMaxCameraMisfit)) return false;
   AddView(image, of_station.station, cam_from_world, world_from_object, angle_rad);
   report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
                             "camera from the object's points, table angle from the station's place",
-                            static_cast<int>(inliers.size()), static_cast<int>(in_object.size()), 0});
+                            pose.inliers, pose.candidates, 0});
   return true;
 }
 
@@ -394,7 +406,10 @@ void ScanRefiner::Mend(double max_error_px) {
       if (drops_[features_.images[static_cast<size_t>(image)].name] >= kMaxDrops) continue;
       const View station_view = aligned_->scene.views[static_cast<size_t>(known->second)];
       if (MendImage(image, station_view.cam_from_world, station_view.station, max_error_px)) continue;
-      if (cameras_are_free_ && MendByPose(image, station_view, max_error_px)) continue;
+      if (cameras_are_free_) {
+        const std::optional<PoseByPoints> pose = PoseFromPoints(image, max_error_px);
+        if (pose && MendByPose(image, station_view, *pose)) continue;
+      }
       MendBySteps(image, station_view.cam_from_world, station_view.station, max_error_px);
     }
   }

@@ -72,14 +72,38 @@ void ScanRefiner::MendStation(const std::vector<int>& images, double max_error_p
     for (const int image : images) {
       if (MendImage(image, cam_from_world, station, max_error_px)) return;
     }
-    // It may not be known well enough for that.
-    View there;
-    there.station = station;
-    there.cam_from_world = cam_from_world;
-    for (const int image : images) {
-      if (MendByPose(image, there, max_error_px)) return;
-    }
     break;
+  }
+  MendStationByPoints(images, max_error_px);
+}
+
+// Each photo tells by the object's points where its camera stands against the axis. A station is believed
+// where two photos say the same, or one and the background's reconstruction.
+void ScanRefiner::MendStationByPoints(const std::vector<int>& images, double max_error_px) {
+  std::vector<std::pair<int, PoseByPoints>> poses;
+  for (const int image : images) {
+    if (const std::optional<PoseByPoints> pose = PoseFromPoints(image, max_error_px))
+      poses.emplace_back(image, *pose);
+  }
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const auto& a, const auto& b) { return a.second.inliers > b.second.inliers; });
+  View there;
+  there.station = NewStation();
+  for (const int image : images) {
+    const auto found = aligned_->cam_from_background.find(features_.images[static_cast<size_t>(image)].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    there.cam_from_world = TransformPose(aligned_->aligned_from_background, found->second);
+    for (const auto& [posed, pose] : poses) {
+      if (MendByPose(posed, there, pose)) return;
+    }
+  }
+  for (size_t first = 0; first < poses.size(); ++first) {
+    there.cam_from_world = poses[first].second.cam_from_object;
+    for (size_t second = first + 1; second < poses.size(); ++second) {
+      if (!MendByPose(poses[second].first, there, poses[second].second)) continue;
+      MendByPose(poses[first].first, there, poses[first].second);
+      return;
+    }
   }
 }
 

@@ -19,6 +19,13 @@ constexpr float kLeastMovePx = 3;
 /// and radians.
 constexpr double kMaxCameraMisfit = 0.03;
 
+/// A camera's pose against the object, as the object's points tell it.
+struct PoseByPoints {
+  Rigid3 cam_from_object;
+  int inliers = 0;
+  int candidates = 0;
+};
+
 /// RefineScan at work: scan_refinement.cc has the rounds and what they adjust, mend_images.cc brings single
 /// images back or drops them, mend_stations.cc places whole stations.
 class ScanRefiner {
@@ -72,7 +79,9 @@ class ScanRefiner {
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
   std::vector<MatchAcrossTurn> RawMatchesWithPosed(int image, const Rigid3& cam_from_world) const;
-  bool MendByPose(int image, const View& of_station, double max_error_px);
+  std::optional<PoseByPoints> PoseFromPoints(int image, double max_error_px) const;
+  bool MendByPose(int image, const View& of_station, const PoseByPoints& pose);
+  void MendStationByPoints(const std::vector<int>& images, double max_error_px);
   bool MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   bool IsStatic(int image, uint32_t keypoint) const;
   std::optional<double> AngleByEqualSteps(int image) const;
