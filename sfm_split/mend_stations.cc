@@ -2,7 +2,11 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "sfm_split/axis_turn.h"
 #include "sfm_split/rotation.h"
@@ -81,6 +85,7 @@ void ScanRefiner::MendStation(const std::vector<int>& images, double max_error_p
 // where two photos say the same, or one and the background's reconstruction.
 void ScanRefiner::MendStationByPoints(const std::vector<int>& images, double max_error_px) {
   std::vector<std::pair<int, PoseByPoints>> poses;
+  poses.reserve(images.size());
   for (const int image : images) {
     if (const std::optional<PoseByPoints> pose = PoseFromPoints(image, max_error_px))
       poses.emplace_back(image, *pose);

@@ -275,6 +275,61 @@ TEST(ScanRefinement, AWrongReferenceImageIsTakenOutToo) {
   EXPECT_LT(figures.angle_max_deg, 0.1);
 }
 
+TEST(ScanRefinement, AStationThatNoReconstructionHasIsPlacedByTheObjectsPoints) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  ColmapModel object = SyntheticObjectModel(turntable);
+  ColmapModel background = SyntheticStaticModel(turntable);
+  std::vector<std::string> gone;
+  for (const ScanImage& image : features.images) {
+    if (image.station == 1) gone.push_back(image.name);
+  }
+  RemoveImages(gone, &object);
+  RemoveImages(gone, &background);
+  AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  EXPECT_EQ(aligned.scene.views.size(), 24U);
+  Reporter reporter;
+  RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(aligned.scene.views.size(), 36U);
+  EXPECT_EQ(aligned.scene.num_stations, 3);
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.composition, 1e-9);
+  EXPECT_LT(figures.rotation_max_deg, 0.1);
+  EXPECT_LT(figures.angle_max_deg, 0.1);
+}
+
+TEST(ScanRefinement, AStationSeenAsItsMirrorImageIsTakenOutAndComesBack) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.seed = 13;
+  options.steps = 10;
+  options.step_deg = 36;
+  options.num_object_points = 220;
+  options.num_platter_points = 80;
+  options.num_background_points = 250;
+  options.max_view_change_deg = 60;
+  options.match_recall = 0.7;
+  options.pixel_noise = 0.5;
+  options.outlier_share = 0.1;
+  options.focal_widths = 5;
+  options.distance = 0.7 * 5 / 1.2;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const ColmapModel background = RoughBackground(turntable, features, 26);
+  Reporter reporter;
+  SingleAxisOptions axis_options;
+  axis_options.num_directions = 120;
+  axis_options.max_search_pairs = 30;
+  SingleAxisSolution solution;
+  AlignedScene aligned = SceneFromSingleAxis(features, &background, axis_options, reporter, &solution);
+  ASSERT_TRUE(solution.found) << solution.reason;
+  const RefineReport report = RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(report.doubted.size(), 10U);
+  EXPECT_EQ(aligned.scene.views.size(), 30U);
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.rotation_max_deg, 0.3);
+  EXPECT_LT(figures.angle_max_deg, 0.3);
+}
+
 TEST(AlignScene, AStationStandsByAnImageThatTheObjectLacks) {
   const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
   const ScanFeatures features = SyntheticScanFeatures(turntable);
