@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -19,6 +18,8 @@
 #include "mesh/parallel_for.h"
 #include "mesh/photo_consistency.h"
 #include "mesh/vertex_visibility.h"
+#include "s2gs/photos.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -66,17 +67,9 @@ constexpr double kCropMargin = 16;  // not below kMaxShrink
 constexpr double kGiB = 1024.0 * 1024.0 * 1024.0;
 constexpr int64_t kVerticesPerTurn = 16384;
 
-double Seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-// Part of a photo.
 struct Crop {
-  int index = 0;  // in the source
-  int x = 0;
-  int y = 0;
-  int width = 0;
-  int height = 0;
+  int index = 0;  // of the photo, in the source
+  ImagePart part;
 };
 
 // What of the photo shows the mesh; nothing when it is hardly any.
@@ -96,38 +89,22 @@ std::optional<Crop> FindCrop(const TriangleMesh& mesh, const ObjectView& view, i
   };
   Crop crop;
   crop.index = index;
-  range(box.min().x(), box.max().x(), view.width, &crop.x, &crop.width);
-  range(box.min().y(), box.max().y(), view.height, &crop.y, &crop.height);
-  if (crop.width < 2 * kCropMargin || crop.height < 2 * kCropMargin) return std::nullopt;
+  ImagePart& part = crop.part;
+  range(box.min().x(), box.max().x(), view.width, &part.x, &part.width);
+  range(box.min().y(), box.max().y(), view.height, &part.y, &part.height);
+  if (part.width < 2 * kCropMargin || part.height < 2 * kCropMargin) return std::nullopt;
   return crop;
 }
 
-Image8 CutAndShrink(const Image8& photo, const Crop& crop, int factor) {
-  Image8 part{crop.width / factor, crop.height / factor, 1, {}};
-  part.pixels.resize(static_cast<size_t>(part.width) * part.height);
-  const int area = factor * factor;
-  for (int y = 0; y < part.height; ++y) {
-    for (int x = 0; x < part.width; ++x) {
-      int64_t sum = area / 2;
-      for (int j = 0; j < factor; ++j) {
-        const uint8_t* row = photo.Pixel(crop.x + x * factor, crop.y + y * factor + j);
-        for (int i = 0; i < factor; ++i) sum += row[i];
-      }
-      *part.Pixel(x, y) = static_cast<uint8_t>(sum / area);
-    }
-  }
-  return part;
-}
-
-ObjectView CropView(const ObjectView& view, const Crop& crop, int factor) {
-  ObjectView part = view;
-  part.width = crop.width / factor;
-  part.height = crop.height / factor;
-  part.fx /= factor;
-  part.fy /= factor;
-  part.cx = (view.cx - crop.x) / factor;
-  part.cy = (view.cy - crop.y) / factor;
-  return part;
+ObjectView CropView(const ObjectView& view, const ImagePart& part, int factor) {
+  ObjectView cropped = view;
+  cropped.width = part.width / factor;
+  cropped.height = part.height / factor;
+  cropped.fx /= factor;
+  cropped.fy /= factor;
+  cropped.cx = (view.cx - part.x) / factor;
+  cropped.cy = (view.cy - part.y) / factor;
+  return cropped;
 }
 
 double MeanEdge(const TriangleMesh& mesh) {
@@ -159,7 +136,7 @@ class Refiner {
       const std::optional<Crop> crop = FindCrop(mesh_, view, i);
       if (!crop) continue;
       crops.push_back(*crop);
-      bytes += kPyramidBytesPerPixel * crop->width * crop->height;
+      bytes += kPyramidBytesPerPixel * crop->part.width * crop->part.height;
       finest = std::min(finest, (view.cam_from_object * middle).z() / std::max(view.fx, view.fy));
     }
     const double edge = MeanEdge(mesh_);
@@ -185,9 +162,9 @@ class Refiner {
         const Image8 photo = source.Load(crop.index);
         const ObjectView& view = source.Camera(crop.index);
         S2GS_INVARIANT(photo.channels == 1 && photo.width == view.width && photo.height == view.height);
-        views_[begin + i] = CropView(view, crop, factor);
+        views_[begin + i] = CropView(view, crop.part, factor);
         photos[begin + i] =
-            std::make_unique<PhotoPyramid>(views_[begin + i], CutAndShrink(photo, crop, factor));
+            std::make_unique<PhotoPyramid>(views_[begin + i], CutAndShrink(photo, crop.part, factor));
       });
       reporter_.Progress("read photos", static_cast<int64_t>(end), static_cast<int64_t>(crops.size()));
     }
@@ -380,7 +357,7 @@ OptionCheck MeshRefinementOptions::Check() const {
 
 MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const MeshRefinementOptions& options,
                                  Reporter& reporter, TriangleMesh* mesh) {
-  const double start = Seconds();
+  const double start = SteadySeconds();
   MeshRefinementSummary summary;
   if (!options.enabled || mesh->triangles.empty()) return summary;
   ComputeNormals(mesh);
@@ -397,7 +374,7 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   }
   refiner.Summarise(&summary);
   summary.num_unseen_triangles += refiner.DropUnseen();
-  summary.seconds = Seconds() - start;
+  summary.seconds = SteadySeconds() - start;
   return summary;
 }
 

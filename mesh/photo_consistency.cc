@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "s2gs/photos.h"
 #include "sfm_split/error.h"
 
 namespace s2gs {
@@ -16,19 +17,6 @@ constexpr float kGreyNoise = 2;
 constexpr float kEnoughParallax = 0.26F;
 // Less than this, and a photo adds nothing [rad, times the cosine].
 constexpr float kLeastParallax = 1e-3F;
-
-Image8 HalfSize(const Image8& image) {
-  Image8 half{image.width / 2, image.height / 2, 1, {}};
-  half.pixels.resize(static_cast<size_t>(half.width) * half.height);
-  for (int y = 0; y < half.height; ++y) {
-    for (int x = 0; x < half.width; ++x) {
-      const uint8_t* top = image.Pixel(2 * x, 2 * y);
-      const uint8_t* bottom = image.Pixel(2 * x, 2 * y + 1);
-      *half.Pixel(x, y) = static_cast<uint8_t>((top[0] + top[1] + bottom[0] + bottom[1] + 2) / 4);
-    }
-  }
-  return half;
-}
 
 // Takes the mean off and scales to length 1, less where noise is a part of it. \return  the length.
 float Normalise(float* values) {
@@ -63,8 +51,9 @@ PhotoPyramid::PhotoPyramid(const ObjectView& view, Image8 grey)
   };
   add(std::move(grey), 1);
   for (int level = 1; level < kNumLevels; ++level) {
-    Image8 half = HalfSize(levels_.back().grey);
-    if (half.width < 2 || half.height < 2) return;
+    const Image8& last = levels_.back().grey;
+    if (last.width < 4 || last.height < 4) return;
+    Image8 half = CutAndShrink(last, {0, 0, last.width, last.height}, 2);
     add(std::move(half), std::ldexp(1, -level));
   }
 }

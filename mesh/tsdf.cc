@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 #include <utility>
@@ -16,6 +15,7 @@
 #include "mesh/tsdf_kernel_cpu.h"
 #include "mesh/tsdf_view.h"
 #include "mesh/tsdf_view_cache.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -31,10 +31,6 @@ constexpr uint64_t kBlockBytes = 2 * sizeof(float) * kBlockVoxels + 24;
 constexpr uint64_t kExtractionBytesPerBlock = 5200;
 // Colours come from views that see a vertex within this distance of their surface [voxels].
 constexpr float kColorDistance = 1.5F;
-
-double Seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 double Quantile(std::vector<double>* values, double share) {
   const auto place =
@@ -83,12 +79,12 @@ TsdfFusion::TsdfFusion(const DepthViewSource& source, const TsdfOptions& options
   if (const OptionCheck fault = options.Check()) {
     throw UserError("TsdfOptions: " + fault->field + " is " + fault->value + ", needed is " + fault->bound);
   }
-  const double start = Seconds();
+  const double start = SteadySeconds();
   views_ = std::make_unique<TsdfViewCache>(source, options_, NumThreads(options_),
                                            static_cast<uint64_t>(options_.max_memory_gib * kGiB / 2));
   PlanGrid();
   FindBlocks();
-  summary_.prepare_seconds = Seconds() - start;
+  summary_.prepare_seconds = SteadySeconds() - start;
 }
 
 TsdfFusion::~TsdfFusion() = default;
@@ -197,7 +193,7 @@ void TsdfFusion::FindBlocks() {
 }
 
 TsdfVolume TsdfFusion::Fuse() {
-  const double start = Seconds();
+  const double start = SteadySeconds();
   TsdfVolume volume;
   volume.voxel_size = summary_.voxel_size;
   volume.truncation = summary_.truncation;
@@ -220,7 +216,7 @@ TsdfVolume TsdfFusion::Fuse() {
   integrator->Finish();
   summary_.backend = integrator->backend();
   summary_.device = integrator->device();
-  summary_.fuse_seconds = Seconds() - start;
+  summary_.fuse_seconds = SteadySeconds() - start;
   return volume;
 }
 

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <chrono>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -19,6 +18,7 @@
 #include "plugin/workspace.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -201,7 +201,7 @@ void AddStages(const Workspace& workspace, const std::string& command,
 
 ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
   out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
-  const auto started = std::chrono::steady_clock::now();
+  const double started = SteadySeconds();
   const double cpu_started = CpuSeconds();
   CommandContext context(step.command, step.arguments, out);
   FindCommand(step.command).run(context);
@@ -209,7 +209,7 @@ ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::os
   result.command = step.command;
   result.title = step.title;
   result.shell_line = ShellLine(step);
-  result.wall_seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  result.wall_seconds = SteadySeconds() - started;
   result.cpu_seconds = CpuSeconds() - cpu_started;
   return result;
 }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <map>
 #include <system_error>
 #include <utility>
@@ -12,6 +11,7 @@
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
 #include "sfm_split/pose_error.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -88,7 +88,7 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
   ColmapDatabase::SafeCopy(mapping.database, database, reporter);
   for (const Relaxation& relaxation : Relaxations()) {
     if (static_cast<int>(attempts.size()) == mapping.max_attempts) break;
-    const auto start = std::chrono::steady_clock::now();
+    const double start = SteadySeconds();
     fs::remove_all(trial, ec);
     CreateFolder(trial);
     MappingAttempt attempt;
@@ -113,7 +113,7 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
     const std::vector<ColmapModel> models = ReadMappedModels(trial, reporter);
     attempt.models = static_cast<int>(models.size());
     attempt.images = models.empty() ? 0 : static_cast<int>(models[0].images.size());
-    attempt.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    attempt.seconds = SteadySeconds() - start;
     if (attempt.images > best) {
       best = attempt.images;
       fs::remove_all(mapping.output, ec);

@@ -7,13 +7,13 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <mutex>
 #include <utility>
 
 #include "plugin/interrupt.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -38,10 +38,6 @@ spdlog::level::level_enum ToSpdlog(LogLevel level) {
       return spdlog::level::err;
   }
   return spdlog::level::info;
-}
-
-double SteadySeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 // Three significant digits: 0.0123, 1.23, 12.3, 123, 12300.

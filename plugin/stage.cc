@@ -4,7 +4,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <ctime>
 #include <random>
 #include <system_error>
@@ -14,6 +13,7 @@
 #include "plugin/version.h"
 #include "sfm_split/error.h"
 #include "sfm_split/file_io.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -231,9 +231,9 @@ bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
     stamp.upstream[name] = upstream.has_value() ? upstream->run_id : "";
   }
   RemoveStageStamp(workspace_, stage.name);
-  const auto begin = std::chrono::steady_clock::now();
+  const double begin = SteadySeconds();
   work();
-  stamp.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  stamp.seconds = SteadySeconds() - begin;
 
   for (const fs::path& path : stage.outputs) {
     const Fingerprint fingerprint = TakeState(path);

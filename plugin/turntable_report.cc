@@ -7,19 +7,14 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "sfm_split/statistics.h"
+
 namespace s2gs {
 namespace {
 
 using nlohmann::json;
 
 constexpr size_t kMaxNamed = 5;
-
-double Median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 json ToJson(const ModelTest& test) {
   return {{"simple", JointModelName(test.simple)},
@@ -113,7 +108,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   report["sigma"] = {{"pixel", joint.sigma_px},
                      {"axis_direction_deg", joint.axis_direction_sigma_deg},
                      {"axis_point", joint.axis_point_sigma},
-                     {"angle_median_deg", Median(angles)},
+                     {"angle_median_deg", UpperMedian(angles)},
                      {"angle_max_deg", angles.empty() ? 0 : *std::max_element(angles.begin(), angles.end())},
                      {"focal_px", joint.focal_sigma_px},
                      {"scale_rel", joint.scale_sigma_rel}};

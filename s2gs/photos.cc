@@ -70,6 +70,21 @@ Image8 ResizeByArea(const Image8& image, int width, int height) {
   return resized;
 }
 
+Image8 CutAndShrink(const Image8& image, const ImagePart& part, int factor) {
+  S2GS_INVARIANT(factor > 0 && part.width >= factor && part.height >= factor && part.x >= 0 && part.y >= 0);
+  S2GS_INVARIANT(part.x <= image.width - part.width && part.y <= image.height - part.height);
+  const int width = part.width / factor;
+  const int height = part.height / factor;
+  Image8 cut{width * factor, height * factor, image.channels, {}};
+  const size_t row = static_cast<size_t>(cut.width) * image.channels;
+  cut.pixels.reserve(row * cut.height);
+  for (int y = 0; y < cut.height; ++y) {
+    const uint8_t* source = image.Pixel(part.x, part.y + y);
+    cut.pixels.insert(cut.pixels.end(), source, source + row);
+  }
+  return ResizeByArea(cut, width, height);
+}
+
 Undistortion PlanUndistortion(const Camera& camera, const std::filesystem::path& path) {
   return {camera, UndistortedCamera(camera, path)};
 }

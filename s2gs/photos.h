@@ -16,6 +16,19 @@ namespace s2gs {
 /// enlarging is the nearest pixel with blended borders. Both sides must be at least 1.
 Image8 ResizeByArea(const Image8& image, int width, int height);
 
+/// A rectangle of pixels.
+struct ImagePart {
+  int x = 0;
+  int y = 0;
+  int width = 0;
+  int height = 0;
+};
+
+/// The part, which lies within the image, at 1 / factor of its size: every pixel is the mean of factor x
+/// factor of the image's, so that `x_in_part = (x_in_image - part.x) / factor` to the last pixel. What is
+/// left over at the right and at the bottom is cut off; the part must be no smaller than the factor.
+Image8 CutAndShrink(const Image8& image, const ImagePart& part, int factor);
+
 /// How a photo of a camera with distortion becomes one of a pinhole.
 struct Undistortion {
   Camera source;

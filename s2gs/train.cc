@@ -3,7 +3,6 @@
 #include <time.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <numeric>
@@ -14,6 +13,7 @@
 #include "s2gs/photos.h"
 #include "s2gs/settle.h"
 #include "s2gs/train_log.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
@@ -28,10 +28,6 @@ constexpr double kSettleCheckEvery = 0.01;  // of the run.
 constexpr double kMessageEvery = 0.05;      // of the run.
 constexpr double kRegionMargin = 0.01;      // [scene sizes]
 constexpr int kMaxBadReports = 3;           // of losses that are no numbers, in a row.
-
-double WallNow() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 double CpuNow() {
   timespec now = {};
@@ -50,11 +46,11 @@ class Stopwatch {
     double unused = 0;
     Advance(&cursor_->measuring_seconds, &unused);
   }
-  double WallSeconds() const { return cursor_->wall_seconds + WallNow() - wall_; }
+  double WallSeconds() const { return cursor_->wall_seconds + SteadySeconds() - wall_; }
 
  private:
   void Advance(double* wall, double* cpu) {
-    const double wall_now = WallNow();
+    const double wall_now = SteadySeconds();
     const double cpu_now = CpuNow();
     *wall += wall_now - wall_;
     *cpu += cpu_now - cpu_;
@@ -63,7 +59,7 @@ class Stopwatch {
   }
 
   TrainCursor* cursor_;
-  double wall_ = WallNow();
+  double wall_ = SteadySeconds();
   double cpu_ = CpuNow();
 };
 

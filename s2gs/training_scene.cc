@@ -209,7 +209,7 @@ struct Loader {
         .first->second;
   }
 
-  Image8 Read(const fs::path& path, const Camera& camera, int channels) {
+  static Image8 Read(const fs::path& path, const Camera& camera, int channels) {
     Image8 image = ReadImage(path, channels);
     if (static_cast<uint64_t>(image.width) != camera.width ||
         static_cast<uint64_t>(image.height) != camera.height) {
@@ -222,12 +222,16 @@ struct Loader {
           turned ? "It seems to be turned by its EXIF orientation: give the photos as COLMAP saw them"
                  : "Give the photos that the model was made from");
     }
+    return image;
+  }
+
+  Image8 Undistort(const Image8& image, const Camera& camera) {
     const Undistortion& plan = Plan(camera);
     return UndistortImage(image, plan.source, plan.pinhole);
   }
 
   void Load(const Camera& camera, bool with_mask, bool needs_mask, ScenePhoto* photo) {
-    Image8 image = Read(paths.images / photo->name, camera, 3);
+    const Image8 image = Undistort(Read(paths.images / photo->name, camera, 3), camera);
     const Rigid3 cam_from_world = photo->view.cam_from_world;
     const Rigid3 cam_from_object = photo->view.cam_from_object;
     PinholeView view = ViewOfPinhole(Plan(camera).pinhole);
@@ -255,6 +259,9 @@ struct Loader {
     const fs::path path = folder / (photo.name + ".png");
     if (!is_needed && !Exists(path)) return {};
     Image8 mask = Read(path, camera, 1);
+    // Before pixels are mixed with their neighbours: 128 counts as much as 255.
+    Binarise(&mask);
+    mask = Undistort(mask, camera);
     Binarise(&mask);
     mask = ResizeByArea(mask, photo.view.width, photo.view.height);
     Binarise(&mask);

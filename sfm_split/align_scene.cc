@@ -7,6 +7,7 @@
 #include <set>
 
 #include "sfm_split/rotation.h"
+#include "sfm_split/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -17,12 +18,6 @@ using Eigen::Vector3d;
 constexpr double kPi = 3.14159265358979323846;
 constexpr size_t kMaxBases = 6;           // images of a station that are tried as its base
 constexpr double kEnoughOfStation = 0.7;  // of its images on the turntable
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 // The pose that a station's images share: median rotation, median of each coordinate of the centre.
 Rigid3 MedianPose(const std::vector<Rigid3>& poses) {
@@ -35,7 +30,8 @@ Rigid3 MedianPose(const std::vector<Rigid3>& poses) {
   }
   Rigid3 median;
   median.rotation = MedianRotation(rotations);
-  const Vector3d centre(Median(coordinates[0]), Median(coordinates[1]), Median(coordinates[2]));
+  const Vector3d centre(UpperMedian(coordinates[0]), UpperMedian(coordinates[1]),
+                        UpperMedian(coordinates[2]));
   median.translation = -(median.rotation * centre);
   return median;
 }

@@ -6,18 +6,15 @@
 #include <cmath>
 #include <numeric>
 #include <string>
+#include <utility>
+
+#include "sfm_split/statistics.h"
 
 namespace s2gs {
 namespace {
 
 constexpr int kGridSize = 8;
 using Box2f = Eigen::AlignedBox<float, 2>;
-
-float Median(std::vector<float>* values) {
-  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
-}
 
 // The densest 3 x 3 px neighbourhood of the displacements that shake can explain.
 Eigen::Vector2f CommonShift(const std::vector<Eigen::Vector2f>& displacements, double max_shake_px) {
@@ -129,7 +126,7 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
     ys.push_back(d.y());
   }
   if (xs.empty()) return result;
-  result.shift = Eigen::Vector2f(Median(&xs), Median(&ys));
+  result.shift = Eigen::Vector2f(UpperMedian(std::move(xs)), UpperMedian(std::move(ys)));
 
   std::bitset<kGridSize * kGridSize> cells;
   for (size_t m = 0; m < displacements.size(); ++m) {

@@ -8,7 +8,6 @@
 #include <omp.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -28,13 +27,10 @@
 #include "sfm_split/image_similarity.h"
 #include "sfm_split/match_images.h"
 #include "sfm_split/pair_plan.h"
+#include "sfm_split/steady_seconds.h"
 
 namespace s2gs {
 namespace {
-
-double Seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 double Median(std::vector<double> values) {
   if (values.empty()) return 0.0;
@@ -51,7 +47,7 @@ __attribute__((target("avx2"))) double PeakAvx2() {
   __m256i sum[12];
   for (__m256i& s : sum) s = _mm256_setzero_si256();
   __m256i a = _mm256_set1_epi8(1);
-  const double start = Seconds();
+  const double start = SteadySeconds();
   for (int64_t i = 0; i < kRounds; ++i) {
 #pragma GCC unroll 12
     for (__m256i& s : sum) {
@@ -59,7 +55,7 @@ __attribute__((target("avx2"))) double PeakAvx2() {
       asm volatile("" : "+x"(s), "+x"(a));
     }
   }
-  return 12.0 * kRounds * 32.0 / (Seconds() - start);
+  return 12.0 * kRounds * 32.0 / (SteadySeconds() - start);
 }
 
 __attribute__((target("avx512f,avx512vnni"))) double PeakAvx512Vnni() {
@@ -67,7 +63,7 @@ __attribute__((target("avx512f,avx512vnni"))) double PeakAvx512Vnni() {
   __m512i sum[12];
   for (__m512i& s : sum) s = _mm512_setzero_si512();
   __m512i a = _mm512_set1_epi32(0x01010101);
-  const double start = Seconds();
+  const double start = SteadySeconds();
   for (int64_t i = 0; i < kRounds; ++i) {
 #pragma GCC unroll 12
     for (__m512i& s : sum) {
@@ -75,7 +71,7 @@ __attribute__((target("avx512f,avx512vnni"))) double PeakAvx512Vnni() {
       asm volatile("" : "+v"(s), "+v"(a));
     }
   }
-  return 12.0 * kRounds * 64.0 / (Seconds() - start);
+  return 12.0 * kRounds * 64.0 / (SteadySeconds() - start);
 }
 #endif
 
@@ -104,9 +100,9 @@ int Time(const char* database_path, const char* pairs_path, int num_threads) {
     const auto [entry, is_new] = images.try_emplace(name);
     if (is_new) {
       const DescriptorMatrix descriptors = database.ReadDescriptors(image_ids.at(name));
-      const double start = Seconds();
+      const double start = SteadySeconds();
       entry->second = PackedDescriptors(descriptors.data(), static_cast<size_t>(descriptors.rows()));
-      pack_seconds += Seconds() - start;
+      pack_seconds += SteadySeconds() - start;
     }
     return &entry->second;
   };
@@ -134,9 +130,9 @@ int Time(const char* database_path, const char* pairs_path, int num_threads) {
         instructions == MatchInstructions::kPortable ? std::min<size_t>(jobs.size(), 3) : jobs.size();
     for (size_t i = 0; i < num_jobs; ++i) {
       const double peak = i % 8 == 0 || shares.empty() ? Peak(instructions) : 0.0;
-      const double start = Seconds();
+      const double start = SteadySeconds();
       one.Match(*jobs[i].image1, *jobs[i].image2, &matches);
-      seconds.push_back(Seconds() - start);
+      seconds.push_back(SteadySeconds() - start);
       num_matches += matches.size();
       const double rate = static_cast<double>(jobs[i].image1->size()) *
                           static_cast<double>(jobs[i].image2->size()) * kDescriptorSize / seconds.back();
@@ -149,9 +145,9 @@ int Time(const char* database_path, const char* pairs_path, int num_threads) {
     std::vector<FeatureMatches> all;
     std::vector<double> totals;
     for (int repeat = 0; repeat < 5; ++repeat) {
-      const double start = Seconds();
+      const double start = SteadySeconds();
       many.MatchAll(jobs, &all);
-      totals.push_back(Seconds() - start);
+      totals.push_back(SteadySeconds() - start);
     }
     std::printf("%s, %d threads: %.1f ms a pair (median of 5 runs over all pairs), %.0f G multiply-adds/s\n",
                 name, many.num_threads(), 1e3 * Median(totals) / static_cast<double>(jobs.size()),
@@ -162,9 +158,9 @@ int Time(const char* database_path, const char* pairs_path, int num_threads) {
   Reporter silent;
   std::map<std::string, uint32_t> by_name(image_ids.begin(), image_ids.end());
   for (const size_t num_features : {128, 256, 512}) {
-    const double start = Seconds();
+    const double start = SteadySeconds();
     const SimilarityMatrix similarity = CoarseSimilarity(database, all_ids, num_features, &matcher, silent);
-    const double time = Seconds() - start;
+    const double time = SteadySeconds() - start;
     std::vector<uint32_t> name_order;  // positions in all_ids, which are in ascending id
     for (const auto& [name, id] : by_name) {
       name_order.push_back(
@@ -214,11 +210,11 @@ int MatchInto(const char* database_path, const char* pairs_path, int num_threads
   MatchImagesOptions options;
   options.num_threads = num_threads;
   Reporter silent;
-  const double start = Seconds();
+  const double start = SteadySeconds();
   const MatchImagesSummary summary = MatchImages(image_ids, pairs, options, &database, silent);
   std::printf("%zu pairs matched, %zu there already, %zu matches, %zu image loads, %.2f s\n",
               summary.num_pairs_matched, summary.num_pairs_skipped, summary.num_matches,
-              summary.num_image_loads, Seconds() - start);
+              summary.num_image_loads, SteadySeconds() - start);
   return EXIT_SUCCESS;
 }
 

@@ -5,7 +5,6 @@
 //                                          a synthetic capture of STATIONS x STEPS images
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -15,20 +14,17 @@
 
 #include "plugin/split_files.h"
 #include "sfm_split/motion_split.h"
+#include "sfm_split/steady_seconds.h"
 #include "tests/synthetic_turntable.h"
 
 namespace s2gs {
 namespace {
 
-double Seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
 // Adds up the time between a task's first and last report.
 class Stopwatch : public Reporter {
  public:
   void Progress(std::string_view task, int64_t done, int64_t total) override {
-    const double now = Seconds();
+    const double now = SteadySeconds();
     if (task != task_) {
       task_ = std::string(task);
       begin_ = std::max(last_end_, begin_);
@@ -45,8 +41,8 @@ class Stopwatch : public Reporter {
 
  private:
   std::string task_;
-  double begin_ = Seconds();
-  double last_end_ = Seconds();
+  double begin_ = SteadySeconds();
+  double last_end_ = SteadySeconds();
   std::map<std::string, double> seconds_;
 };
 
@@ -80,9 +76,9 @@ int Run(const std::vector<SplitImage>& images) {
   size_t num_keypoints = 0;
   for (const SplitImage& image : images) num_keypoints += image.keypoints.size();
   Stopwatch stopwatch;
-  const double begin = Seconds();
+  const double begin = SteadySeconds();
   const MotionSplit split = SplitMotion(images, {}, &stopwatch);
-  const double seconds = Seconds() - begin;
+  const double seconds = SteadySeconds() - begin;
   std::printf("%zu images, %zu keypoints each, %s: %.2f s, %lld pairs matched, %zu object pairs\n",
               images.size(), num_keypoints / images.size(), CaptureCaseName(split.capture_case), seconds,
               static_cast<long long>(split.num_pairs_matched), split.object_pairs.size());

@@ -6,7 +6,6 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -20,14 +19,11 @@
 
 #include "mesh/marching_cubes.h"
 #include "mesh/tsdf.h"
+#include "sfm_split/steady_seconds.h"
 #include "tests/mesh/analytic_views.h"
 
 namespace s2gs {
 namespace {
-
-double Seconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
 
 // Of all threads: what other work on the machine hardly changes.
 double CpuSeconds() {
@@ -88,15 +84,15 @@ int Run(int num_views, int size_px, int num_threads, TsdfBackend backend, const 
   double extract = 0;
   for (int repeat = 0; repeat < 3; ++repeat) {
     mesh = {};
-    const double start = Seconds();
+    const double start = SteadySeconds();
     const double cpu_start = CpuSeconds();
     TsdfFusion fusion(views, options, silent);
     const TsdfVolume volume = fusion.Fuse();
-    const double fused = Seconds();
+    const double fused = SteadySeconds();
     mesh = MarchingCubes(volume, num_threads);
-    extract = Seconds() - fused;
+    extract = SteadySeconds() - fused;
     fusion.ColorVertices(&mesh);
-    times.push_back(Seconds() - start);
+    times.push_back(SteadySeconds() - start);
     cpu_times.push_back(CpuSeconds() - cpu_start);
     summary = fusion.summary();
     prepare = summary.prepare_seconds;

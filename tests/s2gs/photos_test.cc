@@ -49,6 +49,27 @@ TEST(ResizeByArea, KeepsTheMeanAtAnyRatioAndConstantImages) {
   for (const uint8_t value : ResizeByArea(constant, 3, 9).pixels) EXPECT_EQ(value, 200);
 }
 
+TEST(CutAndShrink, TakesMeansOfWholeBlocksOfThePart) {
+  const Image8 image = Ramp(31, 22, 3);
+  const ImagePart part = {4, 3, 25, 17};
+  for (const int factor : {1, 2, 3, 5}) {
+    const Image8 small = CutAndShrink(image, part, factor);
+    ASSERT_EQ(small.width, 25 / factor);
+    ASSERT_EQ(small.height, 17 / factor);
+    for (int y = 0; y < small.height; ++y) {
+      for (int x = 0; x < small.width; ++x) {
+        for (int c = 0; c < 3; ++c) {
+          int sum = 0;
+          for (int j = 0; j < factor * factor; ++j) {
+            sum += image.Pixel(4 + factor * x + j % factor, 3 + factor * y + j / factor)[c];
+          }
+          EXPECT_NEAR(small.Pixel(x, y)[c], static_cast<double>(sum) / (factor * factor), 0.5001);
+        }
+      }
+    }
+  }
+}
+
 Camera Distorted(double k) {
   Camera camera;
   camera.camera_id = 1;

@@ -2,8 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "tests/bad_input.h"
 #include "tests/s2gs/turntable_workspace.h"
@@ -127,6 +130,32 @@ TEST_F(TrainingSceneFiles, MasksAreReadAndNeededInTheirMode) {
   EXPECT_EQ(scene.photos[0].mask[5], 255);
   EXPECT_EQ(scene.photos[0].mask[6], 255);
   EXPECT_EQ(scene.photos[0].mask[7], 0);
+}
+
+TEST_F(TrainingSceneFiles, MasksOf128AreThoseOf255ThroughALensToo) {
+  for (Camera& camera : turntable_.scene.cameras) {
+    const double focal = FocalLengths(camera).x();
+    camera.model = CameraModelId::kSimpleRadial;
+    camera.params = {focal, 16, 12, 0.3};
+  }
+  paths_ = WriteTurntableWorkspace(folder_ / "lens", turntable_, [](int) { return GreyPhoto(32, 24); });
+  TrainingSceneOptions options;
+  options.mode = TrainMode::kMasks;
+  const auto mask_of_disc = [&](uint8_t inside) {
+    paths_.masks = folder_ / ("masks_" + std::to_string(inside));
+    Image8 mask{32, 24, 1, {}};
+    for (int y = 0; y < 24; ++y) {
+      for (int x = 0; x < 32; ++x) mask.pixels.push_back(std::hypot(x - 15, y - 12) < 8 ? inside : 0);
+    }
+    for (const View& view : turntable_.scene.views) {
+      fs::create_directories((paths_.masks / view.name).parent_path());
+      WriteImage(paths_.masks / (view.name + ".png"), mask);
+    }
+    return ReadTrainingScene(paths_, options, silent_).photos[0].mask;
+  };
+  const std::vector<uint8_t> mask = mask_of_disc(255);
+  EXPECT_GT(std::count(mask.begin(), mask.end(), 255), 150);
+  EXPECT_EQ(mask_of_disc(128), mask);
 }
 
 TEST_F(TrainingSceneFiles, PhotosOfAnotherSizeAreRefusedWithTheirPath) {
