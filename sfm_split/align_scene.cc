@@ -47,11 +47,15 @@ struct Stations {
   int count = 0;
 
   // Images without a station get one of their own; numbers are made dense in order of first names.
-  Stations(const ColmapModel& object, const std::map<std::string, int>& given) {
-    std::map<std::string, const ColmapImage*> by_name;
-    for (const auto& [id, image] : object.images) by_name[image.name] = &image;
+  Stations(const ColmapModel& object, const ColmapModel* background,
+           const std::map<std::string, int>& given) {
+    std::set<std::string> names;
+    for (const ColmapModel* model : {&object, background}) {
+      if (model == nullptr) continue;
+      for (const auto& [id, image] : model->images) names.insert(image.name);
+    }
     std::map<int, int> dense;
-    for (const auto& [name, image] : by_name) {
+    for (const std::string& name : names) {
       const auto found = given.find(name);
       if (found == given.end()) {
         of_image[name] = count++;
@@ -76,8 +80,7 @@ std::vector<TurntablePose> PairPoses(const ColmapModel& object, const ColmapMode
   if (has_background) {
     for (const auto& [id, image] : background->images) {
       in_world[image.name] = image.cam_from_world;
-      const auto station = stations.of_image.find(image.name);
-      if (station != stations.of_image.end()) of_station[station->second].push_back(image.cam_from_world);
+      of_station[stations.of_image.at(image.name)].push_back(image.cam_from_world);
     }
   }
   std::map<int, Rigid3> station_pose;
@@ -231,7 +234,7 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
                         const std::map<std::string, int>& station_of_image, const AlignOptions& options) {
   AlignedScene aligned;
   const bool has_background = background != nullptr && !background->images.empty();
-  const Stations stations(object, station_of_image);
+  const Stations stations(object, background, station_of_image);
   std::vector<size_t> base(static_cast<size_t>(stations.count), 0);
   aligned.poses = PairPoses(object, background, stations, base);
   TurntableOptions solver = options.turntable;

@@ -11,6 +11,7 @@
 #include "sfm_split/keypoint_grid.h"
 #include "sfm_split/pose_error.h"
 #include "sfm_split/rotation.h"
+#include "sfm_split/statistics.h"
 #include "sfm_split/table_angle.h"
 
 namespace s2gs {
@@ -168,18 +169,6 @@ double StepOfSweep(const ObjectLooks& looks, const UnplacedPhoto& photo, const T
   std::nth_element(radii.begin(), far, radii.end());
   const double px_per_rad = FocalLengths(*photo.camera).maxCoeff() * *far / std::max(distance, *far);
   return std::clamp(kMovePx / std::max(px_per_rad, 1e-9), kFinestStep, kCoarsestStep);
-}
-
-// log of the probability that a Poisson variable of this mean reaches `count`.
-double LogPoissonTail(int count, double mean) {
-  if (count <= 0) return 0;
-  double sum = 0;
-  double term = 1;
-  for (int k = count; k < count + 200 && term > 1e-12; ++k) {
-    sum += term;
-    term *= mean / (k + 1);
-  }
-  return std::min(0.0, count * std::log(mean) - mean - std::lgamma(count + 1.0) + std::log(sum));
 }
 
 // Each point that the photo may show, with the keypoint near its place that looks most like it.

@@ -35,7 +35,7 @@ namespace s2gs {
 enum class JointModel {
   kAuto,            ///< the simplest of the below that the data do not reject.
   kSharedStations,  ///< one camera pose a station, one axis.
-  kFreeCameras,     ///< a camera pose for each image with enough background (hand-held, shaken), one axis.
+  kFreeCameras,     ///< a camera pose for each image with enough observations (hand-held, shaken), one axis.
   kFreeObject,      ///< in addition, a pose of the object for each image (a table that wobbles).
 };
 const char* JointModelName(JointModel model);
@@ -56,7 +56,7 @@ struct JointOptions {
   int max_rounds = 3;                    ///< of adjusting and taking out.
   int max_iterations = 100;              ///< of Levenberg-Marquardt, per round.
   double function_tolerance = 1e-8;      ///< relative decrease of the cost at which the last round stops.
-  int min_free_observations = 12;        ///< images with fewer background observations share their station's.
+  int min_free_observations = 12;        ///< of one body; images with fewer share their station's camera.
   bool compute_covariance = true;
   int max_dense_parameters = 1500;  ///< no covariance for more camera-side parameters than these.
   int num_threads = 1;  ///< 0: all cores. With one, the same input gives the same result to the last bit.

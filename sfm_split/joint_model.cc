@@ -60,8 +60,12 @@ std::vector<double> PoseScores(const JointProblem& problem, const JointOptions& 
 JointProblem WithFreeCameras(const JointProblem& problem, const JointOptions& options) {
   JointProblem free = problem;
   std::vector<int> counts(problem.images.size(), 0);
-  for (const JointObservation& observation : problem.background.observations) {
-    counts[observation.image] += observation.active ? 1 : 0;
+  for (const JointBody* body : {&problem.object, &problem.background}) {
+    std::vector<int> of_body(problem.images.size(), 0);
+    for (const JointObservation& observation : body->observations) {
+      of_body[observation.image] += observation.active ? 1 : 0;
+    }
+    for (size_t i = 0; i < counts.size(); ++i) counts[i] = std::max(counts[i], of_body[i]);
   }
   std::vector<int> users(problem.cam_from_world.size(), 0);
   for (const JointImage& image : problem.images) ++users[image.pose];

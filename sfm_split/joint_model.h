@@ -9,7 +9,8 @@ namespace s2gs {
 
 // Nested models of what the poses share (JointModel), and whether the data ask for the more general one.
 
-/// Every image with enough background gets a camera pose of its own.
+/// Every image with enough of either body gets a camera pose of its own: the object tells all of it but its
+/// turn about the axis.
 JointProblem WithFreeCameras(const JointProblem& problem, const JointOptions& options);
 
 /// Every image gets a pose of the object of its own.

@@ -123,6 +123,7 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
 
   std::map<int, int> pose_of_station;
   std::map<std::string, int> image_of_name;
+  bool has_reference = false;
   // Images of a station whose poses differ (hand-held) keep poses of their own.
   const auto same = [](const Rigid3& a, const Rigid3& b) {
     return AngleBetween(a.rotation, b.rotation) < 1e-12 && (a.translation - b.translation).norm() < 1e-12;
@@ -140,8 +141,9 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
       image.pose = next;
       problem.cam_from_world.push_back(view.cam_from_world);
     }
-    if (view.angle_deg == 0 && same(view.world_from_object, Rigid3()) && image_of_name.empty()) {
+    if (!has_reference && view.angle_deg == 0 && same(view.world_from_object, Rigid3())) {
       problem.reference = static_cast<int>(problem.images.size());
+      has_reference = true;
     }
     image_of_name[view.name] = static_cast<int>(problem.images.size());
     problem.images.push_back(image);

@@ -1,9 +1,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core.hpp>
 #include <optional>
 #include <set>
 
+#include "sfm_split/axis_turn.h"
 #include "sfm_split/rotation.h"
 #include "sfm_split/scan_refiner.h"
 
@@ -20,7 +23,9 @@ constexpr double kClearMargin = 1.5;
 // Support so far beyond that of any other angle stands whatever the share of outliers.
 constexpr double kOverwhelmingMargin = 4;
 constexpr int kOverwhelmingInliers = 4;  // times those that must agree anyway
-constexpr double kStepsSupport = 0.85;   // of the best angle's, that the one by equal steps must have
+constexpr int kPoseSamples = 5000;       // of a camera's pose, at most
+constexpr double kPoseConfidence = 0.9999;
+constexpr double kStepsSupport = 0.85;  // of the best angle's, that the one by equal steps must have
 
 }  // namespace
 
@@ -140,6 +145,62 @@ bool ScanRefiner::MendImage(int image, const Rigid3& cam_from_world, int station
     return true;
   }
   return MendByRawMatches(image, cam_from_world, station, 0.5 * max_error_px);
+}
+
+// A camera's pose against the object, from its points alone.
+std::optional<PoseByPoints> ScanRefiner::PoseFromPoints(int image, double max_error_px) const {
+  const Camera& camera = CameraOf(image);
+  // Raw matches are more, and mostly wrong; but few wrong ones lead to a point, and fewer agree on a pose.
+  std::vector<ImagePairMatches> of_image;
+  for (const std::vector<ImagePairMatches>* pairs : {&features_.object_pairs, &features_.raw_pairs}) {
+    for (const ImagePairMatches& pair : *pairs) {
+      if (pair.image1 == image || pair.image2 == image) of_image.push_back(pair);
+    }
+  }
+  std::vector<cv::Point3d> in_object;
+  std::vector<cv::Point2d> in_plane;  // z = 1, in pixels
+  const double focal = FocalLengths(camera).mean();
+  for (const PointInImage& point : PointsSeenBy(image, features_, of_image, object_points_)) {
+    const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(camera, point.xy);
+    if (!ray) continue;
+    in_object.emplace_back(point.x_in_object.x(), point.x_in_object.y(), point.x_in_object.z());
+    in_plane.emplace_back(focal * ray->x() / ray->z(), focal * ray->y() / ray->z());
+  }
+  const int least = kOverwhelmingInliers * options_.min_mend_inliers;
+  if (static_cast<int>(in_object.size()) < least) return std::nullopt;
+  const cv::Matx33d calibration(focal, 0, 0, 0, focal, 0, 0, 0, 1);
+  cv::Vec3d turn;
+  cv::Vec3d translation;
+  std::vector<int> inliers;
+  if (!cv::solvePnPRansac(in_object, in_plane, calibration, cv::noArray(), turn, translation, false,
+                          kPoseSamples, static_cast<float>(max_error_px), kPoseConfidence, inliers,
+                          cv::SOLVEPNP_SQPNP) ||
+      static_cast<int>(inliers.size()) < least ||
+      static_cast<double>(inliers.size()) < options_.min_mend_share * static_cast<double>(in_object.size())) {
+    return std::nullopt;
+  }
+  PoseByPoints pose;
+  pose.cam_from_object = {Eigen::Quaterniond(ExpRotation<double>(Eigen::Vector3d(turn[0], turn[1], turn[2]))),
+                          {translation[0], translation[1], translation[2]}};
+  pose.inliers = static_cast<int>(inliers.size());
+  pose.candidates = static_cast<int>(in_object.size());
+  return pose;
+}
+
+// The object's points tell all of a camera's pose but the turn about the axis: that is told by its station's
+// place, which shaking changes little.
+bool ScanRefiner::MendByPose(int image, const View& of_station, const PoseByPoints& pose) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  const double angle_rad =
+      AngleAboutAxis(axis, CameraCentre(pose.cam_from_object), CameraCentre(of_station.cam_from_world));
+  const Rigid3 world_from_object = TurnAbout(axis, angle_rad);
+  const Rigid3 cam_from_world = pose.cam_from_object * world_from_object.Inverse();
+  if (!AreCamerasClose(axis, cam_from_world, of_station.cam_from_world, kMaxCameraMisfit)) return false;
+  AddView(image, of_station.station, cam_from_world, world_from_object, angle_rad);
+  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
+                            "camera from the object's points, table angle from the station's place",
+                            pose.inliers, pose.candidates, 0});
+  return true;
 }
 
 // Raw matches are mostly wrong, and neighbouring angles share many right ones: the angle has to have far more
@@ -263,6 +324,23 @@ bool ScanRefiner::MendBySteps(int image, const Rigid3& cam_from_world, int stati
   return true;
 }
 
+// Takes views out for a while; mending may place them anew. The object's frame is the world's at another
+// image then, if it was at one that goes.
+void ScanRefiner::TakeOut(const std::set<std::string>& gone) {
+  std::vector<View>& views = aligned_->scene.views;
+  const auto is_gone = [&](const View& view) { return gone.count(view.name) > 0; };
+  if (gone.empty() || std::all_of(views.begin(), views.end(), is_gone)) return;
+  const auto reference = std::find_if(views.begin(), views.end(), IsReference);
+  if (reference != views.end() && is_gone(*reference)) {
+    const View other = *std::find_if_not(views.begin(), views.end(), is_gone);
+    MakeReference(other);
+  }
+  views.erase(std::remove_if(views.begin(), views.end(), is_gone), views.end());
+  for (const std::string& name : gone) ++drops_[name];
+  report_.doubted.insert(report_.doubted.end(), gone.begin(), gone.end());
+  IndexViews();
+}
+
 // Images whose matches contradict their pose, against what the others reach, are taken out; mending may place
 // them anew.
 void ScanRefiner::DropDoubtful(double max_error_px) {
@@ -289,7 +367,6 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
   if (shares.empty()) return;
   const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
   std::nth_element(shares.begin(), middle, shares.end());
-  std::vector<View>& views = aligned_->scene.views;
   std::set<std::string> gone;
   for (size_t i = 0; i < posed.size(); ++i) {
     // An image without matches is where SfM put it for reasons of its own; nothing contradicts it.
@@ -298,20 +375,8 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
     const std::string& name = features_.images[i].name;
     gone.insert(name);
   }
-  if (gone.empty() || gone.size() * 2 > views.size()) return;
-  // The reference image stays: the object's frame is the world's there.
-  for (const View& view : views) {
-    if (view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12)) {
-      gone.erase(view.name);
-      break;
-    }
-  }
-  views.erase(
-      std::remove_if(views.begin(), views.end(), [&](const View& view) { return gone.count(view.name) > 0; }),
-      views.end());
-  for (const std::string& name : gone) ++drops_[name];
-  report_.doubted.insert(report_.doubted.end(), gone.begin(), gone.end());
-  IndexViews();
+  if (gone.size() * 2 > aligned_->scene.views.size()) return;
+  TakeOut(gone);
 }
 
 void ScanRefiner::Mend(double max_error_px) {
@@ -340,9 +405,12 @@ void ScanRefiner::Mend(double max_error_px) {
       if (view_of_image_[static_cast<size_t>(image)] >= 0) continue;
       if (drops_[features_.images[static_cast<size_t>(image)].name] >= kMaxDrops) continue;
       const View station_view = aligned_->scene.views[static_cast<size_t>(known->second)];
-      if (!MendImage(image, station_view.cam_from_world, station_view.station, max_error_px)) {
-        MendBySteps(image, station_view.cam_from_world, station_view.station, max_error_px);
+      if (MendImage(image, station_view.cam_from_world, station_view.station, max_error_px)) continue;
+      if (cameras_are_free_) {
+        const std::optional<PoseByPoints> pose = PoseFromPoints(image, max_error_px);
+        if (pose && MendByPose(image, station_view, *pose)) continue;
       }
+      MendBySteps(image, station_view.cam_from_world, station_view.station, max_error_px);
     }
   }
   SortViews();

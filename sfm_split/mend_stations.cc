@@ -1,17 +1,26 @@
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <map>
+#include <optional>
 #include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
+#include "sfm_split/axis_turn.h"
 #include "sfm_split/rotation.h"
 #include "sfm_split/scan_refiner.h"
+#include "sfm_split/statistics.h"
 
 namespace s2gs {
 namespace {
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr int kMaxBasesOfStation = 4;    // images that are tried as a lost station's first
-constexpr size_t kMaxTiedStations = 24;  // more are a camera held by hand
-
+constexpr int kMaxBasesOfStation = 4;        // images that are tried as a lost station's first
+constexpr int kMinStationVotes = 20;         // matches of two stations that may contradict them
+constexpr double kContradictedShare = 0.25;  // of the share that agrees inside stations
+constexpr size_t kMaxTiedStations = 24;      // more are a camera held by hand
 }  // namespace
 
 // A station that has no view yet: the object's reconstruction places its first image, at table angle 0 by
@@ -69,6 +78,81 @@ void ScanRefiner::MendStation(const std::vector<int>& images, double max_error_p
     }
     break;
   }
+  MendStationByPoints(images, max_error_px);
+}
+
+// Each photo tells by the object's points where its camera stands against the axis. A station is believed
+// where two photos say the same, or one and the background's reconstruction.
+void ScanRefiner::MendStationByPoints(const std::vector<int>& images, double max_error_px) {
+  std::vector<std::pair<int, PoseByPoints>> poses;
+  poses.reserve(images.size());
+  for (const int image : images) {
+    if (const std::optional<PoseByPoints> pose = PoseFromPoints(image, max_error_px))
+      poses.emplace_back(image, *pose);
+  }
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const auto& a, const auto& b) { return a.second.inliers > b.second.inliers; });
+  View there;
+  there.station = NewStation();
+  for (const int image : images) {
+    const auto found = aligned_->cam_from_background.find(features_.images[static_cast<size_t>(image)].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    there.cam_from_world = TransformPose(aligned_->aligned_from_background, found->second);
+    for (const auto& [posed, pose] : poses) {
+      if (MendByPose(posed, there, pose)) return;
+    }
+  }
+  for (size_t first = 0; first < poses.size(); ++first) {
+    there.cam_from_world = poses[first].second.cam_from_object;
+    for (size_t second = first + 1; second < poses.size(); ++second) {
+      if (!MendByPose(poses[second].first, there, poses[second].second)) continue;
+      MendByPose(poses[first].first, there, poses[first].second);
+      return;
+    }
+  }
+}
+
+// A station may be wrong as a whole, as where perspective is too weak to tell a view from its mirror image:
+// its own photos agree then. It goes where the object's matches contradict it against every station that it
+// shares any with, while others agree with each other.
+void ScanRefiner::DropContradictedStations(double max_error_px) {
+  struct Votes {
+    int agree = 0;
+    int all = 0;
+  };
+  std::map<std::pair<int, int>, Votes> votes;  // by two stations
+  Votes within;
+  const std::vector<PosedImage> posed = Posed(true);
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    const std::pair<int, int> stations = std::minmax({StationOf(pair.image1), StationOf(pair.image2)});
+    Votes& of_pair = stations.first == stations.second ? within : votes[stations];
+    for (const FeatureMatch& match : pair.matches) {
+      const bool agrees = MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
+                                       keypoints_[j][match.point2D_idx2].cast<double>()) <= max_error_px;
+      of_pair.agree += agrees ? 1 : 0;
+      ++of_pair.all;
+    }
+  }
+  if (within.agree == 0) return;
+  const double usual = within.agree / static_cast<double>(within.all);
+  std::set<int> agreeing;
+  std::set<int> contradicted;
+  for (const auto& [stations, of_pair] : votes) {
+    if (of_pair.all < kMinStationVotes) continue;
+    const bool agrees = of_pair.agree >= kContradictedShare * usual * of_pair.all;
+    (agrees ? agreeing : contradicted).insert({stations.first, stations.second});
+  }
+  std::set<std::string> gone;
+  for (size_t i = 0; i < view_of_image_.size(); ++i) {
+    const int station = StationOf(static_cast<int>(i));
+    if (view_of_image_[i] >= 0 && contradicted.count(station) > 0 && agreeing.count(station) == 0)
+      gone.insert(features_.images[i].name);
+  }
+  if (agreeing.empty()) return;
+  TakeOut(gone);
 }
 
 // Matches on the background, each photo where it or its station stands.
@@ -104,36 +188,107 @@ std::vector<StationMatches> ScanRefiner::MatchesOfStations() const {
   return result;
 }
 
-// Turns a station's cameras about the axis and its table angles back: what it sees of the object stays.
-void ScanRefiner::TurnStation(int station, const StationTie& tie) {
-  const TurntableAxis& axis = aligned_->scene.axis;
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, tie.turn_rad);
-  const Rigid3 turned_from_world{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+void ScanRefiner::TurnStation(int station, double turn_rad, const MendedImage& how) {
   const std::string* name = nullptr;
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
     if (view_of_image_[i] < 0 || StationOf(static_cast<int>(i)) != station) continue;
     View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
-    view.cam_from_world = view.cam_from_world * turned_from_world;
-    view.world_from_object = turned_from_world.Inverse() * view.world_from_object;
-    view.angle_deg = WrapAngle(view.angle_deg * kDegree - tie.turn_rad) / kDegree;
+    TurnView(aligned_->scene.axis, turn_rad, &view);
     if (name == nullptr) name = &view.name;
   }
   if (name == nullptr) return;
-  turned_stations_[station] = {*name, "its station was placed by the background's matches", tie.inliers,
-                               tie.matches, tie.margin};
+  turned_stations_[station] = how;
+  turned_stations_[station].name = *name;
 }
 
-// Where there are too few matches to say anything against it, the background's reconstruction stands.
-void ScanRefiner::PlaceByReconstruction(const std::vector<StationMatches>& matches, int enough_matches) {
-  for (const StationMatches& pair : matches) {
-    if (static_cast<int>(pair.matches.size()) >= enough_matches) return;
-  }
+// The turn about the axis between where a station stands and where the background's reconstruction has it, if
+// that agrees with the object on the rest of the camera's pose.
+std::optional<double> ScanRefiner::TurnFromReconstruction(int station) const {
+  const TurntableAxis& axis = aligned_->scene.axis;
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
-    if (view_of_image_[i] >= 0 && aligned_->cam_from_background.count(features_.images[i].name) > 0)
-      placed_stations_.insert(StationOf(static_cast<int>(i)));
+    if (view_of_image_[i] < 0 || StationOf(static_cast<int>(i)) != station) continue;
+    const auto found = aligned_->cam_from_background.find(features_.images[i].name);
+    if (found == aligned_->cam_from_background.end()) continue;
+    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
+    const Rigid3 there = TransformPose(aligned_->aligned_from_background, found->second);
+    const double turn_rad = AngleAboutAxis(axis, CameraCentre(there), CameraCentre(view.cam_from_world));
+    const Rigid3 turned = view.cam_from_world * TurnAbout(axis, turn_rad);
+    if (AreCamerasClose(axis, turned, there, kMaxCameraMisfit)) return turn_rad;
   }
-  has_background_ = placed_stations_.size() >= 2;
-  if (!has_background_) placed_stations_.clear();
+  return std::nullopt;
+}
+
+// Stations that matches do not tie to those placed stand to these as the background's reconstruction has it,
+// unless there are enough matches and they contradict it.
+void ScanRefiner::PlaceByReconstruction(const std::set<int>& stations, const TieOptions& options) {
+  const TurntableAxis& axis = aligned_->scene.axis;
+  std::vector<double> turns;
+  for (const int station : placed_stations_) {
+    if (const std::optional<double> turn = TurnFromReconstruction(station)) turns.push_back(*turn);
+  }
+  if (turns.empty()) return;
+  for (double& turn : turns) turn = turns[0] + WrapAngle(turn - turns[0]);
+  const double common_rad = UpperMedian(turns);
+  const std::vector<StationMatches> matches = MatchesOfStations();
+  const std::set<int> by_matches = placed_stations_;
+  for (const int station : stations) {
+    if (by_matches.count(station) > 0) continue;
+    const std::optional<double> from_reconstruction = TurnFromReconstruction(station);
+    if (!from_reconstruction) continue;
+    const double turn_rad = WrapAngle(*from_reconstruction - common_rad);
+    int inliers = 0;
+    int asked = 0;
+    for (const StationMatches& pair : matches) {
+      const bool is_first = pair.station == station;
+      if (!is_first && pair.other_station != station) continue;
+      if (by_matches.count(is_first ? pair.other_station : pair.station) == 0) continue;
+      // Turning the second one's camera back is turning the first one's.
+      inliers +=
+          SupportOfTurn(axis, pair.matches, options.max_error_px, is_first ? turn_rad : -turn_rad).inliers;
+      asked += static_cast<int>(pair.matches.size());
+    }
+    if (asked >= options.min_inliers && inliers < options.min_share * asked) continue;
+    placed_stations_.insert(station);
+    TurnStation(station, turn_rad,
+                {"", "its station was placed by the background's reconstruction", inliers, asked, 0});
+  }
+}
+
+// What a camera of its own sees of the object does not tell how far it is turned about the axis. Where it
+// sees too little of the background, it stands where its station's other photos were taken: shaking turns a
+// camera more than it moves it.
+void ScanRefiner::SettleLoneCameras(int enough_observations) {
+  std::map<std::string, int> observations;
+  for (const auto& [id, image] : aligned_->background.images) {
+    int& count = observations[image.name];
+    for (const ColmapPoint2D& point : image.points2D) count += point.point3D_id != kInvalidPoint3DId ? 1 : 0;
+  }
+  std::vector<View>& views = aligned_->scene.views;
+  std::map<int, std::array<std::vector<double>, 3>> centres;  // by station
+  const auto is_lone = [&](const View& view) { return observations[view.name] < enough_observations; };
+  for (const View& view : views) {
+    if (is_lone(view)) continue;
+    const Eigen::Vector3d centre = CameraCentre(view.cam_from_world);
+    for (size_t k = 0; k < 3; ++k) centres[view.station][k].push_back(centre(static_cast<Eigen::Index>(k)));
+  }
+  std::set<std::string> lone;
+  for (const View& view : views) {
+    if (is_lone(view) && centres.count(view.station) > 0) lone.insert(view.name);
+  }
+  if (lone.empty()) return;
+  if (const auto reference = std::find_if(views.begin(), views.end(), IsReference);
+      reference != views.end() && is_lone(*reference)) {
+    const View other = *std::find_if(views.begin(), views.end(), [&](const View& v) { return !is_lone(v); });
+    MakeReference(other);
+  }
+  for (View& view : views) {
+    if (lone.count(view.name) == 0) continue;
+    const auto& of_station = centres.at(view.station);
+    const Eigen::Vector3d there(UpperMedian(of_station[0]), UpperMedian(of_station[1]),
+                                UpperMedian(of_station[2]));
+    const TurntableAxis& axis = aligned_->scene.axis;
+    TurnView(axis, AngleAboutAxis(axis, there, CameraCentre(view.cam_from_world)), &view);
+  }
 }
 
 // Each station may be wrong by its angle about the axis, where the object alone placed it or the background's
@@ -167,17 +322,20 @@ void ScanRefiner::PlaceStations(double max_error_px) {
     if (stations_of_component[largest] < 2 || count > images_of_component[largest]) largest = component;
   }
   placed_stations_.clear();
-  has_background_ = stations_of_component[largest] >= 2;
-  if (!has_background_) {
-    PlaceByReconstruction(matches, options.min_inliers);
-    return;
-  }
   for (const auto& [station, count] : images) {
     const StationTie& tie = ties[static_cast<size_t>(station)];
     if (tie.component != largest) continue;
     placed_stations_.insert(station);
-    if (tie.turn_rad != 0) TurnStation(station, tie);
+    if (tie.turn_rad == 0) continue;
+    TurnStation(
+        station, tie.turn_rad,
+        {"", "its station was placed by the background's matches", tie.inliers, tie.matches, tie.margin});
   }
+  std::set<int> stations;
+  for (const auto& [station, count] : images) stations.insert(station);
+  PlaceByReconstruction(stations, options);
+  has_background_ = placed_stations_.size() >= 2;
+  if (!has_background_) placed_stations_.clear();
 }
 
 // The object's frame becomes the world's at another image.

@@ -412,6 +412,7 @@ RefineReport ScanRefiner::Run() {
     if (reporter_.StopRequested()) throw Interrupted();
     const auto start = std::chrono::steady_clock::now();
     if (round > 0) {
+      DropContradictedStations(max_error_px);
       DropDoubtful(max_error_px);
       TakeRawMatches(max_error_px);
     }
@@ -424,6 +425,7 @@ RefineReport ScanRefiner::Run() {
       if (aligned_->scene.views.size() != before) object_points_ = Triangulate(true, max_error_px);
     }
     PlaceStations(round == 0 ? 2 * first_error_px : first_error_px);
+    if (cameras_are_free_ && has_background_) SettleLoneCameras(joint_options_.min_free_observations);
     if (has_background_) background_points_ = Triangulate(false, max_error_px);
     aligned_->object = BuildModel(
         object_points_,
@@ -444,6 +446,7 @@ RefineReport ScanRefiner::Run() {
       model = report_.joint.model;
       report_.model_tests = report_.joint.tests;
     }
+    cameras_are_free_ = model == JointModel::kFreeCameras;
     IndexViews();
 
     RefineRound figures;
@@ -473,6 +476,7 @@ RefineReport ScanRefiner::Run() {
   DropUntiedStations();
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;
+  if (cameras_are_free_ && has_background_) SettleLoneCameras(1);
   IndexViews();
   TakeRawMatches(max_error_px);
   object_points_ = Triangulate(true, max_error_px);

@@ -15,6 +15,16 @@ namespace s2gs {
 
 /// How far a raw match between images of one station moves at least [px]: less may be the background's.
 constexpr float kLeastMovePx = 3;
+/// Of two reconstructions of one camera, the turn about the axis apart: share of its distance from the axis,
+/// and radians.
+constexpr double kMaxCameraMisfit = 0.03;
+
+/// A camera's pose against the object, as the object's points tell it.
+struct PoseByPoints {
+  Rigid3 cam_from_object;
+  int inliers = 0;
+  int candidates = 0;
+};
 
 /// RefineScan at work: scan_refinement.cc has the rounds and what they adjust, mend_images.cc brings single
 /// images back or drops them, mend_stations.cc places whole stations.
@@ -56,9 +66,11 @@ class ScanRefiner {
   double ErrorBound(double sigma_px) const;
   void Mend(double max_error_px);
   void PlaceStations(double max_error_px);
-  void PlaceByReconstruction(const std::vector<StationMatches>& matches, int enough_matches);
+  std::optional<double> TurnFromReconstruction(int station) const;
+  void PlaceByReconstruction(const std::set<int>& stations, const TieOptions& options);
+  void SettleLoneCameras(int enough_observations);
   std::vector<StationMatches> MatchesOfStations() const;
-  void TurnStation(int station, const StationTie& tie);
+  void TurnStation(int station, double turn_rad, const MendedImage& how);
   void DropUntiedStations();
   void MakeReference(const View& reference);
   int NewStation() const;
@@ -67,11 +79,16 @@ class ScanRefiner {
   bool MendImage(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   std::vector<MatchInPosedImage> MatchesWithPosed(int image) const;
   std::vector<MatchAcrossTurn> RawMatchesWithPosed(int image, const Rigid3& cam_from_world) const;
+  std::optional<PoseByPoints> PoseFromPoints(int image, double max_error_px) const;
+  bool MendByPose(int image, const View& of_station, const PoseByPoints& pose);
+  void MendStationByPoints(const std::vector<int>& images, double max_error_px);
   bool MendByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   bool IsStatic(int image, uint32_t keypoint) const;
   std::optional<double> AngleByEqualSteps(int image) const;
   bool MendBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   void DropDoubtful(double max_error_px);
+  void DropContradictedStations(double max_error_px);
+  void TakeOut(const std::set<std::string>& gone);
   void AddView(int image, int station, const Rigid3& cam_from_world, const Rigid3& world_from_object,
                double angle_rad);
   void AddCamera(uint32_t camera_id);
@@ -100,7 +117,8 @@ class ScanRefiner {
   std::map<int, MendedImage> turned_stations_;
   bool has_background_ = false;
   bool holds_cameras_ = false;
-  double noise_px_ = 0;  // of the object's matches against the poses as they stand
+  bool cameras_are_free_ = false;  // each photo has its own: held by hand, or shaken
+  double noise_px_ = 0;            // of the object's matches against the poses as they stand
   std::map<std::string, int> drops_;
   std::set<int> by_steps_;  // images whose angle was taken from their station's equal steps
   // Of images in static pairs: keypoints at the same pixel, [image][other image of the station][keypoint].

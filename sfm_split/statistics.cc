@@ -1,6 +1,7 @@
 #include "sfm_split/statistics.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numeric>
 
@@ -21,6 +22,18 @@ Summary Summarize(std::vector<double> values) {
   summary.min = values.front();
   summary.max = values.back();
   return summary;
+}
+
+double LogPoissonTail(int count, double mean) {
+  if (count <= 0) return 0;
+  // Terms after the first, over it.
+  double sum = 0;
+  double term = 1;
+  for (int k = count; k < count + 200 && term > 1e-12; ++k) {
+    sum += term;
+    term *= mean / (k + 1);
+  }
+  return std::min(0.0, count * std::log(mean) - mean - std::lgamma(count + 1.0) + std::log(sum));
 }
 
 }  // namespace s2gs

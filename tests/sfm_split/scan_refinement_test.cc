@@ -3,6 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
 
 #include "sfm_split/pose_error.h"
 #include "sfm_split/rotation.h"
@@ -10,6 +14,7 @@
 #include "sfm_split/table_angle.h"
 #include "sfm_split/track_triangulation.h"
 #include "sfm_split/unmoved_keypoints.h"
+#include "tests/random_numbers.h"
 #include "tests/synthetic_models.h"
 #include "tests/synthetic_scan.h"
 
@@ -163,6 +168,178 @@ TEST(ScanRefinement, TheSingleAxisPlacesWhatFreeSfmCannot) {
   const Figures figures = Measure(turntable, aligned);
   EXPECT_LT(figures.composition, 1e-9);
   EXPECT_LT(figures.rotation_max_deg, 0.2);
+}
+
+// The background's cameras of each station's first photo, a little wrong.
+ColmapModel RoughBackground(const SyntheticTurntable& turntable, const ScanFeatures& features,
+                            uint32_t seed) {
+  ColmapModel background = SyntheticStaticModel(turntable);
+  ModelFaults faults;
+  faults.rotation_deg = 0.15;
+  faults.centre_rel = 0.003;
+  DamageModel(faults, seed, &background);
+  std::set<int> stations;
+  std::vector<std::string> others;
+  for (const ScanImage& image : features.images) {
+    if (!stations.insert(image.station).second) others.push_back(image.name);
+  }
+  RemoveImages(others, &background);
+  return background;
+}
+
+TEST(ScanRefinement, WhereMatchesAreFewStationsStandAsTheBackgroundsReconstructionHasThem) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.rotating_share = 0.85;
+  options.outlier_share = 0.1;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  for (const ImagePairMatches& pair : features.static_pairs) EXPECT_LT(pair.matches.size(), 8U);
+  const ColmapModel background = RoughBackground(turntable, features, 3);
+  Reporter reporter;
+  SingleAxisSolution solution;
+  AlignedScene aligned = SceneFromSingleAxis(features, &background, {}, reporter, &solution);
+  ASSERT_TRUE(solution.found) << solution.reason;
+  const RefineReport report = RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(aligned.scene.views.size(), 36U);
+  EXPECT_TRUE(report.untied.empty());
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.rotation_max_deg, 0.1);  // measured: 0.033
+  EXPECT_LT(figures.angle_max_deg, 0.6);     // measured: 0.28
+}
+
+TEST(ScanRefinement, ABackgroundsReconstructionThatContradictsTheObjectPlacesNoStation) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.rotating_share = 0.85;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const ColmapModel object = SyntheticObjectModel(turntable);
+  ColmapModel background = RoughBackground(turntable, features, 3);
+  AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  ASSERT_EQ(aligned.scene.views.size(), 36U);
+  const Rigid3 tilt{Eigen::Quaterniond(Eigen::AngleAxisd(0.15, Vector3d::UnitX())), Vector3d::Zero()};
+  for (const ScanImage& image : features.images) {
+    const auto found = aligned.cam_from_background.find(image.name);
+    if (image.station == 2 && found != aligned.cam_from_background.end())
+      found->second = tilt * found->second;
+  }
+  Reporter reporter;
+  const RefineReport report = RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(report.untied.size(), 12U);
+  EXPECT_EQ(aligned.scene.views.size(), 24U);
+}
+
+TEST(ScanRefinement, ShakenPhotosComeBackAndKeepTheirAngles) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.shake_deg = 0.25;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  ColmapModel object = SyntheticObjectModel(turntable);
+  ModelFaults faults;
+  faults.missing_share = 0.2;
+  DamageModel(faults, 5, &object);
+  const ColmapModel background = RoughBackground(turntable, features, 3);
+  AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  Reporter reporter;
+  const RefineReport report = RefineScan(features, &object, {}, {}, reporter, &aligned);
+  EXPECT_EQ(report.model, JointModel::kFreeCameras);
+  EXPECT_EQ(aligned.scene.views.size(), 36U);
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.composition, 1e-9);
+  EXPECT_LT(figures.rotation_max_deg, 0.25);  // measured: 0.084
+  EXPECT_LT(figures.angle_max_deg, 0.3);      // measured: 0.095
+}
+
+TEST(ScanRefinement, AWrongReferenceImageIsTakenOutToo) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const ColmapModel object = SyntheticObjectModel(turntable);
+  const ColmapModel background = SyntheticStaticModel(turntable);
+  AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  View& reference = aligned.scene.views[0];
+  ASSERT_EQ(reference.angle_deg, 0);
+  // All others turn away from it.
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(1.5, Vector3d::UnitZ()));
+  for (View& view : aligned.scene.views) {
+    if (&view == &reference) continue;
+    view.world_from_object = view.world_from_object * Rigid3{turn, Vector3d::Zero()};
+    view.angle_deg += 1.5 * 180 / 3.14159265358979;
+  }
+  aligned.object.points3D.clear();
+  Reporter reporter;
+  const RefineReport report = RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(aligned.scene.views.size(), 36U);
+  ASSERT_EQ(report.doubted.size(), 1U);
+  EXPECT_EQ(report.doubted[0], features.images[0].name);
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.rotation_max_deg, 0.1);
+  EXPECT_LT(figures.angle_max_deg, 0.1);
+}
+
+TEST(ScanRefinement, AStationThatNoReconstructionHasIsPlacedByTheObjectsPoints) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  ColmapModel object = SyntheticObjectModel(turntable);
+  ColmapModel background = SyntheticStaticModel(turntable);
+  std::vector<std::string> gone;
+  for (const ScanImage& image : features.images) {
+    if (image.station == 1) gone.push_back(image.name);
+  }
+  RemoveImages(gone, &object);
+  RemoveImages(gone, &background);
+  AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  EXPECT_EQ(aligned.scene.views.size(), 24U);
+  Reporter reporter;
+  RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(aligned.scene.views.size(), 36U);
+  EXPECT_EQ(aligned.scene.num_stations, 3);
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.composition, 1e-9);
+  EXPECT_LT(figures.rotation_max_deg, 0.1);
+  EXPECT_LT(figures.angle_max_deg, 0.1);
+}
+
+TEST(ScanRefinement, AStationSeenAsItsMirrorImageIsTakenOutAndComesBack) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.seed = 13;
+  options.steps = 10;
+  options.step_deg = 36;
+  options.num_object_points = 220;
+  options.num_platter_points = 80;
+  options.num_background_points = 250;
+  options.max_view_change_deg = 60;
+  options.match_recall = 0.7;
+  options.pixel_noise = 0.5;
+  options.outlier_share = 0.1;
+  options.focal_widths = 5;
+  options.distance = 0.7 * 5 / 1.2;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const ColmapModel background = RoughBackground(turntable, features, 26);
+  Reporter reporter;
+  SingleAxisOptions axis_options;
+  axis_options.num_directions = 120;
+  axis_options.max_search_pairs = 30;
+  SingleAxisSolution solution;
+  AlignedScene aligned = SceneFromSingleAxis(features, &background, axis_options, reporter, &solution);
+  ASSERT_TRUE(solution.found) << solution.reason;
+  const RefineReport report = RefineScan(features, nullptr, {}, {}, reporter, &aligned);
+  EXPECT_EQ(report.doubted.size(), 10U);
+  EXPECT_EQ(aligned.scene.views.size(), 30U);
+  const Figures figures = Measure(turntable, aligned);
+  EXPECT_LT(figures.rotation_max_deg, 0.3);
+  EXPECT_LT(figures.angle_max_deg, 0.3);
+}
+
+TEST(AlignScene, AStationStandsByAnImageThatTheObjectLacks) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  ColmapModel object = SyntheticObjectModel(turntable);
+  const ColmapModel background = RoughBackground(turntable, features, 3);
+  std::string first_of_last;
+  for (const auto& [id, image] : background.images) first_of_last = std::max(first_of_last, image.name);
+  RemoveImages({first_of_last}, &object);
+  const AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  EXPECT_EQ(aligned.scene.views.size(), 35U);
 }
 
 TEST(ScanRefinement, OneStationNeedsNoBackground) {
@@ -324,6 +501,24 @@ TEST(UnmovedKeypoints, FollowTheCommonShift) {
   EXPECT_EQ(found[1], kNoKeypoint);
   EXPECT_EQ(found[2], kNoKeypoint);
   EXPECT_EQ(found[3], 49U);
+}
+
+TEST(UnmovedKeypoints, AShiftThatChanceExplainsIsNone) {
+  RandomNumbers random(11);
+  Keypoints first;
+  Keypoints second;
+  std::vector<uint32_t> chosen;
+  for (uint32_t k = 0; k < 300; ++k) {
+    first.push_back(Eigen::Vector2d(random.Uniform(0, 640), random.Uniform(0, 480)).cast<float>());
+    second.push_back(Eigen::Vector2d(random.Uniform(0, 640), random.Uniform(0, 480)).cast<float>());
+    chosen.push_back(k);
+  }
+  const std::vector<bool> usable(300, true);
+  for (const uint32_t other : FindUnmovedKeypoints(first, chosen, second, usable, 8, 1.5F))
+    EXPECT_EQ(other, kNoKeypoint);
+  for (uint32_t k = 0; k < 40; ++k) second[k] = first[k] + Eigen::Vector2f(5, -4);
+  const std::vector<uint32_t> found = FindUnmovedKeypoints(first, chosen, second, usable, 8, 1.5F);
+  for (uint32_t k = 0; k < 40; ++k) EXPECT_EQ(found[k], k);
 }
 
 }  // namespace

@@ -29,5 +29,13 @@ TEST(Summarize, NothingIsNotZero) {
   EXPECT_TRUE(std::isnan(summary.max));
 }
 
+TEST(LogPoissonTail, IsTheSumOfTheProbabilities) {
+  EXPECT_EQ(LogPoissonTail(0, 2), 0);
+  // 1 - e^-2 (1 + 2 + 2)
+  EXPECT_NEAR(std::exp(LogPoissonTail(3, 2)), 1 - 5 * std::exp(-2.0), 1e-12);
+  EXPECT_NEAR(std::exp(LogPoissonTail(1, 0.01)), 1 - std::exp(-0.01), 1e-12);
+  EXPECT_LT(LogPoissonTail(1000, 2), -1000);
+}
+
 }  // namespace
 }  // namespace s2gs
