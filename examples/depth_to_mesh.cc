@@ -8,9 +8,9 @@
 #include <exception>
 #include <vector>
 
-#include "mesh/mesh_cleanup.h"
-#include "mesh/mesh_files.h"
-#include "mesh/tsdf.h"
+#include "mesh/fusion/tsdf.h"
+#include "mesh/io/mesh_files.h"
+#include "mesh/surface/mesh_cleanup.h"
 
 namespace {
 

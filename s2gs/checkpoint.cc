@@ -10,9 +10,9 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "sfm_split/byte_reader.h"
-#include "sfm_split/error.h"
-#include "sfm_split/file_io.h"
+#include "sfm_split/base/byte_reader.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
 
 namespace s2gs {
 namespace {

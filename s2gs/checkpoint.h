@@ -6,7 +6,7 @@
 #include <ostream>
 #include <string>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
 
 namespace s2gs {
 

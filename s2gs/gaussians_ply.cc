@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "s2gs/kernel/foreground.h"
-#include "sfm_split/error.h"
-#include "sfm_split/file_io.h"
-#include "sfm_split/ply_file.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/scene/io/ply_file.h"
 
 namespace s2gs {
 namespace {
@@ -180,28 +180,6 @@ Gaussians ReadGaussianPly(std::istream& stream, const std::filesystem::path& pat
 Gaussians ReadGaussianPly(const std::filesystem::path& path) {
   std::ifstream stream = OpenForReading(path, "Run `s2gs gaussian_trainer` first");
   return ReadGaussianPly(stream, path);
-}
-
-Gaussians SelectGaussians(const Gaussians& gaussians, const std::vector<uint32_t>& indices) {
-  const auto select = [&](const std::vector<float>& rows, size_t width) {
-    std::vector<float> selected;
-    selected.reserve(width * indices.size());
-    for (const uint32_t index : indices) {
-      const auto begin = rows.begin() + static_cast<std::ptrdiff_t>(width * index);
-      selected.insert(selected.end(), begin, begin + static_cast<std::ptrdiff_t>(width));
-    }
-    return selected;
-  };
-  Gaussians chosen;
-  chosen.centre = select(gaussians.centre, 3);
-  chosen.log_scale = select(gaussians.log_scale, 2);
-  chosen.rotation = select(gaussians.rotation, 4);
-  chosen.opacity_logit = select(gaussians.opacity_logit, 1);
-  chosen.sh_dc = select(gaussians.sh_dc, 3);
-  chosen.sh_rest = select(gaussians.sh_rest, 3 * kShRestPerChannel);
-  chosen.foreground_logit = select(gaussians.foreground_logit, 1);
-  chosen.sh_degree = gaussians.sh_degree;
-  return chosen;
 }
 
 }  // namespace s2gs

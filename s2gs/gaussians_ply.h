@@ -5,7 +5,7 @@
 #include <istream>
 #include <ostream>
 
-#include "s2gs/gaussians.h"
+#include "s2gs/core/gaussians.h"
 
 namespace s2gs {
 
@@ -33,8 +33,5 @@ void WriteGaussianPly(std::ostream& stream, const Gaussians& gaussians,
 /// and values that are not finite. \param path  for the stream form: for messages only.
 Gaussians ReadGaussianPly(const std::filesystem::path& path);
 Gaussians ReadGaussianPly(std::istream& stream, const std::filesystem::path& path);
-
-/// The Gaussians of the given indices, in their order; indices may repeat.
-Gaussians SelectGaussians(const Gaussians& gaussians, const std::vector<uint32_t>& indices);
 
 }  // namespace s2gs

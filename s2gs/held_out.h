@@ -4,8 +4,8 @@
 #include <optional>
 #include <vector>
 
-#include "s2gs/backend.h"
-#include "s2gs/image_error.h"
+#include "s2gs/backend/backend.h"
+#include "s2gs/image/image_error.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {

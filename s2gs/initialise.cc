@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "s2gs/core/knn.h"
 #include "s2gs/core/rng.h"
-#include "s2gs/knn.h"
 
 namespace s2gs {
 namespace {

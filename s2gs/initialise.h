@@ -2,10 +2,10 @@
 
 #include <cstdint>
 
-#include "s2gs/gaussians.h"
+#include "s2gs/core/gaussians.h"
 #include "s2gs/training_scene.h"
-#include "sfm_split/error.h"
-#include "sfm_split/reporter.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/reporter.h"
 
 namespace s2gs {
 

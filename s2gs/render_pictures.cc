@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "s2gs/photos.h"
+#include "s2gs/image/photos.h"
 
 namespace s2gs {
 namespace {

@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "s2gs/backend.h"
-#include "s2gs/image_error.h"
-#include "s2gs/image_file.h"
+#include "s2gs/backend/backend.h"
+#include "s2gs/image/image_error.h"
+#include "s2gs/image/image_file.h"
 
 namespace s2gs {
 

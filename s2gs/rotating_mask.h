@@ -2,9 +2,9 @@
 
 #include <optional>
 
-#include "s2gs/backend.h"
-#include "s2gs/gaussians.h"
-#include "s2gs/image_error.h"
+#include "s2gs/backend/backend.h"
+#include "s2gs/core/gaussians.h"
+#include "s2gs/image/image_error.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {

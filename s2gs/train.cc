@@ -10,10 +10,10 @@
 
 #include "s2gs/checkpoint.h"
 #include "s2gs/core/rng.h"
-#include "s2gs/photos.h"
-#include "s2gs/settle.h"
+#include "s2gs/freeze.h"
+#include "s2gs/image/photos.h"
 #include "s2gs/train_log.h"
-#include "sfm_split/steady_seconds.h"
+#include "sfm_split/base/stopwatch.h"
 
 namespace s2gs {
 namespace {

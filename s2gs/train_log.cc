@@ -6,7 +6,7 @@
 #include <system_error>
 #include <utility>
 
-#include "sfm_split/file_io.h"
+#include "sfm_split/base/file_io.h"
 
 namespace s2gs {
 namespace {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
 #include "s2gs/held_out.h"
 
 namespace s2gs {

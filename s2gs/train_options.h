@@ -2,9 +2,9 @@
 
 #include <cstdint>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
 #include "s2gs/initialise.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 
 namespace s2gs {
 

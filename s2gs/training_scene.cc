@@ -10,13 +10,13 @@
 #include <system_error>
 #include <utility>
 
-#include "s2gs/image_file.h"
-#include "s2gs/photos.h"
-#include "s2gs/undistort.h"
-#include "sfm_split/camera_model.h"
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/file_io.h"
-#include "sfm_split/turntable_file.h"
+#include "s2gs/image/image_file.h"
+#include "s2gs/image/photos.h"
+#include "s2gs/image/undistort.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/scene/camera_model.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
 
 namespace s2gs {
 namespace {

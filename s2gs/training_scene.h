@@ -7,12 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "s2gs/backend.h"
-#include "s2gs/gaussians.h"
-#include "sfm_split/error.h"
-#include "sfm_split/reporter.h"
-#include "sfm_split/rigid3.h"
-#include "sfm_split/scene.h"
+#include "s2gs/backend/backend.h"
+#include "s2gs/core/gaussians.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/base/rigid3.h"
+#include "sfm_split/scene/scene.h"
 
 namespace s2gs {
 

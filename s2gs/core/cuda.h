@@ -6,7 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 
 namespace s2gs {
 

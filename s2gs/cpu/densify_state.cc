@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "s2gs/kernel/densify.h"
-#include "s2gs/settle.h"
 
 namespace s2gs {
 namespace {

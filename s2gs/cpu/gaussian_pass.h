@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
+#include "s2gs/core/gaussians.h"
 #include "s2gs/cpu/tile_kernel.h"
-#include "s2gs/gaussians.h"
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/kernel/surfel.h"
 

@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
+#include "s2gs/core/gaussians.h"
 #include "s2gs/core/thread_pool.h"
-#include "s2gs/gaussians.h"
 
 namespace s2gs {
 

@@ -6,7 +6,7 @@
 #include <limits>
 
 #include "s2gs/kernel/intersect.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 
 namespace s2gs {
 namespace {

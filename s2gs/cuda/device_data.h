@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "s2gs/gaussians.h"
+#include "s2gs/core/gaussians.h"
 #include "s2gs/kernel/composite.h"
 
 namespace s2gs::cuda {

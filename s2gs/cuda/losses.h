@@ -1,6 +1,6 @@
 #pragma once
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
 #include "s2gs/cuda/device_data.h"
 
 namespace s2gs::cuda {

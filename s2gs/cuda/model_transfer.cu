@@ -1,7 +1,7 @@
 #include <array>
 
 #include "s2gs/cuda/model_transfer.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 
 namespace s2gs::cuda {
 namespace {

@@ -3,8 +3,8 @@
 #include <vector>
 
 #include "s2gs/core/cuda.h"
+#include "s2gs/core/gaussians.h"
 #include "s2gs/cuda/device_data.h"
-#include "s2gs/gaussians.h"
 
 namespace s2gs::cuda {
 

@@ -2,7 +2,7 @@
 #include <limits>
 
 #include "s2gs/cuda/step_reports.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 
 namespace s2gs::cuda {
 namespace {

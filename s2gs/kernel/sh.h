@@ -1,7 +1,7 @@
 #pragma once
 
+#include "s2gs/core/gaussians.h"
 #include "s2gs/core/vec.h"
-#include "s2gs/gaussians.h"
 #include "s2gs/kernel/constants.h"
 
 namespace s2gs {

@@ -14,10 +14,10 @@
 #include <exception>
 #include <vector>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
 #include "s2gs/core/rng.h"
 #include "s2gs/gaussians_ply.h"
-#include "s2gs/photos.h"
+#include "s2gs/image/photos.h"
 #include "s2gs/train.h"
 #include "s2gs/training_scene.h"
 

@@ -1,5 +1,5 @@
-// How often RegisterByLooks is right: photos of a finished workspace are taken out, a part of them at a time,
-// and placed again with their stations' cameras.
+// How often RegisterByAppearance is right: photos of a finished workspace are taken out, a part of them at a
+// time, and placed again with their stations' cameras.
 //   guided_bench WORKSPACE [PARTS]
 
 #include <algorithm>
@@ -10,13 +10,13 @@
 #include <string>
 #include <vector>
 
-#include "plugin/scan_input.h"
-#include "plugin/workspace.h"
-#include "sfm_split/colmap_database.h"
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/guided_registration.h"
-#include "sfm_split/rotation.h"
-#include "sfm_split/turntable_file.h"
+#include "plugin/stage/scan_input.h"
+#include "plugin/stage/workspace.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/relocalise/guided_registration.h"
+#include "sfm_split/scene/io/colmap_database.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
 
 int main(int argc, char** argv) {
   using namespace s2gs;
@@ -69,7 +69,7 @@ int main(int argc, char** argv) {
     num_out += names.size();
     Reporter reporter;
     std::vector<ImagePairMatches> pairs;
-    RegisterByLooks(input.features, read, {}, reporter, &aligned, &pairs);
+    RegisterByAppearance(input.features, read, {}, reporter, &aligned, &pairs);
     for (const View& view : views) {
       const auto found = truth.find(view.name);
       if (found == truth.end()) continue;

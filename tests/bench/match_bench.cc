@@ -22,12 +22,12 @@
 #include <immintrin.h>
 #endif
 
-#include "sfm_split/colmap_database.h"
-#include "sfm_split/descriptor_match.h"
-#include "sfm_split/image_similarity.h"
-#include "sfm_split/match_images.h"
-#include "sfm_split/pair_plan.h"
-#include "sfm_split/steady_seconds.h"
+#include "sfm_split/base/stopwatch.h"
+#include "sfm_split/matching/descriptor_match.h"
+#include "sfm_split/matching/image_similarity.h"
+#include "sfm_split/matching/match_images.h"
+#include "sfm_split/matching/pair_plan.h"
+#include "sfm_split/scene/io/colmap_database.h"
 
 namespace s2gs {
 namespace {

@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "plugin/split_files.h"
-#include "sfm_split/motion_split.h"
-#include "sfm_split/steady_seconds.h"
-#include "tests/synthetic_turntable.h"
+#include "plugin/commands/split_files.h"
+#include "sfm_split/base/stopwatch.h"
+#include "sfm_split/split/motion_split.h"
+#include "tests/support/synthetic_turntable.h"
 
 namespace s2gs {
 namespace {

@@ -12,7 +12,7 @@
 #include <numeric>
 #include <vector>
 
-#include "s2gs/backend.h"
+#include "s2gs/backend/backend.h"
 #include "s2gs/cpu/gaussian_pass.h"
 #include "s2gs/cpu/tile_lists.h"
 #include "s2gs/gaussians_ply.h"

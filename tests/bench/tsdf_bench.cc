@@ -17,10 +17,10 @@
 #include <utility>
 #include <vector>
 
-#include "mesh/marching_cubes.h"
-#include "mesh/tsdf.h"
-#include "sfm_split/steady_seconds.h"
-#include "tests/mesh/analytic_views.h"
+#include "mesh/fusion/marching_cubes.h"
+#include "mesh/fusion/tsdf.h"
+#include "sfm_split/base/stopwatch.h"
+#include "tests/mesh/fusion/analytic_views.h"
 
 namespace s2gs {
 namespace {

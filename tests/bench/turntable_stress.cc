@@ -21,12 +21,12 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/align_scene.h"
-#include "sfm_split/pose_error.h"
-#include "sfm_split/scan_refinement.h"
-#include "sfm_split/single_axis_scene.h"
-#include "tests/synthetic_models.h"
-#include "tests/synthetic_scan.h"
+#include "sfm_split/relocalise/scan_refinement.h"
+#include "sfm_split/scene/pose_error.h"
+#include "sfm_split/turntable/align_scene.h"
+#include "sfm_split/turntable/single_axis_scene.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/synthetic_scan.h"
 
 namespace s2gs {
 namespace {

@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "s2gs/checkpoint.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 namespace {

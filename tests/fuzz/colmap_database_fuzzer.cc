@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/colmap_database.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/colmap_database.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 namespace {

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/error.h"
-#include "tests/sfm_split/colmap_model_example.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "tests/sfm_split/scene/io/colmap_model_example.h"
 
 namespace s2gs {
 

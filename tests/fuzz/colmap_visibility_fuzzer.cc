@@ -1,8 +1,8 @@
 #include <cstdint>
 #include <sstream>
 
-#include "sfm_split/colmap_fused.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/colmap_fused.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 std::vector<std::string> FuzzSeeds() {

@@ -2,7 +2,7 @@
 #include <sstream>
 
 #include "s2gs/gaussians_ply.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 std::vector<std::string> FuzzSeeds() {

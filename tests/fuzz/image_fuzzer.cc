@@ -4,8 +4,8 @@
 #include <string>
 #include <utility>
 
-#include "s2gs/image_codec.h"
-#include "sfm_split/error.h"
+#include "s2gs/image/image_codec.h"
+#include "sfm_split/base/error.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 namespace {

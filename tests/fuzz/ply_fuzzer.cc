@@ -1,9 +1,9 @@
 #include <cstdint>
 #include <sstream>
 
-#include "mesh/triangle_mesh.h"
-#include "sfm_split/error.h"
-#include "sfm_split/ply_file.h"
+#include "mesh/surface/triangle_mesh.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/ply_file.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 std::vector<std::string> FuzzSeeds() {

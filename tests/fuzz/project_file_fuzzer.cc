@@ -1,8 +1,8 @@
 #include <cstdint>
 #include <string_view>
 
-#include "plugin/project_file.h"
-#include "sfm_split/error.h"
+#include "plugin/cli/project_file.h"
+#include "sfm_split/base/error.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 std::vector<std::string> FuzzSeeds() {

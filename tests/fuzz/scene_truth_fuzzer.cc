@@ -2,8 +2,8 @@
 #include <cstdint>
 #include <string_view>
 
-#include "sfm_split/error.h"
-#include "sfm_split/scene_truth.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/scene_truth.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 std::vector<std::string> FuzzSeeds() {

@@ -1,8 +1,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "plugin/split_labels.h"
-#include "sfm_split/error.h"
+#include "plugin/stage/split_labels.h"
+#include "sfm_split/base/error.h"
 #include "tests/fuzz/fuzz_seeds.h"
 
 std::vector<std::string> FuzzSeeds() {

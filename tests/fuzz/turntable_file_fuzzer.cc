@@ -2,10 +2,10 @@
 #include <cstdint>
 #include <sstream>
 
-#include "sfm_split/error.h"
-#include "sfm_split/turntable_file.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/turntable_file.h"
 #include "tests/fuzz/fuzz_seeds.h"
-#include "tests/sfm_split/turntable_example.h"
+#include "tests/sfm_split/scene/io/turntable_example.h"
 
 std::vector<std::string> FuzzSeeds() {
   std::ostringstream stream;

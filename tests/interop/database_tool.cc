@@ -10,8 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "sfm_split/colmap_database.h"
-#include "sfm_split/error.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/colmap_database.h"
 
 namespace s2gs {
 namespace {

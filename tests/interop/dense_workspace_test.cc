@@ -1,7 +1,7 @@
 // A dense workspace of ours, with exact depth and normal maps, goes through COLMAP's own fusion and meshers
 // and through tsdf_mesher. Needs the `colmap` executable; nothing here needs a GPU.
 
-#include "mesh/dense_workspace.h"
+#include "mesh/io/dense_workspace.h"
 
 #include <gtest/gtest.h>
 
@@ -15,13 +15,13 @@
 #include <string>
 #include <vector>
 
-#include "mesh/triangle_mesh.h"
-#include "plugin/tsdf_mesher_command.h"
-#include "s2gs/image_file.h"
-#include "sfm_split/colmap_maps.h"
-#include "tests/mesh/analytic_views.h"
-#include "tests/mesh/mesh_topology.h"
-#include "tests/temporary_folder.h"
+#include "mesh/surface/triangle_mesh.h"
+#include "plugin/commands/tsdf_mesher_command.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/scene/io/colmap_maps.h"
+#include "tests/mesh/fusion/analytic_views.h"
+#include "tests/mesh/surface/mesh_topology.h"
+#include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {

@@ -13,10 +13,10 @@
 #include <string>
 #include <vector>
 
-#include "mesh/triangle_mesh.h"
-#include "s2gs/image_file.h"
-#include "sfm_split/colmap_fused.h"
-#include "sfm_split/colmap_maps.h"
+#include "mesh/surface/triangle_mesh.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/scene/io/colmap_fused.h"
+#include "sfm_split/scene/io/colmap_maps.h"
 
 namespace s2gs {
 namespace {

@@ -9,8 +9,8 @@
 #include <fstream>
 #include <iomanip>
 
-#include "mesh/marching_cubes.h"
-#include "mesh/mesh_files.h"
+#include "mesh/io/mesh_files.h"
+#include "mesh/surface/vertex_normals.h"
 
 namespace {
 

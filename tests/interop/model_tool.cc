@@ -7,8 +7,8 @@
 #include <exception>
 #include <string>
 
-#include "sfm_split/colmap_model.h"
-#include "tests/sfm_split/colmap_model_example.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "tests/sfm_split/scene/io/colmap_model_example.h"
 
 namespace {
 

@@ -7,11 +7,11 @@
 #include <filesystem>
 #include <string>
 
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/pose_error.h"
-#include "tests/synthetic_database.h"
-#include "tests/synthetic_models.h"
-#include "tests/temporary_folder.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/pose_error.h"
+#include "tests/support/synthetic_database.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {

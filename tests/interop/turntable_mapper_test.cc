@@ -9,18 +9,18 @@
 #include <sstream>
 #include <string>
 
-#include "plugin/body_mapper.h"
-#include "plugin/command.h"
-#include "plugin/scan_input.h"
-#include "plugin/workspace.h"
-#include "sfm_split/align_scene.h"
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/error.h"
-#include "sfm_split/pose_error.h"
-#include "sfm_split/turntable_file.h"
-#include "tests/synthetic_database.h"
-#include "tests/synthetic_models.h"
-#include "tests/temporary_folder.h"
+#include "plugin/cli/command.h"
+#include "plugin/colmap/body_mapper.h"
+#include "plugin/stage/scan_input.h"
+#include "plugin/stage/workspace.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
+#include "sfm_split/scene/pose_error.h"
+#include "sfm_split/turntable/align_scene.h"
+#include "tests/support/synthetic_database.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {
@@ -42,13 +42,13 @@ SyntheticTurntableOptions Options() {
 }
 
 void WriteSplit(const Workspace& workspace, const SyntheticTurntable& turntable,
-                const std::string& scan_case) {
+                const std::string& capture_case) {
   fs::create_directories(workspace.ObjectDatabase().parent_path());
   fs::create_directories(workspace.Images());  // COLMAP wants the folder, not the photos
   WriteSyntheticDatabase(workspace.ObjectDatabase(), turntable, SyntheticGeometries::kRotating);
   WriteSyntheticDatabase(
       workspace.StaticDatabase(), turntable,
-      scan_case == "turntable" ? SyntheticGeometries::kStatic : SyntheticGeometries::kNone);
+      capture_case == "turntable" ? SyntheticGeometries::kStatic : SyntheticGeometries::kNone);
   json images = json::array();
   for (size_t i = 0; i < turntable.images.size(); ++i) {
     std::string labels;
@@ -61,7 +61,7 @@ void WriteSplit(const Workspace& workspace, const SyntheticTurntable& turntable,
                       {"labels", labels}});
   }
   std::ofstream(workspace.ObjectDatabase().parent_path() / "labels.json")
-      << json{{"version", 1}, {"case", scan_case}, {"reason", "a test"}, {"images", images}};
+      << json{{"version", 1}, {"case", capture_case}, {"reason", "a test"}, {"images", images}};
 }
 
 json ReadJson(const fs::path& path) { return json::parse(std::ifstream(path)); }

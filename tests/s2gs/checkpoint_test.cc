@@ -6,9 +6,9 @@
 #include <string>
 
 #include "s2gs/core/rng.h"
-#include "sfm_split/error.h"
-#include "tests/bad_input.h"
+#include "sfm_split/base/error.h"
 #include "tests/s2gs/expect_gaussians.h"
+#include "tests/support/bad_input.h"
 
 namespace s2gs {
 namespace {

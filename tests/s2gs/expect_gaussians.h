@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "s2gs/gaussians.h"
+#include "s2gs/core/gaussians.h"
 
 namespace s2gs {
 

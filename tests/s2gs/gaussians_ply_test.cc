@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "s2gs/core/rng.h"
-#include "sfm_split/error.h"
-#include "sfm_split/ply_file.h"
-#include "tests/bad_input.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/ply_file.h"
+#include "tests/support/bad_input.h"
 
 namespace s2gs {
 namespace {

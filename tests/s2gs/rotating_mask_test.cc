@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "tests/s2gs/reference_render.h"
+#include "tests/s2gs/backend/reference_render.h"
 
 namespace s2gs {
 namespace {

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "s2gs/training_scene.h"
-#include "tests/synthetic_render.h"
-#include "tests/synthetic_turntable.h"
+#include "tests/support/synthetic_render.h"
+#include "tests/support/synthetic_turntable.h"
 
 namespace s2gs {
 

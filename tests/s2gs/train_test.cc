@@ -9,11 +9,11 @@
 #include <string>
 
 #include "s2gs/checkpoint.h"
+#include "s2gs/freeze.h"
 #include "s2gs/kernel/foreground.h"
-#include "s2gs/settle.h"
 #include "tests/s2gs/expect_gaussians.h"
 #include "tests/s2gs/small_scene.h"
-#include "tests/temporary_folder.h"
+#include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {

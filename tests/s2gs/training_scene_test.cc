@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "tests/bad_input.h"
 #include "tests/s2gs/turntable_workspace.h"
-#include "tests/temporary_folder.h"
+#include "tests/support/bad_input.h"
+#include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {

@@ -3,11 +3,11 @@
 #include <filesystem>
 #include <functional>
 
-#include "s2gs/image_file.h"
+#include "s2gs/image/image_file.h"
 #include "s2gs/training_scene.h"
-#include "sfm_split/colmap_model.h"
-#include "sfm_split/turntable_file.h"
-#include "tests/synthetic_turntable.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
+#include "tests/support/synthetic_turntable.h"
 
 namespace s2gs {
 

@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "s2gs/kernel/composite.h"
-#include "tests/random_numbers.h"
+#include "tests/support/random_numbers.h"
 
 namespace s2gs {
 

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstdint>
+
+#include "mesh/surface/object_view.h"
+#include "mesh/surface/triangle_mesh.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/reporter.h"
+
+namespace s2gs {
+
+/// Moves a mesh's vertices along their normals to where the photos that see them agree best, and drops what
+/// hardly any photo sees. Splats' depths lie a little behind a surface that the photos fix to a fraction of a
+/// pixel; and where no photo looks, splats are whatever hides behind the rest.
+///
+/// Each vertex carries a small plane, which is projected into photos from different sides at several offsets;
+/// the correlation of what they show there, averaged with the vertex's neighbours, has its peak at the
+/// surface (Furukawa and Ponce, "Accurate, dense, and robust multiview stereopsis", 2010, score their patches
+/// so). The peaks, weighted by their sharpness, become a smooth field of offsets on the mesh. From coarse to
+/// fine in three passes.
+
+struct MeshRefinementOptions {
+  bool enabled = true;
+  int num_views = 8;               ///< photos in which a vertex is compared.
+  double max_view_angle_deg = 60;  ///< between a vertex's normal and the rays to these photos.
+  double smoothness = 0.3;         ///< of the offsets over the mesh; larger trusts photos less.
+  /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; 0: all stay,
+  /// as they do with fewer than 40 photos.
+  double min_seen_pct = 3;
+  double max_memory_gib = 4;  ///< photos are shrunk until they fit.
+  int num_threads = 0;        ///< 0: one for each core.
+
+  OptionCheck Check() const;
+};
+
+/// Grey photos without distortion, that need not be in memory.
+class RefinementPhotoSource {
+ public:
+  RefinementPhotoSource() = default;
+  RefinementPhotoSource(const RefinementPhotoSource&) = delete;
+  RefinementPhotoSource& operator=(const RefinementPhotoSource&) = delete;
+  virtual ~RefinementPhotoSource() = default;
+
+  virtual int size() const = 0;
+  virtual const ObjectView& Camera(int index) const = 0;
+  /// One channel, of the camera's size. Called from several threads at once. May throw.
+  virtual Image8 Load(int index) const = 0;
+};
+
+struct MeshRefinementSummary {
+  int num_photos = 0;                ///< that show the mesh.
+  int64_t num_vertices = 0;          ///< after what nobody sees is gone.
+  int64_t num_accepted = 0;          ///< of these, with a clear peak in the last pass.
+  int64_t num_unseen_triangles = 0;  ///< dropped.
+  double mean_offset_px = 0;         ///< how far vertices moved outwards in all passes, in pixels there.
+  double rms_offset_px = 0;
+  double seconds = 0;
+};
+
+/// Nothing happens with fewer than four photos of the mesh. The result is bit-identical for any number of
+/// threads. Throws what the source throws, and Interrupted.
+/// \param mesh  in the object's frame; its normals are computed again, its colours stay.
+MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const MeshRefinementOptions& options,
+                                 Reporter& reporter, TriangleMesh* mesh);
+
+}  // namespace s2gs

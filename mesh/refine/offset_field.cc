@@ -1,0 +1,112 @@
+#include "mesh/refine/offset_field.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "sfm_split/base/error.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kMaxIterations = 300;
+// Of the residual's square, preconditioned.
+constexpr double kConverged = 1e-8;
+
+double Dot(const std::vector<double>& a, const std::vector<double>& b) {
+  // In one order, whatever the number of threads.
+  double sum = 0;
+  for (size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+}  // namespace
+
+VertexGraph::VertexGraph(const TriangleMesh& mesh) {
+  std::vector<uint64_t> edges;
+  edges.reserve(6 * mesh.triangles.size());
+  for (const auto& triangle : mesh.triangles) {
+    for (int i = 0; i < 3; ++i) {
+      const uint64_t a = triangle[i];
+      const uint64_t b = triangle[(i + 1) % 3];
+      if (a == b) continue;
+      edges.push_back(a << 32U | b);
+      edges.push_back(b << 32U | a);
+    }
+  }
+  std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  starts_.resize(mesh.vertices.size() + 1);
+  neighbors_.reserve(edges.size());
+  for (const uint64_t edge : edges) {
+    ++starts_[(edge >> 32U) + 1];
+    neighbors_.push_back(static_cast<uint32_t>(edge));
+  }
+  for (size_t i = 0; i + 1 < starts_.size(); ++i) starts_[i + 1] += starts_[i];
+}
+
+void AverageOverNeighbors(const VertexGraph& graph, const std::vector<uint8_t>& is_known, int width,
+                          int rounds, int num_threads, std::vector<float>* rows) {
+  S2GS_INVARIANT(is_known.size() == graph.size() && rows->size() == graph.size() * width);
+  const auto count = static_cast<int64_t>(graph.size());
+  std::vector<float> next(rows->size());
+  for (int round = 0; round < rounds; ++round) {
+#pragma omp parallel for schedule(static) num_threads(num_threads)
+    for (int64_t i = 0; i < count; ++i) {
+      float* mean = &next[i * width];
+      std::copy_n(&(*rows)[i * width], width, mean);
+      if (is_known[i] == 0) continue;
+      int num_rows = 1;
+      for (const uint32_t neighbor : graph.Neighbors(i)) {
+        if (is_known[neighbor] == 0) continue;
+        const float* row = &(*rows)[static_cast<size_t>(neighbor) * width];
+        for (int k = 0; k < width; ++k) mean[k] += row[k];
+        ++num_rows;
+      }
+      for (int k = 0; k < width; ++k) mean[k] /= static_cast<float>(num_rows);
+    }
+    std::swap(*rows, next);
+  }
+}
+
+std::vector<float> SmoothOffsets(const VertexGraph& graph, const std::vector<OffsetObservation>& observations,
+                                 double smoothness, double prior, int num_threads) {
+  S2GS_INVARIANT(observations.size() == graph.size());
+  const auto count = static_cast<int64_t>(graph.size());
+  std::vector<double> x(count);
+  std::vector<double> residual(count);
+  std::vector<double> diagonal(count);
+  for (int64_t i = 0; i < count; ++i) {
+    const double weight = observations[i].weight;
+    residual[i] = weight * observations[i].offset;
+    diagonal[i] = weight + prior + smoothness * static_cast<double>(graph.Neighbors(i).size());
+  }
+  std::vector<double> scaled(count);
+  for (int64_t i = 0; i < count; ++i) scaled[i] = residual[i] / diagonal[i];
+  std::vector<double> direction = scaled;
+  std::vector<double> image(count);
+  double error = Dot(residual, scaled);
+  const double first_error = error;
+  for (int iteration = 0; iteration < kMaxIterations && error > kConverged * first_error; ++iteration) {
+#pragma omp parallel for schedule(static) num_threads(num_threads)
+    for (int64_t i = 0; i < count; ++i) {
+      double sum = (observations[i].weight + prior) * direction[i];
+      for (const uint32_t j : graph.Neighbors(i)) sum += smoothness * (direction[i] - direction[j]);
+      image[i] = sum;
+    }
+    const double length = error / Dot(direction, image);
+    for (int64_t i = 0; i < count; ++i) {
+      x[i] += length * direction[i];
+      residual[i] -= length * image[i];
+      scaled[i] = residual[i] / diagonal[i];
+    }
+    const double next_error = Dot(residual, scaled);
+    for (int64_t i = 0; i < count; ++i) direction[i] = scaled[i] + next_error / error * direction[i];
+    error = next_error;
+  }
+  std::vector<float> offsets;
+  offsets.reserve(count);
+  for (const double value : x) offsets.push_back(static_cast<float>(value));
+  return offsets;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,68 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "mesh/surface/object_view.h"
+#include "s2gs/image/image_file.h"
+
+namespace s2gs {
+
+/// How alike photos are where a small piece of surface projects to them, as the piece moves along its normal:
+/// greatest where the surface really is, when it has texture.
+
+/// A grey photo in coarser and coarser copies, each half as large as the one before.
+class PhotoPyramid {
+ public:
+  static constexpr int kNumLevels = 2;
+
+  /// \param view  of the photo's size, which is at least 2 x 2.
+  PhotoPyramid(const ObjectView& view, Image8 grey);
+
+  const Eigen::Vector3f& center() const { return center_; }
+  /// Edge of a pixel of level 0 at the point's depth, in the object's unit.
+  float PixelSize(const Eigen::Vector3f& x_in_object) const;
+
+  /// Grey values of a plane's patch, row by row: kPatchSide^2 points around the middle, `u` and `v` apart.
+  /// Beyond the photo, the values of its border.
+  void SamplePatch(const Eigen::Vector3f& middle, const Eigen::Vector3f& u, const Eigen::Vector3f& v,
+                   int level, float* values) const;
+
+ private:
+  struct Level {
+    Image8 grey;
+    Eigen::Vector2f focal;      // [px of the level], as the next.
+    Eigen::Vector2f principal;  // counted from the centre of the first pixel.
+  };
+  Eigen::Matrix3f rotation_;  // cam_from_object
+  Eigen::Vector3f translation_;
+  Eigen::Vector3f center_;  // in the object's frame
+  float focal_;
+  std::vector<Level> levels_;
+};
+
+constexpr int kPatchSide = 5;
+constexpr int kPatchSize = kPatchSide * kPatchSide;
+
+/// A piece of surface and the photos that show it.
+struct SurfacePatch {
+  static constexpr int kMaxViews = 16;
+  Eigen::Vector3f middle = Eigen::Vector3f::Zero();
+  Eigen::Vector3f normal = Eigen::Vector3f::UnitZ();  ///< of unit length.
+  int num_views = 0;
+  std::array<const PhotoPyramid*, kMaxViews> views = {};
+  std::array<float, kMaxViews> cosines = {};  ///< between the normal and the direction to each camera.
+  float PixelSize() const;                    ///< of the photo that shows it best.
+};
+
+/// Gives the patch `max_views` photos or fewer: those that face it, and that look from different sides.
+/// \param candidates  photos that see the patch.
+void SelectPhotos(const std::vector<const PhotoPyramid*>& candidates, int max_views, SurfacePatch* patch);
+
+/// Mean correlation of the patch's photos with each other, weighted by their cosines, when the patch is moved
+/// by offset = -max_steps to max_steps times `step` along its normal. From -1 to 1; patches without texture
+/// give 0, because grey values have noise. \param step  in the object's unit.
+void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_steps, float* curve);
+
+}  // namespace s2gs

@@ -1,0 +1,328 @@
+#include "mesh/surface/mesh_cleanup.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <unordered_map>
+#include <utility>
+
+#include "mesh/surface/decimate.h"
+#include "mesh/surface/support_plane.h"
+#include "mesh/surface/vertex_normals.h"
+
+namespace s2gs {
+namespace {
+
+Eigen::Vector3d Corner(const TriangleMesh& mesh, const Triangle& triangle, int i) {
+  return mesh.vertices[triangle[i]].cast<double>();
+}
+
+// Twice the area times the normal.
+Eigen::Vector3d AreaNormal(const TriangleMesh& mesh, const Triangle& triangle) {
+  const Eigen::Vector3d corner = Corner(mesh, triangle, 0);
+  return (Corner(mesh, triangle, 1) - corner).cross(Corner(mesh, triangle, 2) - corner);
+}
+
+// Drops vertices that no triangle uses.
+void Compact(TriangleMesh* mesh) {
+  constexpr uint32_t kUnused = std::numeric_limits<uint32_t>::max();
+  std::vector<uint32_t> places(mesh->vertices.size(), kUnused);
+  for (const Triangle& triangle : mesh->triangles) {
+    for (int i = 0; i < 3; ++i) places[triangle[i]] = 0;
+  }
+  uint32_t count = 0;
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (places[i] == kUnused) continue;
+    mesh->vertices[count] = mesh->vertices[i];
+    if (!mesh->normals.empty()) mesh->normals[count] = mesh->normals[i];
+    if (!mesh->colors.empty()) mesh->colors[count] = mesh->colors[i];
+    places[i] = count++;
+  }
+  mesh->vertices.resize(count);
+  if (!mesh->normals.empty()) mesh->normals.resize(count);
+  if (!mesh->colors.empty()) mesh->colors.resize(count);
+  mesh->extra_vertex_properties.clear();
+  for (Triangle& triangle : mesh->triangles) {
+    for (int i = 0; i < 3; ++i) triangle[i] = places[triangle[i]];
+  }
+}
+
+int KeepLargeClusters(double min_area_pct, TriangleMesh* mesh, int* num_clusters) {
+  const std::vector<int> clusters = ClusterOfTriangles(*mesh);
+  *num_clusters = clusters.empty() ? 0 : *std::max_element(clusters.begin(), clusters.end()) + 1;
+  std::vector<double> areas(*num_clusters);
+  for (size_t t = 0; t < clusters.size(); ++t) {
+    areas[clusters[t]] += AreaNormal(*mesh, mesh->triangles[t]).norm();
+  }
+  if (areas.empty()) return 0;
+  const auto largest = std::max_element(areas.begin(), areas.end());
+  const double least = *largest * min_area_pct / 100;
+  std::vector<bool> is_kept(areas.size());
+  for (size_t c = 0; c < areas.size(); ++c) {
+    is_kept[c] = min_area_pct < 100 ? areas[c] >= least : &areas[c] == &*largest;
+  }
+  std::vector<bool> keep(clusters.size());
+  for (size_t t = 0; t < clusters.size(); ++t) keep[t] = is_kept[clusters[t]];
+  KeepTriangles(keep, mesh);
+  return static_cast<int>(std::count(is_kept.begin(), is_kept.end(), true));
+}
+
+uint64_t EdgeKey(uint32_t a, uint32_t b) { return uint64_t{std::min(a, b)} << 32U | std::max(a, b); }
+
+}  // namespace
+
+OptionCheck MeshCleanupOptions::Check() const {
+  const auto fault = [](const char* field, double value, const char* bound) {
+    return OptionFault{field, fmt::format("{}", value), bound};
+  };
+  if (!(min_cluster_area_pct >= 0) || !(min_cluster_area_pct <= 100)) {
+    return fault("min_cluster_area_pct", min_cluster_area_pct, "0 <= min_cluster_area_pct <= 100");
+  }
+  // The time to close a hole grows with the cube of its edges.
+  if (max_hole_edges < 0 || max_hole_edges > 500) {
+    return fault("max_hole_edges", max_hole_edges, "0 <= max_hole_edges <= 500");
+  }
+  if (smoothing_iterations < 0 || smoothing_iterations > 1000) {
+    return fault("smoothing_iterations", smoothing_iterations, "0 <= smoothing_iterations <= 1000");
+  }
+  if (max_triangles < 0) {
+    return fault("max_triangles", static_cast<double>(max_triangles), "0 <= max_triangles");
+  }
+  return std::nullopt;
+}
+
+MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh) {
+  MeshCleanupSummary summary;
+  if (options.remove_disc) {
+    const std::optional<Eigen::Vector3d> up =
+        options.is_axis_known ? std::make_optional<Eigen::Vector3d>(Eigen::Vector3d::UnitZ())
+                              : FindSupportNormal(*mesh);
+    const std::optional<DiscSurface> disc = up ? FindDisc(*mesh, *up) : std::nullopt;
+    if (disc) {
+      summary.up = *up;
+      summary.cut_height = disc->CutHeight();
+      CutBelow(disc->CutHeight(), mesh, *up);
+    } else {
+      reporter.Warn(options.is_axis_known
+                        ? "the mesh has no horizontal surface that could be the table's disc: none is cut off"
+                        : "the mesh has no plane that the object could stand on: none is cut off");
+    }
+  }
+  const bool is_one_object = summary.cut_height && !options.is_axis_known;
+  summary.num_clusters_kept =
+      KeepLargeClusters(is_one_object ? 100 : options.min_cluster_area_pct, mesh, &summary.num_clusters);
+  if (options.max_hole_edges > 0) summary.num_holes_closed = CloseHoles(options.max_hole_edges, mesh);
+  if (options.smoothing_iterations > 0) SmoothMesh(options.smoothing_iterations, mesh);
+  if (options.max_triangles > 0) DecimateMesh(options.max_triangles, mesh);
+  if (summary.num_holes_closed > 0 || options.smoothing_iterations > 0 || options.max_triangles > 0) {
+    ComputeNormals(mesh);
+  }
+  return summary;
+}
+
+void KeepTriangles(const std::vector<bool>& keep, TriangleMesh* mesh) {
+  S2GS_INVARIANT(keep.size() == mesh->triangles.size());
+  size_t count = 0;
+  for (size_t t = 0; t < keep.size(); ++t) {
+    if (keep[t]) mesh->triangles[count++] = mesh->triangles[t];
+  }
+  mesh->triangles.resize(count);
+  Compact(mesh);
+}
+
+std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh) {
+  std::vector<uint32_t> parents(mesh.vertices.size());
+  std::iota(parents.begin(), parents.end(), 0U);
+  const auto root = [&](uint32_t v) {
+    while (parents[v] != v) {
+      parents[v] = parents[parents[v]];
+      v = parents[v];
+    }
+    return v;
+  };
+  for (const Triangle& triangle : mesh.triangles) {
+    for (int i = 1; i < 3; ++i) {
+      const uint32_t a = root(triangle[0]);
+      const uint32_t b = root(triangle[i]);
+      parents[std::max(a, b)] = std::min(a, b);
+    }
+  }
+  std::vector<int> number(mesh.vertices.size(), -1);
+  std::vector<int> clusters;
+  clusters.reserve(mesh.triangles.size());
+  int count = 0;
+  for (const Triangle& triangle : mesh.triangles) {
+    int& cluster = number[root(triangle[0])];
+    if (cluster < 0) cluster = count++;
+    clusters.push_back(cluster);
+  }
+  return clusters;
+}
+
+std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh, const Eigen::Vector3d& up) {
+  constexpr int kBinsPerSide = 1000;
+  constexpr double kMinCosine = 0.95;
+  constexpr double kMinAreaShare = 0.02;
+  constexpr double kNearlyAsLarge = 0.3;
+  if (mesh.triangles.empty()) return std::nullopt;
+  Eigen::AlignedBox3d box;
+  double lowest = std::numeric_limits<double>::infinity();
+  double highest = -lowest;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    box.extend(vertex.cast<double>());
+    const double height = up.dot(vertex.cast<double>());
+    lowest = std::min(lowest, height);
+    highest = std::max(highest, height);
+  }
+  const double bin = box.sizes().maxCoeff() / kBinsPerSide;
+  if (!(bin > 0)) return std::nullopt;
+
+  struct Patch {
+    double height;
+    double area;
+    double edge;
+  };
+  std::vector<Patch> patches;  // that face upwards
+  const auto last_bin = static_cast<int>((highest - lowest) / bin) + 1;
+  std::vector<double> bins(last_bin + 1);
+  double total_area = 0;
+  for (const Triangle& triangle : mesh.triangles) {
+    const Eigen::Vector3d normal = AreaNormal(mesh, triangle);
+    const double area = normal.norm() / 2;
+    total_area += area;
+    if (!(up.dot(normal) / 2 > kMinCosine * area)) continue;
+    const double height =
+        up.dot(Corner(mesh, triangle, 0) + Corner(mesh, triangle, 1) + Corner(mesh, triangle, 2)) / 3;
+    const double edge = (Corner(mesh, triangle, 1) - Corner(mesh, triangle, 0)).norm();
+    patches.push_back({height, area, edge});
+    bins[std::clamp(static_cast<int>((height - lowest) / bin), 0, last_bin)] += area;
+  }
+  // Five bins together: half a percent of the mesh.
+  std::vector<double> windows(bins.size());
+  for (int i = 0; i < static_cast<int>(bins.size()); ++i) {
+    for (int j = std::max(0, i - 2); j <= std::min(static_cast<int>(bins.size()) - 1, i + 2); ++j) {
+      windows[i] += bins[j];
+    }
+  }
+  const double largest = *std::max_element(windows.begin(), windows.end());
+  if (largest < kMinAreaShare * total_area) return std::nullopt;
+  // The lowest peak that is large enough.
+  size_t peak = 0;
+  while (windows[peak] < kNearlyAsLarge * largest) ++peak;
+  while (peak + 1 < windows.size() && windows[peak + 1] >= windows[peak]) ++peak;
+
+  const double middle = lowest + (static_cast<double>(peak) + 0.5) * bin;
+  DiscSurface disc;
+  double sum_offset = 0;
+  double sum_edge = 0;
+  double sum_square = 0;
+  for (const Patch& patch : patches) {
+    const double offset = patch.height - middle;
+    if (std::abs(offset) > 5 * bin) continue;
+    disc.area += patch.area;
+    sum_offset += patch.area * offset;
+    sum_square += patch.area * offset * offset;
+    sum_edge += patch.area * patch.edge;
+  }
+  const double mean = sum_offset / disc.area;
+  disc.height = middle + mean;
+  disc.sigma = std::sqrt(std::max(0.0, sum_square / disc.area - mean * mean));
+  disc.mean_edge = sum_edge / disc.area;
+  return disc;
+}
+
+void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up) {
+  const auto is_above = [&](uint32_t v) { return up.dot(mesh->vertices[v].cast<double>()) > height; };
+  std::unordered_map<uint64_t, uint32_t> cuts;
+  const auto cut = [&](uint32_t above, uint32_t below) {
+    const auto [entry, is_new] = cuts.try_emplace(EdgeKey(above, below), mesh->vertices.size());
+    if (!is_new) return entry->second;
+    const Eigen::Vector3d high = mesh->vertices[above].cast<double>();
+    const Eigen::Vector3d low = mesh->vertices[below].cast<double>();
+    const double t = (up.dot(high) - height) / up.dot(high - low);
+    mesh->vertices.emplace_back((high + t * (low - high)).cast<float>());
+    if (!mesh->normals.empty()) {
+      const auto share = static_cast<float>(t);
+      const Eigen::Vector3f normal = (1 - share) * mesh->normals[above] + share * mesh->normals[below];
+      mesh->normals.emplace_back(normal.normalized());
+    }
+    if (!mesh->colors.empty()) {
+      const Eigen::Array3d color = (1 - t) * mesh->colors[above].cast<double>().array() +
+                                   t * mesh->colors[below].cast<double>().array() + 0.5;
+      mesh->colors.emplace_back(color.cast<uint8_t>().matrix());
+    }
+    return entry->second;
+  };
+  std::vector<Triangle> kept;
+  kept.reserve(mesh->triangles.size());
+  for (const Triangle& triangle : mesh->triangles) {
+    std::array<bool, 3> above = {is_above(triangle[0]), is_above(triangle[1]), is_above(triangle[2])};
+    const int count = above[0] + above[1] + above[2];
+    if (count == 3) kept.push_back(triangle);
+    if (count == 0 || count == 3) continue;
+    // Turned so that the corner that is alone on its side comes first.
+    int first = 0;
+    while (above[first] != (count == 1)) ++first;
+    const uint32_t a = triangle[first];
+    const uint32_t b = triangle[(first + 1) % 3];
+    const uint32_t c = triangle[(first + 2) % 3];
+    if (count == 1) {
+      const uint32_t ab = cut(a, b);
+      const uint32_t ac = cut(a, c);
+      kept.emplace_back(a, ab, ac);
+    } else {
+      const uint32_t ba = cut(b, a);
+      const uint32_t ca = cut(c, a);
+      kept.emplace_back(b, c, ca);
+      kept.emplace_back(b, ca, ba);
+    }
+  }
+  mesh->triangles = std::move(kept);
+  Compact(mesh);
+}
+
+void SmoothMesh(int iterations, TriangleMesh* mesh) {
+  // A pass that shrinks and one that grows a little more; the pass band ends at k = 1/.5 - 1/.53 = .113.
+  constexpr double kShrink = 0.5;
+  constexpr double kGrow = -0.53;
+  const size_t count = mesh->vertices.size();
+  std::unordered_map<uint64_t, int> uses;
+  uses.reserve(mesh->triangles.size() * 3 / 2);
+  for (const Triangle& triangle : mesh->triangles) {
+    for (int i = 0; i < 3; ++i) ++uses[EdgeKey(triangle[i], triangle[(i + 1) % 3])];
+  }
+  std::vector<bool> is_fixed(count);
+  std::vector<int> degree(count);
+  for (const auto& [key, num_triangles] : uses) {
+    for (const auto v : {static_cast<uint32_t>(key >> 32U), static_cast<uint32_t>(key)}) {
+      ++degree[v];
+      if (num_triangles != 2) is_fixed[v] = true;
+    }
+  }
+  std::vector<Eigen::Vector3d> positions;
+  positions.reserve(count);
+  for (const Eigen::Vector3f& vertex : mesh->vertices) positions.push_back(vertex.cast<double>());
+  std::vector<Eigen::Vector3d> sums(count);
+  for (int pass = 0; pass < 2 * iterations; ++pass) {
+    std::fill(sums.begin(), sums.end(), Eigen::Vector3d::Zero());
+    // In the triangles' order, so that rounding does not depend on the hash table. Inner edges come twice.
+    for (const Triangle& triangle : mesh->triangles) {
+      for (int i = 0; i < 3; ++i) {
+        sums[triangle[i]] += positions[triangle[(i + 1) % 3]] + positions[triangle[(i + 2) % 3]];
+      }
+    }
+    const double factor = pass % 2 == 0 ? kShrink : kGrow;
+    for (size_t v = 0; v < count; ++v) {
+      if (is_fixed[v] || degree[v] == 0) continue;
+      positions[v] += factor * (sums[v] / (2.0 * degree[v]) - positions[v]);
+    }
+  }
+  for (size_t v = 0; v < count; ++v) mesh->vertices[v] = positions[v].cast<float>();
+}
+
+}  // namespace s2gs

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "mesh/surface/triangle_mesh.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/reporter.h"
+
+namespace s2gs {
+
+struct MeshCleanupOptions {
+  bool remove_disc = false;  ///< cut the mesh just above the table's disc: the object alone stays.
+  /// Whether z is the table's axis. Else the disc is the plane that the object stands on, whichever way it
+  /// lies, and the largest cluster above it is the object: the others are its surroundings.
+  bool is_axis_known = true;
+  /// Clusters (parts that share no vertex) below this share of the largest one's area are dropped; 0 keeps
+  /// all, 100 the largest alone [%].
+  double min_cluster_area_pct = 10;
+  int max_hole_edges = 0;        ///< holes with so many edges or fewer are closed; 0: none.
+  int smoothing_iterations = 0;  ///< of Taubin's smoothing, which does not shrink.
+  int64_t max_triangles = 0;     ///< the mesh is simplified to about this number; 0: it is not.
+
+  OptionCheck Check() const;
+};
+
+/// What a clean-up did.
+struct MeshCleanupSummary {
+  std::optional<double> cut_height;  ///< of the cut above the disc, along `up` from the object's origin.
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  ///< of the disc, in the object's frame.
+  int num_clusters = 0;                           ///< before.
+  int num_clusters_kept = 0;
+  int num_holes_closed = 0;
+};
+
+/// All steps in the order of the options, then normals again where vertices moved. Warns when there is no
+/// disc to remove.
+MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh);
+
+/// The same mesh with only the triangles whose flag is set and the vertices that these use, in their order.
+/// Extra vertex properties are dropped.
+void KeepTriangles(const std::vector<bool>& keep, TriangleMesh* mesh);
+
+/// Which cluster each triangle belongs to, numbered from 0 in the order of their first triangles.
+std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh);
+
+/// The table's disc: the dominating horizontal surface (normal upwards), the lowest one when several are
+/// nearly as large.
+struct DiscSurface {
+  double height = 0;     ///< mean height along `up` from the origin.
+  double sigma = 0;      ///< standard deviation of its heights about the mean.
+  double area = 0;       ///< of the mesh near that height.
+  double mean_edge = 0;  ///< of the mesh there: its resolution.
+  /// Above the disc's roughness and the rounding at its contact with the object.
+  double CutHeight() const { return height + 3 * sigma + 1.5 * mean_edge; }
+};
+/// Nothing when no horizontal surface has 2 % of the mesh's area.
+std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh,
+                                    const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());
+
+/// Keeps what lies above `height` along `up`. Triangles across it are cut; the cut stays open.
+void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());
+
+/// Closes holes with at most `max_edges` edges by triangles between their vertices whose area is least
+/// (Barequet and Sharir, "Filling gaps in the boundary of a polyhedron", 1995). \return  how many.
+int CloseHoles(int max_edges, TriangleMesh* mesh);
+
+/// Taubin, "A signal processing approach to fair surface design" (SIGGRAPH 1995), with equal weights: noise
+/// goes, the volume stays. Vertices at holes stay where they are.
+void SmoothMesh(int iterations, TriangleMesh* mesh);
+
+}  // namespace s2gs

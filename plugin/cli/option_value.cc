@@ -1,0 +1,93 @@
+#include "plugin/cli/option_value.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cmath>
+#include <limits>
+#include <system_error>
+
+namespace s2gs {
+namespace {
+
+template <typename T>
+void ParseInteger(const std::string& text, T* value) {
+  T parsed = 0;
+  const char* end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, parsed);
+  if (error == std::errc::result_out_of_range && stop == end) {
+    throw BadValue(fmt::format("does not fit: whole numbers from {} to {} do", std::numeric_limits<T>::min(),
+                               std::numeric_limits<T>::max()));
+  }
+  if (error != std::errc() || stop != end) {
+    const bool is_negative = text.size() > 1 && text[0] == '-' && text[1] >= '0' && text[1] <= '9';
+    throw BadValue(std::is_unsigned_v<T> && is_negative
+                       ? "is negative: a whole number of at least 0 is wanted"
+                       : "is not a whole number");
+  }
+  *value = parsed;
+}
+
+template <typename T>
+void ParseReal(const std::string& text, T* value) {
+  T parsed = 0;
+  const char* end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, parsed);
+  if (error == std::errc::result_out_of_range && stop == end) {
+    throw BadValue("is too large or too close to 0 for a number");
+  }
+  if (error != std::errc() || stop != end) {
+    if (text.find(',') != std::string::npos) throw BadValue("is not a number (decimals follow a point)");
+    throw BadValue("is not a number");
+  }
+  if (!std::isfinite(parsed)) throw BadValue("is not a finite number");
+  *value = parsed;
+}
+
+}  // namespace
+
+void ParseValue(const std::string& text, bool* value) {
+  if (text == "1" || text == "true") {
+    *value = true;
+  } else if (text == "0" || text == "false") {
+    *value = false;
+  } else {
+    throw BadValue("is neither 0 nor 1");
+  }
+}
+void ParseValue(const std::string& text, int32_t* value) { ParseInteger(text, value); }
+void ParseValue(const std::string& text, int64_t* value) { ParseInteger(text, value); }
+void ParseValue(const std::string& text, uint32_t* value) { ParseInteger(text, value); }
+void ParseValue(const std::string& text, uint64_t* value) { ParseInteger(text, value); }
+void ParseValue(const std::string& text, float* value) { ParseReal(text, value); }
+void ParseValue(const std::string& text, double* value) { ParseReal(text, value); }
+void ParseValue(const std::string& text, std::string* value) { *value = text; }
+void ParseValue(const std::string& text, std::filesystem::path* value) {
+  // Mostly a shell variable that was never set.
+  if (text.empty()) throw BadValue("is an empty path");
+  *value = text;
+}
+
+std::string FormatValue(bool value) { return value ? "1" : "0"; }
+std::string FormatValue(int32_t value) { return fmt::format("{}", value); }
+std::string FormatValue(int64_t value) { return fmt::format("{}", value); }
+std::string FormatValue(uint32_t value) { return fmt::format("{}", value); }
+std::string FormatValue(uint64_t value) { return fmt::format("{}", value); }
+std::string FormatValue(float value) { return fmt::format("{}", value); }
+std::string FormatValue(double value) { return fmt::format("{}", value); }
+std::string FormatValue(const std::string& value) { return value; }
+std::string FormatValue(const std::filesystem::path& value) { return value.string(); }
+
+std::vector<std::string> SplitAtCommas(const std::string& text) {
+  std::vector<std::string> parts;
+  if (text.empty()) return parts;
+  size_t begin = 0;
+  while (true) {
+    const size_t comma = text.find(',', begin);
+    parts.push_back(text.substr(begin, comma - begin));
+    if (comma == std::string::npos) return parts;
+    begin = comma + 1;
+  }
+}
+
+}  // namespace s2gs

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "plugin/colmap/colmap_process.h"
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/scene/io/colmap_model.h"
+
+namespace s2gs {
+
+/// One `colmap mapper` run on one body's database, with more tolerant runs after it where it finds little.
+struct BodyMapping {
+  std::string body;  ///< for messages: "the object".
+  std::filesystem::path database;
+  std::filesystem::path images;
+  std::filesystem::path output;  ///< emptied; the best run's models are left in numbered folders.
+  int min_model_size = 3;        ///< of COLMAP's mapper.
+  int num_images = 0;            ///< that could be registered.
+  double enough_share = 0.5;     ///< of them; with fewer registered the next run is more tolerant.
+  int max_attempts = 3;
+  std::vector<std::string> options;  ///< NAME=VALUE in COLMAP's spelling, for every run.
+};
+
+struct MappingAttempt {
+  std::string settings;  ///< what was relaxed; "default".
+  int models = 0;
+  int images = 0;  ///< of the largest model.
+  double seconds = 0;
+};
+
+/// \return  the attempts made; the models are in `mapping.output`, none when every attempt failed.
+/// Throws Interrupted, and UserError when an option of `options` is no NAME=VALUE.
+std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* colmap, Reporter& reporter);
+
+/// The models in numbered folders, those with most images first. Models that cannot be read are left out with
+/// a warning.
+std::vector<ColmapModel> ReadMappedModels(const std::filesystem::path& folder, Reporter& reporter);
+
+/// Merges models of one body that share at least three images: the smaller ones' images are moved onto the
+/// first by the similarity of the shared cameras' centres. Points are not merged: images that join have none.
+/// \return  how many images joined.
+int JoinPartialModels(const std::vector<ColmapModel>& models, ColmapModel* first);
+
+}  // namespace s2gs

@@ -1,0 +1,275 @@
+#include "plugin/colmap/extract_features.h"
+
+#include <algorithm>
+#include <cctype>
+#include <map>
+#include <optional>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "plugin/cli/option_value.h"
+#include "plugin/colmap/exif_focal.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/scene/io/colmap_database.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kStageName = "feature_extractor";
+
+bool IsPhoto(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension == ".jpg" || extension == ".jpeg" || extension == ".png";
+}
+
+std::vector<fs::path> Photos(const fs::path& image_path) {
+  std::vector<fs::path> photos;
+  std::error_code ec;
+  for (fs::recursive_directory_iterator entry(image_path, ec), end; !ec && entry != end;
+       entry.increment(ec)) {
+    if (entry->is_regular_file() && IsPhoto(entry->path())) photos.push_back(entry->path());
+  }
+  if (ec) throw UserError(image_path, "cannot be listed (" + ec.message() + ")", "Check --image_path");
+  std::sort(photos.begin(), photos.end());
+  if (photos.empty()) throw UserError(image_path, "has no photos (.jpg, .jpeg, .png)", "Check --image_path");
+  return photos;
+}
+
+constexpr size_t kMaxNamedPhotos = 10;
+constexpr size_t kFewPhotos = 8;
+// With less space left than this, a database that lacks photos is one that the disk had no room for.
+constexpr uint64_t kMinFreeBytes = uint64_t{16} << 20;
+
+struct Look {
+  int width = 0;
+  int height = 0;
+  std::optional<ExifFocal> focal;
+};
+
+// Photos without EXIF go with any.
+bool MayShare(const Look& a, const Look& b) {
+  if (a.width != b.width || a.height != b.height) return false;
+  return !a.focal || !b.focal || *a.focal == *b.focal;
+}
+
+bool HaveOneLook(const std::vector<Look>& looks) {
+  const auto with_focal =
+      std::find_if(looks.begin(), looks.end(), [](const Look& look) { return look.focal.has_value(); });
+  const Look& reference = with_focal == looks.end() ? looks.front() : *with_focal;
+  return std::all_of(looks.begin(), looks.end(), [&](const Look& look) { return MayShare(reference, look); });
+}
+
+// Strictly, so that groups do not depend on their order.
+bool IsSameLook(const Look& a, const Look& b) {
+  return a.width == b.width && a.height == b.height && a.focal == b.focal;
+}
+
+std::vector<Look> ReadAppearance(const fs::path& image_path, const std::vector<fs::path>& photos) {
+  std::vector<Look> looks(photos.size());
+  std::vector<std::string> problems(photos.size());
+#pragma omp parallel for schedule(dynamic)
+  for (size_t i = 0; i < photos.size(); ++i) {
+    try {
+      const Image8 image = ReadImage(photos[i], 1);
+      looks[i] = {image.width, image.height, ReadExifFocal(photos[i])};
+    } catch (const UserError& error) {
+      problems[i] = error.what();
+    }
+  }
+  std::string list;
+  size_t num_damaged = 0;
+  for (const std::string& problem : problems) {
+    if (problem.empty()) continue;
+    if (++num_damaged <= kMaxNamedPhotos) list += "\n  " + problem;
+  }
+  if (num_damaged == 0) return looks;
+  if (num_damaged > kMaxNamedPhotos) list += "\n  and more";
+  throw UserError(image_path.string() + ": " + std::to_string(num_damaged) + " of " +
+                  std::to_string(photos.size()) + " photos cannot be read:" + list);
+}
+
+template <typename T>
+void AddIfGiven(const char* name, const std::optional<T>& value, std::vector<ColmapOption>* options) {
+  if (value) options->push_back({std::string("SiftExtraction.") + name, FormatValue(*value)});
+}
+
+// A database of ours that is removed with its logs when all is done, or nothing came of it.
+struct DatabaseRemover {
+  explicit DatabaseRemover(fs::path database) : path(std::move(database)) {}
+  DatabaseRemover(const DatabaseRemover&) = delete;
+  DatabaseRemover& operator=(const DatabaseRemover&) = delete;
+  ~DatabaseRemover() {
+    std::error_code ec;
+    for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(path.string() + suffix, ec);
+  }
+
+  const fs::path path;
+};
+
+size_t NumImages(const fs::path& database_path) {
+  return ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly).ReadImages().size();
+}
+
+void RunExtractor(const FeatureExtraction& extraction, const fs::path& database, CameraSharing sharing,
+                  bool use_gpu, ColmapProgram* colmap, Reporter& reporter) {
+  std::error_code ec;
+  for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(database.string() + suffix, ec);
+  const SiftExtractionOptions& sift = extraction.sift;
+  std::vector<ColmapOption> options = {
+      {"database_path", database.string()},
+      {"image_path", extraction.image_path.string()},
+      {"ImageReader.camera_model", extraction.camera_model},
+      {"ImageReader.single_camera", sharing == CameraSharing::kOne ? "1" : "0"},
+      {"ImageReader.single_camera_per_folder", sharing == CameraSharing::kPerFolder ? "1" : "0"},
+      {"SiftExtraction.max_num_features", std::to_string(sift.max_num_features)},
+      {"SiftExtraction.use_gpu", use_gpu ? "1" : "0"},
+  };
+  AddIfGiven("max_image_size", sift.max_image_size, &options);
+  AddIfGiven("first_octave", sift.first_octave, &options);
+  AddIfGiven("peak_threshold", sift.peak_threshold, &options);
+  AddIfGiven("edge_threshold", sift.edge_threshold, &options);
+  AddIfGiven("estimate_affine_shape", sift.estimate_affine_shape, &options);
+  AddIfGiven("domain_size_pooling", sift.domain_size_pooling, &options);
+  AddIfGiven("num_threads", sift.num_threads, &options);
+  colmap->Run({"feature_extractor", std::move(options), {{database}}}, reporter);
+}
+
+}  // namespace
+
+OptionCheck SiftExtractionOptions::Check() const {
+  if (max_num_features < 1) return OptionFault{"max_num_features", std::to_string(max_num_features), ">= 1"};
+  return std::nullopt;
+}
+
+void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction) {
+  options.Add("ImageReader.camera_model", &extraction->camera_model, "COLMAP's camera model");
+  using Sift = SiftExtractionOptions;
+  auto sift = options.Group("SiftExtraction", &extraction->sift);
+  sift.Add("max_num_features", &Sift::max_num_features,
+           "features kept of a photo; COLMAP's own 8192 keeps the largest, which lie on the background");
+  sift.Add("max_image_size", &Sift::max_image_size,
+           "longest side to which photos are reduced; empty: COLMAP's");
+  sift.Add("first_octave", &Sift::first_octave, "-1 doubles the photo's size; empty: COLMAP's");
+  sift.Add("peak_threshold", &Sift::peak_threshold, "least contrast of a feature; empty: COLMAP's");
+  sift.Add("edge_threshold", &Sift::edge_threshold, "bound that keeps edges out; empty: COLMAP's");
+  sift.Add("estimate_affine_shape", &Sift::estimate_affine_shape, "affine features; empty: COLMAP's");
+  sift.Add("domain_size_pooling", &Sift::domain_size_pooling,
+           "descriptors of several sizes; empty: COLMAP's");
+  sift.Add("num_threads", &Sift::num_threads, "threads; empty: COLMAP's");
+  sift.Add("use_gpu", &Sift::use_gpu, "extract on the GPU; empty: where COLMAP can");
+}
+
+PhotoSet ReadPhotoSet(const fs::path& image_path) {
+  PhotoSet set;
+  set.photos = Photos(image_path);
+  const std::vector<Look> looks = ReadAppearance(image_path, set.photos);
+  if (HaveOneLook(looks)) return set;
+  std::map<fs::path, std::vector<size_t>> folders;
+  for (size_t i = 0; i < set.photos.size(); ++i) folders[set.photos[i].parent_path()].push_back(i);
+  set.sharing = CameraSharing::kPerFolder;
+  for (const auto& [folder, members] : folders) {
+    std::vector<std::vector<size_t>> groups;
+    for (const size_t i : members) {
+      const auto same = std::find_if(groups.begin(), groups.end(), [&](const std::vector<size_t>& group) {
+        return IsSameLook(looks[group.front()], looks[i]);
+      });
+      if (same == groups.end()) {
+        groups.push_back({i});
+      } else {
+        same->push_back(i);
+      }
+    }
+    std::vector<Look> in_folder;
+    in_folder.reserve(members.size());
+    for (const size_t i : members) in_folder.push_back(looks[i]);
+    if (!HaveOneLook(in_folder)) set.sharing = CameraSharing::kPerLook;
+    for (const std::vector<size_t>& group : groups) {
+      std::vector<std::string>& names = set.cameras.emplace_back();
+      names.reserve(group.size());
+      for (const size_t i : group) {
+        names.push_back(set.photos[i].lexically_relative(image_path).generic_string());
+      }
+    }
+  }
+  if (set.sharing == CameraSharing::kPerFolder) set.cameras.clear();
+  return set;
+}
+
+bool NeedsFeatures(const fs::path& database_path) {
+  std::error_code ec;
+  return !fs::exists(database_path, ec) || fs::file_size(database_path, ec) == 0 ||
+         NumImages(database_path) == 0;
+}
+
+void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap, Reporter& reporter) {
+  const PhotoSet set = ReadPhotoSet(extraction.image_path);
+  const size_t num_photos = set.photos.size();
+  const std::string shared = set.sharing == CameraSharing::kOne ? "one camera for all photos"
+                             : set.sharing == CameraSharing::kPerFolder
+                                 ? "one camera for each folder"
+                                 : std::to_string(set.cameras.size()) + " cameras, by size and EXIF";
+  reporter.Info("features of " + std::to_string(num_photos) + " photos by colmap " + colmap->version() +
+                ", " + shared);
+  if (num_photos < kFewPhotos) {
+    reporter.Warn("only " + std::to_string(num_photos) +
+                  " photos: a whole turn of the table in steps of 20 degrees has 18");
+  }
+  const DatabaseRemover unfinished{extraction.database_path.string() + ".extracting"};
+  const bool use_gpu = extraction.sift.use_gpu.value_or(colmap->has_cuda());
+  try {
+    RunExtractor(extraction, unfinished.path, set.sharing, use_gpu, colmap, reporter);
+  } catch (const UserError& error) {
+    if (!use_gpu || extraction.sift.use_gpu.has_value()) throw;
+    reporter.Warn(std::string("feature extraction on the GPU failed, going on without: ") + error.what());
+    RunExtractor(extraction, unfinished.path, set.sharing, /*use_gpu=*/false, colmap, reporter);
+  }
+  const size_t num_images = NumImages(unfinished.path);
+  if (num_images < num_photos) {
+    std::error_code ec;
+    const fs::space_info space = fs::space(unfinished.path, ec);
+    if (!ec && space.available < kMinFreeBytes) {
+      throw UserError(extraction.database_path, "cannot be written: the disk is full",
+                      "Free some space on that disk and run the command again");
+    }
+  }
+  if (num_images == 0) {
+    throw UserError(extraction.image_path, "colmap found features in none of the photos",
+                    "Look at its output with --log_level debug");
+  }
+  if (num_images < num_photos) {
+    reporter.Warn("colmap read only " + std::to_string(num_images) + " of the " + std::to_string(num_photos) +
+                  " photos");
+  }
+  if (extraction.database_path.has_parent_path()) CreateFolder(extraction.database_path.parent_path());
+  std::error_code ec;
+  // What is left of an older database's log must not be taken for the new one's.
+  for (const char* suffix : {"-wal", "-shm"}) fs::remove(extraction.database_path.string() + suffix, ec);
+  ColmapDatabase::SafeCopy(unfinished.path, extraction.database_path, reporter,
+                           [&](ColmapDatabase& database) {
+                             database.NumberImagesByName();
+                             database.ShareCameras(set.cameras);
+                           });
+}
+
+void RunFeatureStage(const FeatureExtraction& extraction, const fs::path& colmap_path,
+                     const std::map<std::string, std::string>& options, const Workspace& workspace,
+                     StageRunner* runner, Reporter& reporter) {
+  const bool is_ours = ReadStageStamp(workspace, kStageName, reporter).has_value();
+  if (!is_ours && !NeedsFeatures(extraction.database_path)) {
+    reporter.Info("features are those of " + extraction.database_path.string());
+    return;
+  }
+  const Stage stage{kStageName, {extraction.image_path}, options, {extraction.database_path}, {}};
+  runner->Run(stage, [&] {
+    ColmapProgram colmap = ColmapProgram::Find(colmap_path, reporter);
+    ExtractFeatures(extraction, &colmap, reporter);
+  });
+}
+
+}  // namespace s2gs

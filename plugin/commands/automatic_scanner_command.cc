@@ -1,0 +1,276 @@
+#include "plugin/commands/automatic_scanner_command.h"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "plugin/report/scan_summary.h"
+#include "plugin/stage/stage_stamp.h"
+#include "plugin/stage/workspace.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/base/stopwatch.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class Quality { kAuto, kLow, kMedium, kHigh, kExtreme };
+enum class Until { kSplit, kTrain, kMesh };
+
+struct Settings {
+  fs::path workspace_path;
+  fs::path image_path;
+  fs::path mask_path;
+  fs::path colmap_path;
+  Quality quality = Quality::kAuto;
+  Until until = Until::kMesh;
+  std::string use_gpu = "auto";
+  int test_every = 0;
+  std::optional<int64_t> num_iterations;
+  std::optional<int32_t> max_image_size;
+  bool keep_disc = true;
+};
+
+const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
+                                          {"low", Quality::kLow},
+                                          {"medium", Quality::kMedium},
+                                          {"high", Quality::kHigh},
+                                          {"extreme", Quality::kExtreme}};
+
+// Features per photo. Fewer would leave out small scales, which is where objects have theirs.
+int MaxNumFeatures(Quality quality) { return quality == Quality::kExtreme ? 16384 : 8192; }
+
+// Depth maps of a trained model are noisier than a pixel: one and a half averages more of them
+// (BENCHMARK.md).
+constexpr char kMeshVoxelPixels[] = "1.5";
+
+std::string QualityName(Quality quality) {
+  for (const auto& [name, value] : kQualityNames) {
+    if (value == quality) return name;
+  }
+  return "";
+}
+
+const char* LogLevelName(LogLevel level) {
+  switch (level) {
+    case LogLevel::kDebug:
+      return "debug";
+    case LogLevel::kInfo:
+      return "info";
+    case LogLevel::kWarning:
+      return "warning";
+    case LogLevel::kError:
+      return "error";
+  }
+  return "";
+}
+
+struct Step {
+  std::string command;
+  std::string title;
+  std::vector<std::string> arguments;
+};
+
+std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
+  const Workspace workspace{settings.workspace_path};
+  const std::string root = settings.workspace_path.string();
+  const std::string images = settings.image_path.string();
+  std::vector<Step> steps;
+  const auto add = [&](const std::string& command, const std::string& title,
+                       std::vector<std::string> arguments) {
+    const std::vector<std::string> common = {"--random_seed", std::to_string(options.random_seed()),
+                                             "--log_level", LogLevelName(options.log_level())};
+    arguments.insert(arguments.end(), common.begin(), common.end());
+    steps.push_back({command, title, std::move(arguments)});
+  };
+  const auto with = [](std::vector<std::string> arguments, const std::string& name,
+                       const std::string& value) {
+    if (!value.empty()) arguments.insert(arguments.end(), {name, value});
+    return arguments;
+  };
+
+  add("motion_splitter", "What stands still and what turns",
+      with(with({"--database_path", workspace.Database().string(), "--image_path", images,
+                 "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
+                "--mask_path", settings.mask_path.string()),
+           "--colmap_path", settings.colmap_path.string()));
+  add("turntable_mapper", "Cameras, table, and both sparse models",
+      with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
+           settings.colmap_path.string()));
+  if (settings.until == Until::kSplit) return steps;
+
+  std::vector<std::string> training = {"--workspace_path", root,
+                                       "--image_path",     images,
+                                       "--use_gpu",        settings.use_gpu,
+                                       "--quality",        QualityName(settings.quality),
+                                       "--test_every",     std::to_string(settings.test_every)};
+  training = with(training, "--mask_path", settings.mask_path.string());
+  if (settings.num_iterations) {
+    training = with(training, "--Train.num_iterations", FormatValue(*settings.num_iterations));
+  }
+  if (settings.max_image_size) {
+    training = with(training, "--max_image_size", FormatValue(*settings.max_image_size));
+  }
+  add("gaussian_trainer", "The Gaussian model", training);
+  if (settings.until == Until::kTrain) return steps;
+
+  add("gaussian_renderer", "Masks, depth and normal maps",
+      {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu});
+  add("tsdf_mesher", "The mesh",
+      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Tsdf.voxel_size_pixels", kMeshVoxelPixels,
+       "--Cleanup.remove_disc", settings.keep_disc ? "0" : "1"});
+  return steps;
+}
+
+const Command& FindCommand(const std::string& name) {
+  const std::vector<Command>& commands = AllCommands();
+  const auto found = std::find_if(commands.begin(), commands.end(),
+                                  [&](const Command& command) { return command.name == name; });
+  S2GS_INVARIANT(found != commands.end());
+  return *found;
+}
+
+// Quoted for a POSIX shell where it has to be.
+std::string ShellWord(const std::string& word) {
+  const std::string plain = "-_./=:,+@%";
+  const bool is_plain = !word.empty() && std::all_of(word.begin(), word.end(), [&](unsigned char c) {
+    return std::isalnum(c) != 0 || plain.find(static_cast<char>(c)) != std::string::npos;
+  });
+  if (is_plain) return word;
+  std::string quoted = "'";
+  for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return quoted + "'";
+}
+
+std::string ShellLine(const Step& step) {
+  std::string line = "s2gs " + step.command;
+  for (const std::string& argument : step.arguments) line += " " + ShellWord(argument);
+  return line;
+}
+
+double CpuSeconds() {
+  double seconds = 0;
+  for (const int who : {RUSAGE_SELF, RUSAGE_CHILDREN}) {
+    rusage usage = {};
+    ::getrusage(who, &usage);
+    for (const timeval& time : {usage.ru_utime, usage.ru_stime}) {
+      seconds += static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
+    }
+  }
+  return seconds;
+}
+
+// By name.
+std::map<std::string, StageStamp> ReadStamps(const Workspace& workspace, const std::string& command) {
+  std::map<std::string, StageStamp> stamps;
+  Reporter silent;  // the command itself says what is wrong with a stamp
+  for (const StandardStage& stage : StandardStages(workspace)) {
+    if (stage.command != command) continue;
+    const std::optional<StageStamp> stamp = ReadStageStamp(workspace, stage.name, silent);
+    if (stamp) stamps[stage.name] = *stamp;
+  }
+  return stamps;
+}
+
+// Which stages of a command ran, by their stamps before and after it.
+void AddStages(const Workspace& workspace, const std::string& command,
+               const std::map<std::string, StageStamp>& before, ScanSummary* summary) {
+  const std::map<std::string, StageStamp> after = ReadStamps(workspace, command);
+  for (const StandardStage& stage : StandardStages(workspace)) {
+    const auto now = after.find(stage.name);
+    if (now == after.end()) continue;
+    const StageStamp& stamp = now->second;
+    const auto then = before.find(stage.name);
+    const bool has_run = then == before.end() || then->second.run_id != stamp.run_id;
+    const std::string reason =
+        has_run ? stamp.reason : "done " + stamp.finished + ", and nothing that it depends on has changed";
+    summary->stages.push_back({stage.name, has_run, reason, stamp.seconds});
+  }
+}
+
+ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
+  out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
+  const double started = SteadySeconds();
+  const double cpu_started = CpuSeconds();
+  CommandContext context(step.command, step.arguments, out);
+  FindCommand(step.command).run(context);
+  ScanSummary::Step result;
+  result.command = step.command;
+  result.title = step.title;
+  result.shell_line = ShellLine(step);
+  result.wall_seconds = SteadySeconds() - started;
+  result.cpu_seconds = CpuSeconds() - cpu_started;
+  return result;
+}
+
+}  // namespace
+
+void RunAutomaticScanner(CommandContext& context) {
+  Settings settings;
+  Options& options = context.Declare(
+      "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
+      "model, "
+      "object masks and a mesh. Runs the other commands one after another; what is done is skipped, and a "
+      "run "
+      "that was stopped goes on where it was. Each step's own command line is printed: run it by hand to "
+      "change "
+      "more of it.",
+      "--workspace_path scan --image_path photos --quality medium");
+  options.Add("workspace_path", &settings.workspace_path, "the workspace; created when it does not exist")
+      .Required();
+  options.Add("image_path", &settings.image_path, "the photos; empty: images in the workspace");
+  options.Add("mask_path", &settings.mask_path,
+              "masks of the rotating part, if there are any (COLMAP's: a.jpg.png for a.jpg); empty: none");
+  options.AddEnum("quality", &settings.quality, kQualityNames,
+                  "how much time to spend; auto: high on a GPU, low without one");
+  options.AddEnum("until", &settings.until,
+                  {{"split", Until::kSplit}, {"train", Until::kTrain}, {"mesh", Until::kMesh}},
+                  "the last part to run: poses and sparse models, the Gaussian model, or all");
+  options.Add("use_gpu", &settings.use_gpu, "auto, 0 or 1");
+  options.Add("test_every", &settings.test_every,
+              "hold every n-th photo out of training and measure the model on it; 0: none");
+  options.Add("num_iterations", &settings.num_iterations, "steps of training; empty: as --quality says");
+  options
+      .Add("max_image_size", &settings.max_image_size,
+           "longer side of the photos in training; empty: as --quality says")
+      .Unit("px");
+  options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
+  options.Add("colmap_path", &settings.colmap_path,
+              "the colmap executable or its folder; empty: searched for on PATH");
+  Reporter& reporter = context.Parse();
+
+  const Workspace workspace{settings.workspace_path};
+  if (settings.image_path.empty()) settings.image_path = workspace.Images();
+  std::error_code ec;
+  if (!fs::is_directory(settings.image_path, ec)) {
+    throw UserError(
+        settings.image_path, "there is no such folder of photos",
+        "Give the photos' folder as --image_path, or put them into " + workspace.Images().string());
+  }
+  CreateFolder(workspace.root);
+
+  ScanSummary summary;
+  const std::vector<Step> steps = MakeSteps(settings, options);
+  for (size_t i = 0; i < steps.size(); ++i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
+    summary.steps.push_back(RunStep(steps[i], i + 1, steps.size(), context.out()));
+    AddStages(workspace, steps[i].command, before, &summary);
+  }
+  CollectFigures(workspace, &summary);
+  WriteScanSummary(workspace.ReportJson(), summary);
+  PrintScanSummary(summary, context.out());
+}
+
+}  // namespace s2gs

@@ -1,0 +1,54 @@
+#include "plugin/cli/command.h"
+#include "plugin/commands/automatic_scanner_command.h"
+#include "plugin/commands/gaussian_renderer_command.h"
+#include "plugin/commands/gaussian_trainer_command.h"
+#include "plugin/commands/scan_evaluator_command.h"
+#include "plugin/commands/tsdf_mesher_command.h"
+#include "plugin/commands/workspace_info_command.h"
+
+#if S2GS_WITH_SFM
+#include "plugin/commands/motion_splitter_command.h"
+#include "plugin/commands/turntable_mapper_command.h"
+#endif
+
+namespace s2gs {
+namespace {
+
+void AddSfmCommands([[maybe_unused]] std::vector<Command>* commands) {
+#if S2GS_WITH_SFM
+  commands->push_back({"motion_splitter",
+                       "splits features into static and rotating: two databases for colmap mapper",
+                       RunMotionSplitter});
+  commands->push_back({"turntable_mapper",
+                       "maps both databases with colmap and aligns them: sparse models, turntable.json",
+                       RunTurntableMapper});
+#endif
+}
+
+std::vector<Command> MakeCommands() {
+  std::vector<Command> commands;
+  commands.push_back({"automatic_scanner", "photos to everything: poses, Gaussian model, masks and mesh",
+                      RunAutomaticScanner});
+  AddSfmCommands(&commands);
+  commands.push_back({"gaussian_renderer", "renders a trained model: masks, depth and normal maps, images",
+                      RunGaussianRenderer});
+  commands.push_back({"gaussian_trainer",
+                      "trains Gaussians that know whether they belong to the rotating part",
+                      RunGaussianTrainer});
+  commands.push_back(
+      {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
+  commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});
+  commands.push_back({"workspace_info",
+                      "lists the stages of a workspace, which are done and why not, and its files",
+                      RunWorkspaceInfo});
+  return commands;
+}
+
+}  // namespace
+
+const std::vector<Command>& AllCommands() {
+  static const std::vector<Command> commands = MakeCommands();
+  return commands;
+}
+
+}  // namespace s2gs

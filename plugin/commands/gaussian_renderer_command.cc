@@ -1,0 +1,415 @@
+#include "plugin/commands/gaussian_renderer_command.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <sstream>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "plugin/commands/backend_choice.h"
+#include "plugin/commands/dense_folder.h"
+#include "plugin/stage/stage.h"
+#include "plugin/stage/workspace.h"
+#include "s2gs/gaussians_ply.h"
+#include "s2gs/held_out.h"
+#include "s2gs/image/image_file.h"
+#include "s2gs/image/photos.h"
+#include "s2gs/image/undistort.h"
+#include "s2gs/render_pictures.h"
+#include "s2gs/rotating_mask.h"
+#include "s2gs/training_scene.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/scene/io/colmap_maps.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
+constexpr int kNumOverviewPhotos = 4;
+constexpr int kOverviewWidth = 1600;
+constexpr int kOverviewJpegQuality = 85;
+
+enum class DepthKind : uint8_t { kMedian, kExpected };
+const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};
+
+struct Arguments {
+  fs::path workspace_path;
+  fs::path image_path;
+  fs::path model_path;
+  fs::path output_path;
+  fs::path image_list;
+  bool color = false;
+  bool foreground = false;
+  bool masks = true;
+  bool stereo = true;
+  bool pictures = false;
+  bool comparison = false;
+  bool overview = true;
+  DepthKind depth = DepthKind::kMedian;
+  int32_t num_frames = 0;
+  int32_t frame_station = 0;
+  BackendChoice backend;
+};
+
+void AddOptions(Options* options, Arguments* a) {
+  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and s2gs/point_cloud.ply")
+      .Required();
+  options->Add("image_path", &a->image_path, "the photos; empty: images in the workspace");
+  options->Add("model_path", &a->model_path, "the Gaussians; empty: s2gs/point_cloud.ply in the workspace");
+  options->Add("output_path", &a->output_path,
+               "folder for images that are no part of a workspace; empty: s2gs/renders in the workspace");
+  options->Add("image_list", &a->image_list,
+               "file with the names of the photos to render, one a line; empty: all");
+  options->Add("masks", &a->masks, "masks of the rotating part: masks/NAME.png in the workspace, 255 inside");
+  options->Add(
+      "stereo", &a->stereo,
+      "depth maps, normal maps and silhouettes of the rotating part alone: dense/0/stereo/*/"
+      "NAME.geometric.bin and dense/0/masks, for tsdf_mesher and colmap stereo_fusion; makes dense/0 "
+      "when there is none");
+  options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
+  options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
+  options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
+  options->Add("pictures", &a->pictures,
+               "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
+  options->Add("comparison", &a->comparison,
+               "photo, rendering, error and mask side by side: comparison/NAME.png");
+  options->Add("overview", &a->overview,
+               "such a comparison of four photos to look at: s2gs/comparison.jpg in the workspace");
+  options->Add(
+      "num_frames", &a->num_frames,
+      "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
+  options->Add("frame_station", &a->frame_station,
+               "the station whose first photo lends its camera to the film");
+}
+
+std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene) {
+  std::set<std::string> names;
+  if (path.empty()) {
+    for (const ScenePhoto& photo : scene.photos) names.insert(photo.name);
+    return names;
+  }
+  std::set<std::string> known;
+  for (const ScenePhoto& photo : scene.photos) known.insert(photo.name);
+  std::istringstream lines(ReadWholeFile(path, kMaxListBytes, "Check --image_list"));
+  std::string line;
+  while (std::getline(lines, line)) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty()) continue;
+    if (known.count(line) == 0) {
+      throw UserError(path, "names " + line + ", which is no image of the scene",
+                      "Give names as in sparse/0, one a line");
+    }
+    names.insert(line);
+  }
+  return names;
+}
+
+// Creates the folder of a file that may lie below the image folder's own folders.
+fs::path InFolder(const fs::path& path) {
+  CreateFolder(path.parent_path());
+  return path;
+}
+
+RenderRequest WholeScene(const PinholeView& view) {
+  RenderRequest request;
+  request.view = view;
+  request.foreground = true;
+  request.hard_foreground = true;
+  return request;
+}
+
+// Half transparent is outside.
+PixelMask OpaqueMask(const RenderedView& view) {
+  PixelMask mask{view.width, view.height, {}};
+  mask.inside.reserve(view.alpha.size());
+  for (const float alpha : view.alpha) mask.inside.push_back(alpha >= 0.5F ? 1 : 0);
+  return mask;
+}
+
+RenderRequest ForegroundAlone(const PinholeView& view) {
+  RenderRequest request;
+  request.view = view;
+  request.drawn = DrawnBody::kForeground;
+  request.geometry = true;
+  return request;
+}
+
+class Renderer {
+ public:
+  Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend)
+      : a_(arguments), workspace_(workspace), scene_(std::move(scene)), backend_(backend) {
+    output_ = a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path;
+    if (scene_.mode == TrainMode::kS2gs) shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
+  }
+
+  // What other stages and COLMAP work on. \param dense_view  null: no maps.
+  void RenderForWorkspace(const ScenePhoto& photo, const PinholeView* dense_view) {
+    if (a_.masks) {
+      WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, Mask(photo)));
+    }
+    if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
+  }
+
+  // Images to look at.
+  void RenderPictures(const ScenePhoto& photo) {
+    const std::string file = photo.name + ".png";
+    if (a_.color || a_.foreground || a_.comparison) {
+      const RenderedView view = backend_->Render(WholeScene(photo.view));
+      const Image8 color = ToImage8(view);
+      if (a_.color) WriteImage(InFolder(output_ / "color" / file), color);
+      if (a_.foreground) WriteImage(InFolder(output_ / "foreground" / file), SoftForeground(photo));
+      if (a_.comparison) {
+        WriteImage(InFolder(output_ / "comparison" / file),
+                   ComparisonPicture(Photo(photo), color, Mask(photo)));
+      }
+    }
+    if (a_.pictures) {
+      const RenderedView view = backend_->Render(ForegroundAlone(photo.view));
+      const std::vector<float>& depth =
+          a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
+      WriteImage(InFolder(output_ / "depth" / file), DepthPicture(depth, view.width, view.height));
+      WriteImage(InFolder(output_ / "normal" / file), NormalPicture(view));
+    }
+  }
+
+  // Comparisons of a few photos, spread evenly, below each other.
+  void WriteOverview() {
+    const std::vector<ScenePhoto>& all = scene_.photos;
+    const size_t count = std::min<size_t>(kNumOverviewPhotos, all.size());
+    std::vector<const ScenePhoto*> photos;
+    photos.reserve(count);
+    for (size_t i = 0; i < count; ++i) photos.push_back(&all[i * all.size() / count]);
+    std::vector<Image8> rows;
+    rows.reserve(photos.size());
+    Image8 overview{kOverviewWidth, 0, 3, {}};
+    for (const ScenePhoto* photo : photos) {
+      const RenderedView view = backend_->Render(WholeScene(photo->view));
+      const Image8 row = ComparisonPicture(Photo(*photo), ToImage8(view), Mask(*photo));
+      const int height = std::max(1, row.height * kOverviewWidth / row.width);
+      rows.push_back(ResizeByArea(row, kOverviewWidth, height));
+      overview.height += height;
+    }
+    for (const Image8& row : rows) {
+      overview.pixels.insert(overview.pixels.end(), row.pixels.begin(), row.pixels.end());
+    }
+    WriteImage(InFolder(workspace_.Overview()), overview, kOverviewJpegQuality);
+  }
+
+  // One turn of the table before a camera that stands still.
+  void RenderFrame(int frame, const PinholeView& view, const TurntableAxis& axis) {
+    const double angle = 2 * M_PI * frame / a_.num_frames;
+    Rigid3 turn;
+    turn.rotation = Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis.direction));
+    turn.translation = axis.point - turn.rotation * axis.point;
+    PinholeView turned = view;
+    turned.cam_from_object = view.cam_from_object * turn;
+    const RenderedView rendered = backend_->Render(WholeScene(turned));
+    WriteImage(InFolder(output_ / "frames" / fmt::format("{:04}.png", frame)), ToImage8(rendered));
+  }
+
+  const TrainingScene& scene() const { return scene_; }
+
+ private:
+  Image8 Mask(const ScenePhoto& photo) {
+    return MaskImage(RotatingMask(backend_->Render(MaskRequest(scene_, shape_, photo.view))));
+  }
+
+  Image8 SoftForeground(const ScenePhoto& photo) {
+    RenderRequest request = WholeScene(photo.view);
+    request.hard_foreground = false;
+    const RenderedView view = backend_->Render(request);
+    Image8 image{view.width, view.height, 1, {}};
+    image.pixels.reserve(view.foreground.size());
+    for (const float p : view.foreground) {
+      image.pixels.push_back(static_cast<uint8_t>(std::clamp(p, 0.0F, 1.0F) * 255 + 0.5F));
+    }
+    return image;
+  }
+
+  const Undistortion& PlanOf(const ScenePhoto& photo) {
+    if (plans_.empty()) plans_ = PlanUndistortions(workspace_.ObjectModel());
+    return plans_.at(photo.name);
+  }
+
+  // Masks are those of the photos as they are, with their distortion.
+  Image8 DistortedMask(const ScenePhoto& photo, const Image8& mask) {
+    return DistortMask(PlanOf(photo), mask);
+  }
+
+  Image8 Photo(const ScenePhoto& photo) {
+    const Undistortion& plan = PlanOf(photo);
+    return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole);
+  }
+
+  void WriteStereo(const std::string& name, PinholeView view) {
+    RenderRequest silhouette = ForegroundAlone(view);
+    silhouette.geometry = false;
+    WriteImage(InFolder(workspace_.DenseMask(name)), MaskImage(OpaqueMask(backend_->Render(silhouette))));
+    // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
+    view.cx += 0.5;
+    view.cy += 0.5;
+    const RenderedView rendered = backend_->Render(ForegroundAlone(view));
+    const std::vector<float>& depth =
+        a_.depth == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
+    ColmapMap depth_map{rendered.width, rendered.height, 1, {}};
+    ColmapMap normal_map{rendered.width, rendered.height, 3, {}};
+    const size_t count = depth.size();
+    depth_map.values.assign(count, 0);
+    normal_map.values.assign(3 * count, 0);
+    for (size_t i = 0; i < count; ++i) {
+      if (!(depth[i] > 0) || rendered.alpha[i] < 0.5F) continue;
+      const Eigen::Vector3f normal(rendered.normal[3 * i], rendered.normal[3 * i + 1],
+                                   rendered.normal[3 * i + 2]);
+      const float length = normal.norm();
+      if (!(length > 0)) continue;
+      depth_map.values[i] = static_cast<float>(depth[i] * scene_.size);
+      for (int c = 0; c < 3; ++c) normal_map.values[c * count + i] = normal[c] / length;
+    }
+    WriteColmapMap(InFolder(workspace_.DepthMap(name)), depth_map);
+    WriteColmapMap(InFolder(workspace_.NormalMap(name)), normal_map);
+  }
+
+  const Arguments& a_;
+  const Workspace& workspace_;
+  TrainingScene scene_;
+  Backend* backend_;
+  std::optional<RotatingShape> shape_;
+  fs::path output_;
+  std::map<std::string, Undistortion> plans_;
+};
+
+// The model and the scene, loaded when the first picture is wanted.
+class LazyRenderer {
+ public:
+  LazyRenderer(const Arguments& arguments, const Workspace& workspace, Reporter& reporter)
+      : a_(arguments), workspace_(workspace), reporter_(reporter) {}
+
+  Renderer& Get() {
+    if (renderer_) return *renderer_;
+    TrainingScene scene = ReadScenePoses(
+        {workspace_.ObjectModel(), workspace_.StaticModel(), workspace_.Turntable(), a_.image_path, {}, {}},
+        TrainMode::kAuto, reporter_);
+    TrainState state;
+    state.gaussians = NormaliseGaussians(ReadGaussianPly(a_.model_path), scene.origin, scene.size);
+    backend_ = MakeBackend(a_.backend, reporter_);
+    backend_->SetState(state);
+    names_ = ReadList(a_.image_list, scene);
+    renderer_.emplace(a_, workspace_, std::move(scene), backend_.get());
+    return *renderer_;
+  }
+
+  // Calls `render` for every photo that is asked for.
+  void ForEachPhoto(const char* task, const std::function<void(Renderer&, const ScenePhoto&)>& render) {
+    Renderer& renderer = Get();
+    int64_t done = 0;
+    for (const ScenePhoto& photo : renderer.scene().photos) {
+      if (names_.count(photo.name) == 0) continue;
+      if (reporter_.StopRequested()) throw Interrupted();
+      render(renderer, photo);
+      reporter_.Progress(task, ++done, static_cast<int64_t>(names_.size()));
+    }
+  }
+
+  size_t num_photos() const { return names_.size(); }
+
+ private:
+  const Arguments& a_;
+  const Workspace& workspace_;
+  Reporter& reporter_;
+  std::unique_ptr<Backend> backend_;
+  std::optional<Renderer> renderer_;
+  std::set<std::string> names_;
+};
+
+void RenderForWorkspace(const Arguments& a, const std::map<std::string, PinholeView>& dense_views,
+                        LazyRenderer* lazy) {
+  lazy->ForEachPhoto("render", [&](Renderer& renderer, const ScenePhoto& photo) {
+    const auto dense = dense_views.find(photo.name);
+    if (dense == dense_views.end()) return renderer.RenderForWorkspace(photo, nullptr);
+    PinholeView view = dense->second;
+    view.cam_from_object = photo.view.cam_from_object;
+    view.cam_from_world = photo.view.cam_from_world;
+    renderer.RenderForWorkspace(photo, &view);
+  });
+  if (a.overview) lazy->Get().WriteOverview();
+}
+
+void RenderFrames(const Arguments& a, const Workspace& workspace, LazyRenderer* lazy, Reporter& reporter) {
+  Renderer& renderer = lazy->Get();
+  const auto& photos = renderer.scene().photos;
+  const auto first = std::find_if(photos.begin(), photos.end(),
+                                  [&](const ScenePhoto& photo) { return photo.station == a.frame_station; });
+  if (first == photos.end()) throw CommandLineError("--frame_station: there is no such station");
+  if (!renderer.scene().axis) {
+    throw UserError(workspace.Turntable(), "is missing, so there is no axis for --num_frames to turn about",
+                    "Leave --num_frames out");
+  }
+  for (int frame = 0; frame < a.num_frames; ++frame) {
+    if (reporter.StopRequested()) throw Interrupted();
+    renderer.RenderFrame(frame, first->view, *renderer.scene().axis);
+    reporter.Progress("frames", frame + 1, a.num_frames);
+  }
+}
+
+}  // namespace
+
+void RunGaussianRenderer(CommandContext& context) {
+  Arguments a;
+  Options& options = context.Declare(
+      "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, which "
+      "is skipped when it is done, and images to look at. The maps are what tsdf_mesher and colmap "
+      "stereo_fusion need.",
+      "--workspace_path scan --comparison 1");
+  AddOptions(&options, &a);
+  AddBackendOptions(&options, &a.backend);
+  Reporter& reporter = context.Parse();
+  if (a.num_frames < 0) throw CommandLineError("--num_frames must not be negative");
+
+  const Workspace workspace{a.workspace_path};
+  StageRunner runner(workspace, reporter);
+  if (a.image_path.empty()) a.image_path = workspace.Images();
+  if (a.model_path.empty()) a.model_path = workspace.PointCloud();
+  std::map<std::string, PinholeView> dense_views;
+  if (a.stereo) dense_views = PrepareDenseFolder(workspace, a.image_path, &runner, reporter);
+
+  LazyRenderer lazy(a, workspace, reporter);
+  Stage stage;
+  stage.name = "gaussian_renderer";
+  stage.inputs = {workspace.ObjectModel(), workspace.StaticModel(), workspace.Turntable(), a.image_path,
+                  a.model_path};
+  if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
+  const std::map<std::string, std::string> values = options.Values();
+  for (const char* name : {"masks", "stereo", "overview", "depth"}) stage.options[name] = values.at(name);
+  stage.depends_on = {"gaussian_trainer"};
+  if (a.masks) stage.outputs.push_back(workspace.Masks());
+  if (a.overview) stage.outputs.push_back(workspace.Overview());
+  if (a.stereo) {
+    stage.outputs.insert(stage.outputs.end(),
+                         {workspace.DepthMaps(), workspace.NormalMaps(), workspace.Dense() / "masks"});
+    stage.depends_on.emplace_back(kUndistorterStage);
+  }
+  if (!stage.outputs.empty() && !runner.Run(stage, [&] { RenderForWorkspace(a, dense_views, &lazy); })) {
+    context.out() << "up to date       " << workspace.root.string() << '\n';
+  }
+  if (a.color || a.foreground || a.pictures || a.comparison) {
+    lazy.ForEachPhoto("render pictures",
+                      [](Renderer& renderer, const ScenePhoto& photo) { renderer.RenderPictures(photo); });
+  }
+  if (a.num_frames > 0) RenderFrames(a, workspace, &lazy, reporter);
+  context.out() << fmt::format("photos rendered  {}\nframes           {}\n", lazy.num_photos(), a.num_frames);
+}
+
+}  // namespace s2gs

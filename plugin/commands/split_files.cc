@@ -1,0 +1,202 @@
+#include "plugin/commands/split_files.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <system_error>
+#include <utility>
+
+#include "s2gs/image/image_file.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/matching/pair_plan.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path MaskOf(const fs::path& mask_path, const std::string& image_name) {
+  fs::path full = mask_path / (image_name + ".png");
+  std::error_code ec;
+  if (fs::exists(full, ec)) return full;
+  return (mask_path / image_name).replace_extension(".png");
+}
+
+float ScaleOf(const KeypointMatrix& keypoints, Eigen::Index row) {
+  if (keypoints.cols() == 4) return keypoints(row, 2);
+  if (keypoints.cols() == 6) {
+    return std::sqrt(std::abs(keypoints(row, 2) * keypoints(row, 5) - keypoints(row, 3) * keypoints(row, 4)));
+  }
+  return 1.0F;
+}
+
+}  // namespace
+
+SplitFeatures ReadSplitFeatures(const fs::path& database_path) {
+  const ColmapDatabase database = ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly);
+  std::map<uint32_t, Camera> cameras;
+  for (const DatabaseCamera& camera : database.ReadCameras())
+    cameras[camera.camera.camera_id] = camera.camera;
+  const std::vector<DatabaseImage> rows = database.ReadImages();
+  std::vector<std::string> names;
+  names.reserve(rows.size());
+  for (const DatabaseImage& row : rows) names.push_back(row.name);
+
+  SplitFeatures features;
+  features.rows.reserve(rows.size());
+  features.images.reserve(rows.size());
+  for (const uint32_t i : NaturalNameOrder(names)) {
+    const DatabaseImage& row = rows[i];
+    SplitImage image;
+    image.name = row.name;
+    const auto camera = cameras.find(row.camera_id);
+    if (camera == cameras.end()) {
+      throw UserError(database_path, "image " + row.name + " refers to a camera that is not there",
+                      "Run `colmap feature_extractor` again on a new database");
+    }
+    image.size =
+        Eigen::Vector2i(static_cast<int>(camera->second.width), static_cast<int>(camera->second.height));
+    const KeypointMatrix keypoints = database.ReadKeypoints(row.image_id);
+    image.keypoints.reserve(keypoints.rows());
+    image.scales.reserve(keypoints.rows());
+    for (Eigen::Index k = 0; k < keypoints.rows(); ++k) {
+      image.keypoints.emplace_back(keypoints(k, 0), keypoints(k, 1));
+      const float scale = ScaleOf(keypoints, k);
+      image.scales.push_back(std::isfinite(scale) ? scale : 0.0F);
+    }
+    const DescriptorMatrix descriptors = database.ReadDescriptors(row.image_id);
+    if (descriptors.rows() != keypoints.rows()) {
+      throw UserError(database_path,
+                      "image " + row.name + " has " + std::to_string(keypoints.rows()) + " keypoints but " +
+                          std::to_string(descriptors.rows()) + " descriptors",
+                      "Run `colmap feature_extractor` again on a new database");
+    }
+    image.descriptors.assign(descriptors.data(), descriptors.data() + descriptors.size());
+    features.rows.push_back(row);
+    features.images.push_back(std::move(image));
+  }
+  if (features.images.size() < 3) {
+    throw UserError(database_path,
+                    "has " + std::to_string(features.images.size()) + " images; a split needs at least three",
+                    "Run `colmap feature_extractor` on all photos first");
+  }
+  return features;
+}
+
+GivenMatches ReadGivenMatches(const fs::path& database_path, const SplitFeatures& features) {
+  const ColmapDatabase database = ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly);
+  std::map<uint32_t, uint32_t> image_of_id;
+  for (uint32_t i = 0; i < features.rows.size(); ++i) image_of_id[features.rows[i].image_id] = i;
+  GivenMatches given;
+  database.ForEachMatches([&](uint32_t image_id1, uint32_t image_id2, const FeatureMatches& matches) {
+    const auto found1 = image_of_id.find(image_id1);
+    const auto found2 = image_of_id.find(image_id2);
+    if (found1 == image_of_id.end() || found2 == image_of_id.end()) return;
+    const uint32_t image1 = found1->second;
+    const uint32_t image2 = found2->second;
+    FeatureMatches& ordered = given[{std::min(image1, image2), std::max(image1, image2)}];
+    ordered = matches;
+    if (image1 > image2) {
+      for (FeatureMatch& match : ordered) std::swap(match.point2D_idx1, match.point2D_idx2);
+    }
+  });
+  if (given.empty()) {
+    throw UserError(database_path, "has no matches, but --use_matches asks for them",
+                    "Run `colmap exhaustive_matcher` on it first, or leave out --use_matches");
+  }
+  return given;
+}
+
+void ApplyMasks(const fs::path& mask_path, SplitFeatures* features, Reporter& reporter) {
+  size_t num_without = 0;
+  for (SplitImage& image : features->images) {
+    const fs::path path = MaskOf(mask_path, image.name);
+    std::error_code ec;
+    if (!fs::exists(path, ec)) {
+      ++num_without;
+      image.given_labels.assign(image.keypoints.size(), KeypointLabel::kUnknown);
+      continue;
+    }
+    const Image8 mask = ReadImage(path, 1);
+    if (mask.width != image.size.x() || mask.height != image.size.y()) {
+      throw UserError(path,
+                      "is " + std::to_string(mask.width) + " x " + std::to_string(mask.height) +
+                          " pixels, its photo " + std::to_string(image.size.x()) + " x " +
+                          std::to_string(image.size.y()),
+                      "Make masks of the photos' size");
+    }
+    image.given_labels.reserve(image.keypoints.size());
+    for (const Eigen::Vector2f& xy : image.keypoints) {
+      const int x = std::clamp(static_cast<int>(xy.x()), 0, mask.width - 1);
+      const int y = std::clamp(static_cast<int>(xy.y()), 0, mask.height - 1);
+      image.given_labels.push_back(*mask.Pixel(x, y) > 0 ? KeypointLabel::kRotating : KeypointLabel::kStatic);
+    }
+  }
+  if (num_without == features->images.size()) {
+    throw UserError(mask_path, "has no mask for any of the photos",
+                    "COLMAP's convention: the mask of sub/a.jpg is sub/a.jpg.png");
+  }
+  if (num_without > 0) {
+    reporter.Warn(std::to_string(num_without) + " photos have no mask in " + mask_path.string() +
+                  " and are left out");
+  }
+}
+
+void WriteSplitDatabase(const fs::path& database_path, const fs::path& path, const SplitFeatures& features,
+                        const std::vector<VerifiedPair>& pairs, const std::vector<ImagePairMatches>* matches,
+                        Reporter& reporter) {
+  std::vector<TwoViewGeometryOfPair> geometries;
+  geometries.reserve(pairs.size());
+  for (const VerifiedPair& pair : pairs) {
+    TwoViewGeometryOfPair result;
+    result.image_id1 = features.rows[pair.image1].image_id;
+    result.image_id2 = features.rows[pair.image2].image_id;
+    result.geometry.config = TwoViewConfig::kUncalibrated;
+    result.geometry.F = pair.F;
+    if (pair.is_planar) result.geometry.H = pair.H;
+    result.geometry.inlier_matches = pair.matches;
+    geometries.push_back(std::move(result));
+  }
+  ColmapDatabase::SafeCopy(database_path, path, reporter, [&](ColmapDatabase& copy) {
+    copy.ReplaceTwoViewGeometries(geometries);
+    if (matches == nullptr) return;
+    copy.InTransaction([&] {
+      for (const ImagePairMatches& pair : *matches) {
+        copy.WriteMatches(features.rows[pair.image1].image_id, features.rows[pair.image2].image_id,
+                          pair.matches);
+      }
+    });
+  });
+}
+
+void WriteLabels(const fs::path& path, const MotionSplit& split, const SplitFeatures& features) {
+  nlohmann::json images = nlohmann::json::array();
+  for (size_t i = 0; i < features.images.size(); ++i) {
+    std::string labels;
+    labels.reserve(split.labels[i].size());
+    for (const KeypointLabel label : split.labels[i])
+      labels.push_back(static_cast<char>('0' + static_cast<int>(label)));
+    images.push_back({{"name", features.images[i].name},
+                      {"image_id", features.rows[i].image_id},
+                      {"station", split.stations.station_of_image[i]},
+                      {"represents_station",
+                       split.representative[split.stations.station_of_image[i]] == static_cast<int>(i)},
+                      {"labels", labels}});
+  }
+  const nlohmann::json file = {{"version", 1},
+                               {"case", CaptureCaseName(split.capture_case)},
+                               {"reason", split.reason},
+                               {"warnings", split.warnings},
+                               {"label_values", {{"0", "unknown"}, {"1", "static"}, {"2", "rotating"}}},
+                               {"num_stations", split.stations.images.size()},
+                               {"images", images}};
+  WriteFileAtomically(path, [&](std::ostream& stream) {
+    // File names may hold bytes that are no UTF-8.
+    stream << file.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) << '\n';
+  });
+}
+
+}  // namespace s2gs

@@ -1,0 +1,367 @@
+#include "plugin/commands/tsdf_mesher_command.h"
+
+#include <fmt/format.h>
+
+#include <map>
+#include <memory>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "mesh/io/mesh_files.h"
+#include "plugin/stage/stage.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/scene/io/colmap_maps.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool Exists(const fs::path& path) {
+  std::error_code ec;
+  return fs::exists(path, ec);
+}
+
+// The files of one view; those that are not there have no path.
+struct ViewFiles {
+  ObjectView camera;  // of the image, not of the maps
+  fs::path depth;
+  fs::path normal;
+  fs::path image;
+  fs::path mask;
+};
+
+class WorkspaceViews : public DepthViewSource {
+ public:
+  explicit WorkspaceViews(std::vector<ViewFiles> files) : files_(std::move(files)) {}
+
+  int size() const override { return static_cast<int>(files_.size()); }
+
+  std::shared_ptr<const DepthView> Load(int index) const override {
+    const ViewFiles& files = files_[index];
+    ColmapMap depths = ReadColmapMap(files.depth, 1);
+    const auto loaded = std::make_shared<DepthView>();
+    DepthView& view = *loaded;
+    view.camera = files.camera;
+    // Maps of a smaller size show the whole image all the same.
+    const double scale_x = static_cast<double>(depths.width) / files.camera.width;
+    const double scale_y = static_cast<double>(depths.height) / files.camera.height;
+    view.camera.width = depths.width;
+    view.camera.height = depths.height;
+    view.camera.fx *= scale_x;
+    view.camera.cx *= scale_x;
+    view.camera.fy *= scale_y;
+    view.camera.cy *= scale_y;
+    view.first_position = kColmapMapPosition;
+    view.depths = std::move(depths.values);
+    if (!files.normal.empty()) {
+      ColmapMap normals = ReadColmapMap(files.normal, 3);
+      if (normals.width != depths.width || normals.height != depths.height) {
+        throw UserError(files.normal,
+                        fmt::format("is {} x {}, but the depth map is {} x {}", normals.width, normals.height,
+                                    depths.width, depths.height),
+                        "Render both again");
+      }
+      view.normals = std::move(normals.values);
+    }
+    if (!files.image.empty()) view.colors = ReadImage(files.image, 3);
+    if (!files.mask.empty()) view.mask = ReadImage(files.mask, 1);
+    return loaded;
+  }
+
+ private:
+  std::vector<ViewFiles> files_;
+};
+
+// The photos of the views, grey, for the refinement.
+class WorkspacePhotos : public RefinementPhotoSource {
+ public:
+  explicit WorkspacePhotos(const std::vector<ViewFiles>& files) {
+    cameras_.reserve(files.size());
+    paths_.reserve(files.size());
+    for (const ViewFiles& view : files) {
+      if (view.image.empty()) continue;
+      const ImageSize size = ReadImageSize(view.image);
+      ObjectView camera = view.camera;
+      // Photos of another size show the whole image all the same.
+      const double scale_x = static_cast<double>(size.width) / camera.width;
+      const double scale_y = static_cast<double>(size.height) / camera.height;
+      camera.width = size.width;
+      camera.height = size.height;
+      camera.fx *= scale_x;
+      camera.cx *= scale_x;
+      camera.fy *= scale_y;
+      camera.cy *= scale_y;
+      cameras_.push_back(camera);
+      paths_.push_back(view.image);
+    }
+  }
+
+  int size() const override { return static_cast<int>(paths_.size()); }
+  const ObjectView& Camera(int index) const override { return cameras_[index]; }
+  Image8 Load(int index) const override { return ReadImage(paths_[index], 1); }
+
+ private:
+  std::vector<ObjectView> cameras_;
+  std::vector<fs::path> paths_;
+};
+
+// Masks are those of the photos, so they fit the dense images only when these are the photos.
+fs::path MaskFolder(const Workspace& workspace, const TsdfMesherOptions& options, Reporter& reporter) {
+  if (!options.mask_path.empty()) {
+    if (!Exists(options.mask_path)) throw UserError(options.mask_path, "no such folder", "Check --mask_path");
+    return options.mask_path;
+  }
+  if (Exists(workspace.Dense() / "masks")) return workspace.Dense() / "masks";
+  if (!Exists(workspace.Masks())) return {};
+  if (Exists(workspace.ObjectModel())) {
+    const ColmapModel photos = ReadColmapModel(workspace.ObjectModel());
+    for (const auto& [id, camera] : photos.cameras) {
+      if (IsDistortionFree(camera)) continue;
+      reporter.Warn(workspace.Masks().string() +
+                    ": not used, because the photos were undistorted for dense/0 and the masks were not. Put "
+                    "undistorted ones into dense/0/masks");
+      return {};
+    }
+  }
+  return workspace.Masks();
+}
+
+ObjectView PinholeOf(const Camera& camera, const ColmapImage& image, const fs::path& model) {
+  if (!IsDistortionFree(camera)) {
+    throw UserError(model,
+                    fmt::format("camera {} is a {} with distortion, but depth maps need a pinhole",
+                                camera.camera_id, InfoOf(camera.model).name),
+                    "Run `colmap image_undistorter`, or `s2gs gaussian_renderer`");
+  }
+  const Eigen::Vector2d focal = FocalLengths(camera);
+  const Eigen::Vector2d principal = PrincipalPoint(camera);
+  return {static_cast<int>(camera.width),
+          static_cast<int>(camera.height),
+          focal.x(),
+          focal.y(),
+          principal.x(),
+          principal.y(),
+          image.cam_from_world};
+}
+
+std::vector<ViewFiles> FindViews(const Workspace& workspace, const TsdfMesherOptions& options,
+                                 Reporter& reporter, TsdfMesherSummary* summary) {
+  const ColmapModel model = ReadColmapModel(workspace.DenseModel());
+  const fs::path masks = MaskFolder(workspace, options, reporter);
+  std::map<std::string, const ColmapImage*> by_name;
+  for (const auto& [id, image] : model.images) by_name[image.name] = &image;
+  std::vector<ViewFiles> views;
+  views.reserve(by_name.size());
+  const std::string suffix = "." + options.input_type + ".bin";
+  for (const auto& [name, image] : by_name) {
+    const auto path_if_there = [](const fs::path& path) { return Exists(path) ? path : fs::path(); };
+    ViewFiles files;
+    files.depth = path_if_there(workspace.DepthMaps() / (name + suffix));
+    if (files.depth.empty()) continue;
+    files.camera = PinholeOf(model.cameras.at(image->camera_id), *image, workspace.DenseModel());
+    if (options.use_normals) files.normal = path_if_there(workspace.NormalMaps() / (name + suffix));
+    files.image = path_if_there(workspace.DenseImages() / name);
+    if (!masks.empty()) files.mask = path_if_there(masks / (name + ".png"));
+    summary->num_masks += files.mask.empty() ? 0 : 1;
+    views.push_back(std::move(files));
+  }
+  summary->num_images = static_cast<int>(by_name.size());
+  summary->num_depth_maps = static_cast<int>(views.size());
+  if (views.empty()) {
+    throw UserError(workspace.DepthMaps(),
+                    "holds no depth map NAME" + suffix + " of an image of dense/0/sparse",
+                    "Run `s2gs gaussian_renderer` or `colmap patch_match_stereo` first");
+  }
+  if (views.size() < by_name.size()) {
+    reporter.Warn(
+        fmt::format("{} of {} images have no depth map", by_name.size() - views.size(), by_name.size()));
+  }
+  return views;
+}
+
+void Report(const TsdfSummary& tsdf, Reporter& reporter) {
+  reporter.Info(fmt::format(
+      "fused {} depth maps on the {} ({}): {} blocks of 8^3 voxels of {:.4g}, truncated "
+      "at {:.4g}; {:.2f} s to prepare, {:.2f} s to fuse",
+      tsdf.num_views, tsdf.backend == TsdfBackend::kCuda ? "GPU" : "CPU", tsdf.device, tsdf.num_blocks,
+      tsdf.voxel_size, tsdf.truncation, tsdf.prepare_seconds, tsdf.fuse_seconds));
+  if (tsdf.num_outliers > 0) {
+    reporter.Info(fmt::format("{} rays end far from everything else and were left out", tsdf.num_outliers));
+  }
+}
+
+void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
+  if (refinement.num_vertices == 0) {
+    reporter.Warn(fmt::format("{} photos show the mesh: too few to refine it by", refinement.num_photos));
+    return;
+  }
+  reporter.Info(fmt::format(
+      "refined by {} photos: {} triangles dropped that hardly any of them sees, {:.0f} % of {} vertices "
+      "placed by their texture; moved by {:+.2f} px outwards, {:.2f} px rms, in {:.2f} s",
+      refinement.num_photos, refinement.num_unseen_triangles,
+      100.0 * static_cast<double>(refinement.num_accepted) / static_cast<double>(refinement.num_vertices),
+      refinement.num_vertices, refinement.mean_offset_px, refinement.rms_offset_px, refinement.seconds));
+}
+
+void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, std::ostream& out) {
+  out << fmt::format("depth maps       {} of {} images, {} with masks\n", summary.num_depth_maps,
+                     summary.num_images, summary.num_masks)
+      << fmt::format("backend          {}, {}\n", summary.tsdf.backend == TsdfBackend::kCuda ? "GPU" : "CPU",
+                     summary.tsdf.device)
+      << fmt::format("voxel            {:.6g}, truncation {:.6g}\n", summary.tsdf.voxel_size,
+                     summary.tsdf.truncation)
+      << fmt::format("clusters         {} of {} kept\n", summary.cleanup.num_clusters_kept,
+                     summary.cleanup.num_clusters);
+  if (summary.refinement.num_vertices > 0) {
+    out << fmt::format("refined          {:+.3f} px outwards, {} unseen triangles dropped\n",
+                       summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles);
+  }
+  if (mesher.cleanup.max_hole_edges > 0) {
+    out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
+  }
+  if (summary.cleanup.cut_height)
+    out << fmt::format("cut above disc   {:.6g} along ({:.4f}, {:.4f}, {:.4f})\n",
+                       *summary.cleanup.cut_height, summary.cleanup.up.x(), summary.cleanup.up.y(),
+                       summary.cleanup.up.z());
+  out << fmt::format("mesh             {} vertices, {} triangles\n", summary.num_vertices,
+                     summary.num_triangles)
+      << "written          " << summary.output_path.string() << '\n';
+}
+
+}  // namespace
+
+TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
+                                Reporter& reporter) {
+  TsdfMesherSummary summary;
+  summary.output_path = options.output_path.empty() ? workspace.TsdfMesh() : options.output_path;
+  RequireMeshExtension(summary.output_path);
+  const std::vector<ViewFiles> files = FindViews(workspace, options, reporter, &summary);
+  const WorkspaceViews views(files);
+  TriangleMesh mesh = MeshFromDepthMaps(views, options.tsdf, reporter, &summary.tsdf);
+  Report(summary.tsdf, reporter);
+  MeshCleanupOptions cleanup = options.cleanup;
+  // Without a table that turns, z is no direction of the scene.
+  cleanup.is_axis_known =
+      Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
+  // First what is not the object: it would hide the object from the photos.
+  MeshCleanupOptions clusters_only = cleanup;
+  clusters_only.max_hole_edges = 0;
+  clusters_only.smoothing_iterations = 0;
+  clusters_only.max_triangles = 0;
+  summary.cleanup = CleanMesh(clusters_only, reporter, &mesh);
+  if (options.refinement.enabled && !mesh.triangles.empty()) {
+    MeshRefinementOptions refinement = options.refinement;
+    // What stands around a body that is not told from it hides the body's rough parts, which are lost then.
+    if (!cleanup.is_axis_known) refinement.min_seen_pct = 0;
+    summary.refinement = RefineMesh(WorkspacePhotos(files), refinement, reporter, &mesh);
+    Report(summary.refinement, reporter);
+  }
+  cleanup.remove_disc = false;
+  summary.cleanup.num_holes_closed = CleanMesh(cleanup, reporter, &mesh).num_holes_closed;
+  if (mesh.triangles.empty()) {
+    throw UserError(workspace.DepthMaps(), "the depth maps agree on no surface",
+                    "Check that they belong to the poses of dense/0/sparse, or set a larger voxel_size");
+  }
+  WriteMesh(summary.output_path, mesh);
+  summary.num_vertices = mesh.vertices.size();
+  summary.num_triangles = mesh.triangles.size();
+  return summary;
+}
+
+void RunTsdfMesher(CommandContext& context) {
+  fs::path workspace_path;
+  TsdfMesherOptions mesher;
+  Options& options = context.Declare(
+      "Fuses the depth maps of dense/0 into a mesh in the object's frame: dense/0/meshed-tsdf.ply. Skipped "
+      "when it is done; with --output_path it always runs.",
+      "--workspace_path scan --Cleanup.remove_disc 1");
+  options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
+  options.Add("output_path", &mesher.output_path,
+              "the mesh: .ply, .obj or .glb; empty: dense/0/meshed-tsdf.ply");
+  options.Add(
+      "mask_path", &mesher.mask_path,
+      "masks NAME.png for the images of dense/0; empty: dense/0/masks, else masks where the photos are "
+      "free of distortion");
+  options.Add("input_type", &mesher.input_type, "which maps to take: NAME.<input_type>.bin");
+  options.Add("use_normals", &mesher.use_normals, "use the normal maps where there are any");
+  options.AddEnum("use_gpu", &mesher.tsdf.backend,
+                  {{"auto", TsdfBackend::kAuto}, {"0", TsdfBackend::kCpu}, {"1", TsdfBackend::kCuda}},
+                  "fuse on the GPU");
+  auto tsdf = options.Group("Tsdf", &mesher.tsdf);
+  tsdf.Add("voxel_size", &TsdfOptions::voxel_size, "edge of a voxel; 0: from the depth maps' resolution")
+      .Unit("as the poses");
+  tsdf.Add("voxel_size_pixels", &TsdfOptions::voxel_size_pixels,
+           "edge of a voxel where it is chosen, in pixels on the surface")
+      .Unit("px");
+  tsdf.Add("max_resolution", &TsdfOptions::max_resolution,
+           "voxels along the longest side where the edge is chosen");
+  tsdf.Add("truncation_voxels", &TsdfOptions::truncation_voxels,
+           "how far from the surface distances are known")
+      .Unit("voxels");
+  tsdf.Add("max_view_angle_deg", &TsdfOptions::max_view_angle_deg,
+           "steepest angle between ray and normal at which a depth counts")
+      .Unit("degrees");
+  tsdf.Add("mask_threshold", &TsdfOptions::mask_threshold, "of the masks' 0 to 1: from here on it is object");
+  tsdf.Add("carve", &TsdfOptions::carve, "take space in front of pixels outside the masks as empty");
+  tsdf.Add("max_memory_gib", &TsdfOptions::max_memory_gib, "refuse what would need more").Unit("GiB");
+  tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
+  auto cleanup = options.Group("Cleanup", &mesher.cleanup);
+  cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
+              "cut just above the table's disc, or what the object stands on where nothing turns");
+  cleanup
+      .Add("min_cluster_area_pct", &MeshCleanupOptions::min_cluster_area_pct,
+           "drop clusters with less of the largest one's area; 100 keeps the largest alone")
+      .Unit("%");
+  cleanup.Add("max_hole_edges", &MeshCleanupOptions::max_hole_edges,
+              "close holes with so many edges or fewer; 0: none");
+  cleanup.Add("smoothing_iterations", &MeshCleanupOptions::smoothing_iterations, "of Taubin's smoothing");
+  cleanup.Add("max_triangles", &MeshCleanupOptions::max_triangles,
+              "simplify the mesh to about so many triangles; 0: keep all");
+  auto refinement = options.Group("Refine", &mesher.refinement);
+  refinement.Add("enabled", &MeshRefinementOptions::enabled,
+                 "move the surface to where the photos of dense/0 agree best, and drop what they do not see");
+  refinement.Add("num_views", &MeshRefinementOptions::num_views, "photos in which a vertex is compared");
+  refinement
+      .Add("max_view_angle_deg", &MeshRefinementOptions::max_view_angle_deg,
+           "steepest angle between a vertex's normal and the rays to these photos")
+      .Unit("degrees");
+  refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
+                 "of the offsets over the mesh; larger trusts the photos less");
+  refinement
+      .Add(
+          "min_seen_pct", &MeshRefinementOptions::min_seen_pct,
+          "drop triangles that fewer of the photos see, where a table turns and there are 40 photos or more; "
+          "0 keeps all")
+      .Unit("%");
+  refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
+      .Unit("GiB");
+  refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
+  Reporter& reporter = context.Parse();
+
+  const Workspace workspace{workspace_path};
+  StageRunner runner(workspace, reporter);
+  const auto mesh = [&] { Print(MeshWorkspace(workspace, mesher, reporter), mesher, context.out()); };
+  if (!mesher.output_path.empty()) return mesh();  // no part of the workspace: always written
+  Stage stage;
+  stage.name = "tsdf_mesher";
+  stage.inputs = {workspace.DenseModel(), workspace.DenseImages(), workspace.DepthMaps(),
+                  workspace.NormalMaps(), workspace.Dense() / "masks"};
+  for (const fs::path& masks : {mesher.mask_path, workspace.Masks()}) {
+    if (!masks.empty()) stage.inputs.push_back(masks);
+  }
+  stage.options = ValuesWithout(options, {"workspace_path", "output_path", "mask_path", "use_gpu",
+                                          "Tsdf.num_threads", "Tsdf.max_memory_gib", "Refine.num_threads"});
+  stage.outputs = {workspace.TsdfMesh()};
+  stage.depends_on = {"gaussian_renderer"};
+  if (!runner.Run(stage, mesh)) {
+    context.out() << "up to date       " << workspace.TsdfMesh().string() << '\n';
+  }
+}
+
+}  // namespace s2gs

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+
+#include "mesh/fusion/tsdf.h"
+#include "mesh/refine/mesh_refinement.h"
+#include "mesh/surface/mesh_cleanup.h"
+#include "plugin/cli/command.h"
+#include "plugin/stage/workspace.h"
+#include "sfm_split/base/reporter.h"
+
+namespace s2gs {
+
+/// What tsdf_mesher does, for other commands.
+struct TsdfMesherOptions {
+  std::filesystem::path output_path;     ///< empty: dense/0/meshed-tsdf.ply.
+  std::filesystem::path mask_path;       ///< empty: dense/0/masks or, for photos without distortion, masks.
+  std::string input_type = "geometric";  ///< of the maps' names: NAME.geometric.bin.
+  bool use_normals = true;               ///< where there are normal maps.
+  TsdfOptions tsdf;
+  MeshCleanupOptions cleanup;
+  MeshRefinementOptions refinement;  ///< by the photos of dense/0.
+};
+
+struct TsdfMesherSummary {
+  TsdfSummary tsdf;
+  MeshCleanupSummary cleanup;
+  MeshRefinementSummary refinement;
+  std::filesystem::path output_path;
+  int num_images = 0;      ///< of the dense model.
+  int num_depth_maps = 0;  ///< of these, with a depth map.
+  int num_masks = 0;       ///< of these, with a mask.
+  size_t num_vertices = 0;
+  size_t num_triangles = 0;
+};
+
+/// Fuses the depth maps of dense/0 in the frame of its model, which is the object's, cleans the mesh up,
+/// refines it by the photos and writes it. Throws UserError when there are no depth maps, or nothing is left
+/// of the mesh.
+TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
+                                Reporter& reporter);
+
+/// Depth maps to mesh: --workspace_path W.
+void RunTsdfMesher(CommandContext& context);
+
+}  // namespace s2gs

@@ -1,0 +1,232 @@
+#include "plugin/commands/turntable_report.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+using nlohmann::json;
+
+constexpr size_t kMaxNamed = 5;
+
+json ToJson(const ModelTest& test) {
+  return {{"simple", JointModelName(test.simple)},
+          {"general", JointModelName(test.general)},
+          {"score", test.score},
+          {"worst_image", test.worst_image},
+          {"worst_score", test.worst_score},
+          {"fitted", test.fitted},
+          {"extra_parameters", test.extra_parameters},
+          {"f_statistic", test.f_statistic},
+          {"bic_gain", test.bic_gain},
+          {"accepted", test.accepted}};
+}
+
+json BodyToJson(const ColmapModel& model, double rms_px, int adjusted_observations) {
+  json body = DescribePoints(model);
+  body["adjusted_observations"] = adjusted_observations;
+  body["adjusted_rms_px"] = rms_px;
+  return body;
+}
+
+// A number for people; what is not observable is null in the file.
+std::string Number(const json& value, const char* format = "{:.4g}") {
+  if (!value.is_number()) return "not observable";
+  return fmt::format(fmt::runtime(format), value.get<double>());
+}
+
+}  // namespace
+
+json DescribePoints(const ColmapModel& model) {
+  size_t observations = 0;
+  double over_points = 0;
+  double over_observations = 0;
+  for (const auto& [id, point] : model.points3D) {
+    observations += point.track.size();
+    over_points += point.error;
+    over_observations += point.error * static_cast<double>(point.track.size());
+  }
+  const auto mean = [](double sum, size_t count) { return count > 0 ? sum / static_cast<double>(count) : 0; };
+  return {{"points", model.points3D.size()},
+          {"observations", observations},
+          {"mean_reprojection_error_px", mean(over_points, model.points3D.size())},
+          {"mean_observation_error_px", mean(over_observations, observations)}};
+}
+
+json ToJson(const std::vector<MappingAttempt>& attempts) {
+  json result = json::array();
+  for (const MappingAttempt& attempt : attempts) {
+    result.push_back({{"settings", attempt.settings},
+                      {"models", attempt.models},
+                      {"images", attempt.images},
+                      {"seconds", attempt.seconds}});
+  }
+  return result;
+}
+
+json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
+  const JointReport& joint = refined.joint;
+  json report;
+  report["registered"] = aligned.scene.views.size();
+  report["missing"] = refined.missing;
+  report["mended"] = json::array();
+  for (const RelocalisedImage& image : refined.mended) {
+    report["mended"].push_back({{"name", image.name},
+                                {"how", image.how},
+                                {"inliers", image.inliers},
+                                {"candidates", image.candidates},
+                                {"margin", image.margin}});
+  }
+  report["doubted"] = refined.doubted;
+  report["placed_stations"] = json::array();
+  for (const RelocalisedImage& image : refined.placed_stations) {
+    report["placed_stations"].push_back({{"image", image.name},
+                                         {"inliers", image.inliers},
+                                         {"candidates", image.candidates},
+                                         {"margin", image.margin}});
+  }
+  report["untied"] = refined.untied;
+  report["stations"] = aligned.scene.num_stations;
+  report["scale_observable"] = aligned.scene.scale_observable;
+  report["object_placements"] = json::array();
+  for (const TurntableGroup& group : aligned.solution.groups)
+    report["object_placements"].push_back(group.num_images);
+  report["object"] = BodyToJson(aligned.object, joint.object_rms_px, joint.object_observations);
+  report["background"] =
+      BodyToJson(aligned.background, joint.background_rms_px, joint.background_observations);
+  std::vector<double> angles;
+  for (const double sigma : joint.angle_sigma_deg) {
+    if (sigma > 0) angles.push_back(sigma);
+  }
+  report["sigma"] = {{"pixel", joint.sigma_px},
+                     {"axis_direction_deg", joint.axis_direction_sigma_deg},
+                     {"axis_point", joint.axis_point_sigma},
+                     {"angle_median_deg", UpperMedian(angles)},
+                     {"angle_max_deg", angles.empty() ? 0 : *std::max_element(angles.begin(), angles.end())},
+                     {"focal_px", joint.focal_sigma_px},
+                     {"scale_rel", joint.scale_sigma_rel}};
+  report["cameras"] = json::array();
+  for (const Camera& camera : aligned.scene.cameras) {
+    report["cameras"].push_back(
+        {{"camera_id", camera.camera_id}, {"model", InfoOf(camera.model).name}, {"params", camera.params}});
+  }
+  const Observability& observability = joint.observability;
+  report["observability"] = {{"computed", observability.computed},
+                             {"parameters", observability.num_parameters},
+                             {"nullity", observability.nullity},
+                             {"singular_value_gap", std::sqrt(std::max(0.0, observability.gap))},
+                             {"condition", std::sqrt(std::max(0.0, observability.condition))},
+                             {"null_directions", observability.null_directions}};
+  report["joint_model"] = {{"chosen", JointModelName(refined.model)}, {"tests", json::array()}};
+  for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
+  report["rounds"] = json::array();
+  for (const RefineRound& round : refined.rounds) {
+    report["rounds"].push_back({{"images", round.images},
+                                {"object_points", round.object_points},
+                                {"background_points", round.background_points},
+                                {"object_rms_px", round.object_rms_px},
+                                {"background_rms_px", round.background_rms_px},
+                                {"seconds", round.seconds}});
+  }
+  report["stable"] = refined.is_stable;
+  report["relabelled_keypoints"] = refined.relabelled_keypoints;
+  return report;
+}
+
+void PrintTurntableSummary(const json& report, std::ostream& out) {
+  const auto row = [&](const std::string& what, const std::string& value) {
+    out << fmt::format("{:<24}{}\n", what, value);
+  };
+  row("case", report.at("case").get<std::string>());
+  row("path", report.at("path").get<std::string>() + ": " + report.at("path_reason").get<std::string>());
+  row("images registered",
+      fmt::format("{} of {}", report.at("registered").get<int>(), report.at("images").get<int>()));
+  for (const auto& name : report.at("missing")) row("  missing", name.get<std::string>());
+  if (report.contains("untied") && !report.at("untied").empty()) {
+    row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
+                                report.at("untied").size()));
+  }
+  if (!report.contains("sigma")) return;
+  std::map<std::string, std::vector<std::string>> mended;
+  for (const auto& image : report.at("mended")) {
+    mended[image.at("how").get<std::string>()].push_back(
+        fmt::format("{} ({} of {} keypoints)", image.at("name").get<std::string>(),
+                    image.at("inliers").get<int>(), image.at("candidates").get<int>()));
+  }
+  for (const auto& [how, images] : mended) {
+    row("  mended", fmt::format("{} images: {}", images.size(), how));
+    for (size_t k = 0; k < std::min(images.size(), kMaxNamed); ++k) row("", images[k]);
+    if (images.size() > kMaxNamed) row("", fmt::format("and {} more", images.size() - kMaxNamed));
+  }
+  row("stations", std::to_string(report.at("stations").get<int>()));
+  for (const auto& placed : report.at("placed_stations")) {
+    row("  placed",
+        fmt::format("{}: by {} of {} matches on the background", placed.at("image").get<std::string>(),
+                    placed.at("inliers").get<int>(), placed.at("candidates").get<int>()));
+  }
+  if (report.at("object_placements").size() > 1) {
+    row("object moved", fmt::format("it lay in {} ways on the table, so its pose is free in every image",
+                                    report.at("object_placements").size()));
+  }
+  for (const char* body : {"object", "background"}) {
+    const json& figures = report.at(body);
+    if (figures.at("points").get<int64_t>() == 0) {
+      row(body, "none");
+      continue;
+    }
+    row(body, fmt::format("{} points, {} observations, mean reprojection error {:.3f} px over points",
+                          figures.at("points").get<int64_t>(), figures.at("observations").get<int64_t>(),
+                          figures.at("mean_reprojection_error_px").get<double>()));
+  }
+  const json& joint = report.at("joint_model");
+  std::string why;
+  for (const json& test : joint.at("tests")) {
+    why += fmt::format("{}{}: score {:.2f}{}", why.empty() ? " (" : "; ",
+                       test.at("general").get<std::string>(), test.at("score").get<double>(),
+                       test.at("fitted").get<bool>()
+                           ? fmt::format(", F {:.2f}, {}", test.at("f_statistic").get<double>(),
+                                         test.at("accepted").get<bool>() ? "taken" : "not taken")
+                           : "");
+  }
+  row("joint model", joint.at("chosen").get<std::string>() + why + (why.empty() ? "" : ")"));
+  const json& sigma = report.at("sigma");
+  row("axis direction", "+- " + Number(sigma.at("axis_direction_deg")) + " degrees");
+  row("table angles", fmt::format("+- {} degrees (worst {})", Number(sigma.at("angle_median_deg")),
+                                  Number(sigma.at("angle_max_deg"))));
+  for (size_t c = 0; c < sigma.at("focal_px").size(); ++c) {
+    row("focal length",
+        fmt::format("{:.2f} +- {} px", report.at("cameras").at(c).at("params").at(0).get<double>(),
+                    Number(sigma.at("focal_px").at(c))));
+  }
+  if (report.at("scale_observable").get<bool>()) {
+    const json& scale = sigma.at("scale_rel");
+    row("object / background", scale.is_number()
+                                   ? fmt::format("+- {:.3g} % of scale", 100 * scale.get<double>())
+                                   : std::string("not observable"));
+  } else {
+    row("object / background", "scale cannot be observed from one station");
+  }
+  const json& observability = report.at("observability");
+  if (observability.at("computed").get<bool>()) {
+    row("observability",
+        fmt::format("nullity {} of {} parameters, gap {}", observability.at("nullity").get<int>(),
+                    observability.at("parameters").get<int>(),
+                    Number(observability.at("singular_value_gap"), "{:.2g}")));
+    for (const auto& direction : observability.at("null_directions"))
+      row("  free", direction.get<std::string>());
+  }
+  std::string seconds;
+  for (const auto& [step, value] : report.at("seconds").items()) {
+    seconds += fmt::format("{}{} {:.1f}", seconds.empty() ? "" : ", ", step, value.get<double>());
+  }
+  row("seconds", seconds);
+}
+
+}  // namespace s2gs

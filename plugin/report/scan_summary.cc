@@ -1,0 +1,174 @@
+#include "plugin/report/scan_summary.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
+#include <system_error>
+#include <utility>
+
+#include "mesh/surface/triangle_mesh.h"
+#include "plugin/cli/console_reporter.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+constexpr uint64_t kMaxJsonBytes = uint64_t{1} << 30;
+
+bool Exists(const fs::path& path) {
+  std::error_code ec;
+  return fs::exists(path, ec);
+}
+
+// Null when the file is missing or damaged: a summary leaves out what it cannot read.
+Json ReadJson(const fs::path& path) {
+  if (!Exists(path)) return nullptr;
+  try {
+    return Json::parse(ReadWholeFile(path, kMaxJsonBytes), nullptr, false);
+  } catch (const UserError&) {
+    return nullptr;
+  }
+}
+
+void AddSplit(const Workspace& workspace, ScanSummary* summary) {
+  const Json labels = ReadJson(workspace.SplitLabels());
+  if (!labels.is_object()) return;
+  const std::string scene_case = labels.value("case", "");
+  const std::string reason = labels.value("reason", "");
+  if (scene_case == "one_body") {
+    summary->left_out.emplace_back("the split into two bodies", reason);
+  } else if (scene_case == "single_station") {
+    summary->left_out.emplace_back("the background's model and the scale against it", reason);
+  }
+}
+
+void AddPoses(const Workspace& workspace, ScanSummary* summary) {
+  if (Exists(workspace.ObjectModel())) {
+    const ColmapModel model = ReadColmapModel(workspace.ObjectModel());
+    summary->figures.emplace_back("photos with a pose", std::to_string(model.images.size()));
+    summary->figures.emplace_back("points of the rotating part", std::to_string(model.points3D.size()));
+  }
+  if (Exists(workspace.StaticModel())) {
+    const ColmapModel model = ReadColmapModel(workspace.StaticModel());
+    summary->figures.emplace_back("points of the background", std::to_string(model.points3D.size()));
+  }
+  if (Exists(workspace.Turntable())) {
+    const TurntableFile turntable = ReadTurntableFile(workspace.Turntable());
+    summary->figures.emplace_back("stations", std::to_string(turntable.num_stations));
+    summary->figures.emplace_back("scale against the background",
+                                  turntable.scale_observable ? "observed" : "cannot be observed");
+  }
+}
+
+void AddTraining(const Workspace& workspace, ScanSummary* summary) {
+  std::ifstream log(workspace.Log());
+  std::string line;
+  Json last;
+  Json held_out;
+  while (std::getline(log, line)) {
+    const Json entry = Json::parse(line, nullptr, false);
+    if (!entry.is_object()) continue;
+    last = entry;
+    if (entry.value("event", "") == "held_out") held_out = entry;
+  }
+  if (last.is_object()) {
+    summary->figures.emplace_back("training iterations", std::to_string(last.value("iteration", int64_t{0})));
+    summary->figures.emplace_back("Gaussians", std::to_string(last.value("count", int64_t{0})));
+  }
+  if (held_out.is_object() && held_out.contains("psnr_db") && held_out["psnr_db"].is_number()) {
+    summary->figures.emplace_back("PSNR of held-out photos",
+                                  fmt::format("{:.2f} dB", held_out["psnr_db"].get<double>()));
+  }
+}
+
+void AddMesh(const Workspace& workspace, ScanSummary* summary) {
+  if (!Exists(workspace.TsdfMesh())) return;
+  const TriangleMesh mesh = ReadPlyMesh(workspace.TsdfMesh());
+  summary->figures.emplace_back("triangles of the mesh", std::to_string(mesh.triangles.size()));
+}
+
+void AddFiles(const Workspace& workspace, ScanSummary* summary) {
+  const std::vector<std::pair<std::string, fs::path>> candidates = {
+      {"mesh", workspace.TsdfMesh()},          {"masks", workspace.Masks()},
+      {"Gaussians", workspace.PointCloud()},   {"picture", workspace.Overview()},
+      {"training log", workspace.Log()},       {"rotating part", workspace.ObjectModel()},
+      {"background", workspace.StaticModel()}, {"table", workspace.Turntable()},
+      {"top view", workspace.TopView()},       {"this summary", workspace.ReportJson()},
+  };
+  for (const auto& [what, path] : candidates) {
+    if (Exists(path) || path == workspace.ReportJson()) summary->files.emplace_back(what, path);
+  }
+}
+
+}  // namespace
+
+void CollectFigures(const Workspace& workspace, ScanSummary* summary) {
+  for (const auto add : {AddSplit, AddPoses, AddTraining, AddMesh, AddFiles}) {
+    try {
+      add(workspace, summary);
+    } catch (const UserError&) {
+      continue;  // the step that owns the file has said what is wrong with it
+    }
+  }
+}
+
+void WriteScanSummary(const fs::path& path, const ScanSummary& summary) {
+  Json json;
+  json["steps"] = Json::array();
+  for (const ScanSummary::Step& step : summary.steps) {
+    json["steps"].push_back({{"command", step.command},
+                             {"line", step.shell_line},
+                             {"wall_seconds", step.wall_seconds},
+                             {"cpu_seconds", step.cpu_seconds}});
+  }
+  json["stages"] = Json::array();
+  for (const ScanSummary::Stage& stage : summary.stages) {
+    json["stages"].push_back(
+        {{"name", stage.name}, {"run", stage.has_run}, {"reason", stage.reason}, {"seconds", stage.seconds}});
+  }
+  json["left_out"] = Json::array();
+  for (const auto& [what, why] : summary.left_out) json["left_out"].push_back({{"what", what}, {"why", why}});
+  json["figures"] = Json::object();
+  for (const auto& [name, value] : summary.figures) json["figures"][name] = value;
+  json["files"] = Json::object();
+  for (const auto& [what, where] : summary.files) json["files"][what] = where.string();
+  WriteFileAtomically(path, [&](std::ostream& out) { out << json.dump(2) << '\n'; });
+}
+
+void PrintScanSummary(const ScanSummary& summary, std::ostream& out) {
+  const auto line = [&](const std::string& name, const std::string& value) {
+    out << fmt::format("  {:<32}{}\n", name, value);
+  };
+  const auto stages = [&](bool have_run, const std::string& title) {
+    std::string shown = title;
+    for (const ScanSummary::Stage& stage : summary.stages) {
+      if (stage.has_run != have_run) continue;
+      out << std::exchange(shown, "");
+      line(stage.name, fmt::format("{:<9}{}", FormatDuration(stage.seconds), stage.reason));
+    }
+  };
+  stages(true, "\nWhat ran, its time, and why\n");
+  stages(false, "\nWhat was skipped, its time back then, and why\n");
+  double total = 0;
+  for (const ScanSummary::Step& step : summary.steps) total += step.wall_seconds;
+  line("this run", FormatDuration(total));
+  if (!summary.left_out.empty()) out << "\nWhat was left out, and why\n";
+  for (const auto& [what, why] : summary.left_out) line(what, why);
+  out << "\nWhat came out\n";
+  for (const auto& [name, value] : summary.figures) line(name, value);
+  out << "\nWhere it is\n";
+  for (const auto& [what, where] : summary.files) line(what, where.string());
+  out << std::flush;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <filesystem>
+#include <ostream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "plugin/stage/workspace.h"
+
+namespace s2gs {
+
+/// What a whole scan did and what came out of it.
+struct ScanSummary {
+  struct Step {
+    std::string command;
+    std::string title;
+    std::string shell_line;  ///< runs this step alone.
+    double wall_seconds = 0;
+    double cpu_seconds = 0;  ///< of all threads and of `colmap`.
+  };
+  std::vector<Step> steps;
+  /// A stage of one of the steps' commands.
+  struct Stage {
+    std::string name;
+    bool has_run = false;  ///< else it was done before.
+    std::string reason;    ///< why it ran, or since when it is done.
+    double seconds = 0;    ///< that it took, now or then.
+  };
+  std::vector<Stage> stages;
+  std::vector<std::pair<std::string, std::string>> left_out;         ///< what, and the measured reason.
+  std::vector<std::pair<std::string, std::string>> figures;          ///< name and value with its unit.
+  std::vector<std::pair<std::string, std::filesystem::path>> files;  ///< what, where; those that exist.
+};
+
+/// Fills in what was left out, the figures and the files from what the steps left in the workspace. What
+/// cannot be read is missing from the summary.
+void CollectFigures(const Workspace& workspace, ScanSummary* summary);
+
+/// report.json: {"steps": [...], "stages": [...], "left_out": [...], "figures": {...}, "files": {...}}.
+/// Throws UserError.
+void WriteScanSummary(const std::filesystem::path& path, const ScanSummary& summary);
+
+void PrintScanSummary(const ScanSummary& summary, std::ostream& out);
+
+}  // namespace s2gs

@@ -1,0 +1,118 @@
+#include "plugin/stage/workspace.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <string_view>
+#include <system_error>
+
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+
+namespace s2gs {
+
+namespace fs = std::filesystem;
+
+std::vector<StandardStage> StandardStages(const Workspace& w) {
+  return {
+      {"feature_extractor", {w.Database()}, "motion_splitter"},
+      {"motion_splitter", {w.ObjectDatabase(), w.StaticDatabase(), w.SplitLabels()}, "motion_splitter"},
+      {"object_mapper", {}, "turntable_mapper"},
+      {"background_mapper", {}, "turntable_mapper"},
+      {"turntable_mapper", {w.ObjectModel(), w.Turntable()}, "turntable_mapper"},
+      {"gaussian_trainer", {w.PointCloud()}, "gaussian_trainer"},
+      {"image_undistorter", {w.DenseImages(), w.DenseModel()}, "gaussian_renderer"},
+      {"gaussian_renderer", {w.Masks(), w.DepthMaps()}, "gaussian_renderer"},
+      {"tsdf_mesher", {w.TsdfMesh()}, "tsdf_mesher"},
+      {"report", {w.ReportHtml(), w.ReportJson()}, ""},
+  };
+}
+
+std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace& w) {
+  return {
+      {w.Images(), "photos"},
+      {w.Database(), "features and matches"},
+      {w.ObjectDatabase(), "two-view geometries of the rotating part"},
+      {w.StaticDatabase(), "two-view geometries of the background"},
+      {w.SplitLabels(), "case, stations and every keypoint's label"},
+      {w.SplitOverlays(), "photos with their keypoints coloured by label"},
+      {w.ObjectModel(), "sparse model of the rotating part"},
+      {w.StaticModel(), "sparse model of the background"},
+      {w.Turntable(), "axis, stations and angles"},
+      {w.Plan(), "the plan: what runs, what is left out and why"},
+      {w.Checkpoints(), "training checkpoints"},
+      {w.PointCloud(), "Gaussians"},
+      {w.Masks(), "masks of the rotating part"},
+      {w.DenseImages(), "undistorted photos"},
+      {w.DenseModel(), "their sparse model"},
+      {w.DepthMaps(), "depth maps"},
+      {w.NormalMaps(), "normal maps"},
+      {w.TsdfMesh(), "mesh from the depth maps"},
+      {w.PoissonMesh(), "COLMAP's Poisson mesh"},
+      {w.DelaunayMesh(), "COLMAP's Delaunay mesh"},
+      {w.Log(), "log"},
+      {w.ReportHtml(), "report: error against run time"},
+      {w.ReportJson(), "the report's figures"},
+  };
+}
+
+WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
+  std::error_code ec;
+  if (!fs::is_directory(workspace.root, ec)) {
+    throw UserError(workspace.root, "no such folder", "Check --workspace_path, or create the folder");
+  }
+  CreateFolder(workspace.Own());
+  const fs::path path = workspace.LockFile();
+  // Programs that s2gs starts must not hold the lock after it ends: close-on-exec.
+  fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (fd_ < 0) {
+    throw UserError(path, std::string("cannot be opened (") + std::strerror(errno) + ")",
+                    "Check that you may write in the workspace");
+  }
+  if (::flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+    const std::string owner = std::to_string(::getpid()) + "\n";
+    // For the other's message only: the lock holds without it.
+    [[maybe_unused]] const bool is_written =
+        ::ftruncate(fd_, 0) == 0 && ::write(fd_, owner.data(), owner.size()) > 0;
+    return;
+  }
+  const int error = errno;
+  if (error != EWOULDBLOCK) {
+    reporter.Warn(path.string() + ": cannot be locked (" + std::strerror(error) +
+                  "). Do not run s2gs twice at once in this workspace");
+    return;
+  }
+  char owner[32] = {};
+  const ssize_t length = ::pread(fd_, owner, sizeof(owner) - 1, 0);
+  ::close(std::exchange(fd_, -1));
+  std::string process = length > 0 ? owner : "";
+  process = process.substr(0, process.find_first_not_of("0123456789"));
+  throw UserError(
+      workspace.root,
+      "another s2gs" + (process.empty() ? "" : " (process " + process + ")") + " works in this workspace",
+      "Wait until it is done, or stop it; what it finished is kept");
+}
+
+WorkspaceLock::~WorkspaceLock() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+void RemoveStaleWorkspaceTemporaries(const Workspace& workspace) {
+  RemoveStaleTemporaries(workspace.root);
+  std::error_code ec;
+  fs::recursive_directory_iterator entry(workspace.root, fs::directory_options::skip_permission_denied, ec);
+  for (const fs::recursive_directory_iterator end; !ec && entry != end; entry.increment(ec)) {
+    std::error_code is_folder_ec;
+    if (!entry->is_directory(is_folder_ec)) continue;
+    if (entry.depth() == 0 && entry->path().filename() == workspace.Images().filename()) {
+      entry.disable_recursion_pending();
+    } else {
+      RemoveStaleTemporaries(entry->path());
+    }
+  }
+}
+
+}  // namespace s2gs

@@ -1,0 +1,93 @@
+#include "s2gs/image/image_file.h"
+
+#include <algorithm>
+#include <cctype>
+#include <string>
+
+#include "s2gs/image/image_codec.h"
+#include "sfm_split/base/byte_reader.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+
+namespace s2gs {
+namespace {
+
+constexpr std::string_view kJpegBegin = "\xFF\xD8\xFF";
+constexpr std::string_view kPngBegin = "\x89PNG\r\n\x1A\n";
+
+enum class Kind { kJpeg, kPng };
+
+Kind KindOf(std::string_view begin, const std::filesystem::path& path) {
+  if (begin.substr(0, kJpegBegin.size()) == kJpegBegin) return Kind::kJpeg;
+  if (begin.substr(0, kPngBegin.size()) == kPngBegin) return Kind::kPng;
+  throw UserError(path, "is neither a JPEG nor a PNG file",
+                  "Convert it to one of them, or remove it from the image folder");
+}
+
+std::string LowerCaseExtension(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+}  // namespace
+
+void CheckImageSize(uint64_t width, uint64_t height, const std::filesystem::path& path) {
+  if (width == 0 || height == 0) ThrowDamagedImage(path, "has no pixels by its header");
+  if (width > kMaxImageSide || height > kMaxImageSide ||
+      width * height > static_cast<uint64_t>(kMaxImagePixels)) {
+    throw UserError(path,
+                    "has " + std::to_string(width) + " x " + std::to_string(height) +
+                        " pixels; the bounds are " + std::to_string(kMaxImageSide) + " pixels a side and " +
+                        std::to_string(kMaxImagePixels) + " in all",
+                    "Reduce the image, or restore it if it is damaged");
+  }
+}
+
+void ThrowDamagedImage(const std::filesystem::path& path, const std::string& problem) {
+  throw UserError(path, problem, "The image is damaged: restore it, or remove it from the image folder");
+}
+
+Image8 DecodeImage(std::string_view bytes, const std::filesystem::path& path, int channels) {
+  S2GS_INVARIANT(channels == 1 || channels == 3);
+  return KindOf(bytes, path) == Kind::kJpeg ? DecodeJpeg(bytes, path, channels)
+                                            : DecodePng(bytes, path, channels);
+}
+
+Image8 ReadImage(const std::filesystem::path& path, int channels) {
+  return DecodeImage(ReadWholeFile(path, kMaxImageBytes), path, channels);
+}
+
+ImageSize ReadImageSize(const std::filesystem::path& path) {
+  std::ifstream stream = OpenForReading(path);
+  std::string begin(kPngBegin.size(), '\0');
+  stream.read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  stream.clear();
+  stream.seekg(0);
+  const Kind kind = KindOf(begin, path);
+  ByteReader reader(stream, path);
+  return kind == Kind::kJpeg ? ReadJpegSize(reader) : ReadPngSize(reader);
+}
+
+void WriteImage(const std::filesystem::path& path, const Image8& image, int jpeg_quality) {
+  S2GS_INVARIANT(image.channels == 1 || image.channels == 3);
+  S2GS_INVARIANT(jpeg_quality >= 1 && jpeg_quality <= 100);
+  CheckImageSize(static_cast<uint64_t>(image.width), static_cast<uint64_t>(image.height), path);
+  S2GS_INVARIANT(image.pixels.size() == static_cast<size_t>(image.width) * image.height * image.channels);
+  const std::string extension = LowerCaseExtension(path);
+  std::string bytes;
+  if (extension == ".png") {
+    bytes = EncodePng(image, path);
+  } else if (extension == ".jpg" || extension == ".jpeg") {
+    bytes = EncodeJpeg(image, path, jpeg_quality);
+  } else {
+    throw UserError(path, "cannot be written as an image: '" + extension + "' is no known extension",
+                    "Use .png, .jpg or .jpeg");
+  }
+  WriteFileAtomically(path, [&](std::ostream& stream) {
+    stream.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  });
+}
+
+}  // namespace s2gs

@@ -1,0 +1,192 @@
+#include <png.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <array>
+#include <csetjmp>
+#include <cstdio>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "s2gs/image/image_codec.h"
+#include "sfm_split/base/error.h"
+
+// libpng reports errors by a callback that must not return. Here it longjmps to the innermost function that
+// called into libpng; such functions hold no C++ object of their own between setjmp and their end, and all
+// that must be released belongs to a Decoder or Encoder outside them.
+
+namespace s2gs {
+namespace {
+
+struct ErrorState {
+  std::array<char, 256> message{};
+};
+
+[[noreturn]] void OnError(png_structp png, png_const_charp text) {
+  auto& state = *static_cast<ErrorState*>(png_get_error_ptr(png));
+  std::snprintf(state.message.data(), state.message.size(), "%s", text);
+  png_longjmp(png, 1);
+}
+
+// What libpng merely warns about does not change a pixel; a bad checksum is an error below.
+void OnWarning(png_structp /*png*/, png_const_charp /*text*/) {}
+
+// --- Decoding ----------------------------------------------------------------------------------------------
+
+struct Decoder {
+  png_structp png = nullptr;
+  png_infop info = nullptr;
+  ErrorState errors;
+  std::string_view unread;
+
+  Decoder() = default;
+  Decoder(const Decoder&) = delete;
+  Decoder& operator=(const Decoder&) = delete;
+  ~Decoder() { png_destroy_read_struct(&png, &info, nullptr); }
+};
+
+void OnRead(png_structp png, png_bytep target, size_t count) {
+  auto& decoder = *static_cast<Decoder*>(png_get_io_ptr(png));
+  if (count > decoder.unread.size()) png_error(png, "the file ends too early");
+  std::memcpy(target, decoder.unread.data(), count);
+  decoder.unread.remove_prefix(count);
+}
+
+// The next two return false with errors.message set.
+bool ReadHeader(Decoder& decoder) {
+  decoder.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &decoder.errors, OnError, OnWarning);
+  if (decoder.png == nullptr) return false;
+  png_structp png = decoder.png;
+  if (setjmp(png_jmpbuf(png)) != 0) return false;
+  decoder.info = png_create_info_struct(png);
+  if (decoder.info == nullptr) return false;
+  png_set_read_fn(png, &decoder, OnRead);
+  png_set_crc_action(png, PNG_CRC_ERROR_QUIT, PNG_CRC_ERROR_QUIT);
+  // Leave alone every chunk that no pixel depends on: texts, colour profiles, gamma.
+  png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, nullptr, -1);
+  png_set_user_limits(png, kMaxImageSide, kMaxImageSide);
+  png_read_info(png, decoder.info);
+  return true;
+}
+
+bool ReadPixels(Decoder& decoder, bool want_rgb, png_bytepp rows) {
+  png_structp png = decoder.png;
+  if (setjmp(png_jmpbuf(png)) != 0) return false;
+  png_set_expand(png);
+  png_set_scale_16(png);
+  png_set_strip_alpha(png);
+  if (want_rgb) png_set_gray_to_rgb(png);
+  png_set_interlace_handling(png);
+  png_read_update_info(png, decoder.info);
+  const size_t expected_bytes =
+      static_cast<size_t>(png_get_image_width(png, decoder.info)) * png_get_channels(png, decoder.info);
+  if (png_get_rowbytes(png, decoder.info) != expected_bytes) png_error(png, "unexpected size of a row");
+  png_read_image(png, rows);
+  png_read_end(png, nullptr);
+  return true;
+}
+
+// --- Encoding ----------------------------------------------------------------------------------------------
+
+struct Encoder {
+  png_structp png = nullptr;
+  png_infop info = nullptr;
+  ErrorState errors;
+  std::string bytes;
+
+  Encoder() = default;
+  Encoder(const Encoder&) = delete;
+  Encoder& operator=(const Encoder&) = delete;
+  ~Encoder() { png_destroy_write_struct(&png, &info); }
+};
+
+void OnWrite(png_structp png, png_bytep bytes, size_t count) {
+  static_cast<Encoder*>(png_get_io_ptr(png))->bytes.append(reinterpret_cast<const char*>(bytes), count);
+}
+
+void OnFlush(png_structp /*png*/) {}
+
+bool Encode(Encoder& encoder, const Image8& image) {
+  encoder.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &encoder.errors, OnError, OnWarning);
+  if (encoder.png == nullptr) return false;
+  png_structp png = encoder.png;
+  if (setjmp(png_jmpbuf(png)) != 0) return false;
+  encoder.info = png_create_info_struct(png);
+  if (encoder.info == nullptr) return false;
+  png_set_write_fn(png, &encoder, OnWrite, OnFlush);
+  const int color_type = image.channels == 1 ? PNG_COLOR_TYPE_GRAY : PNG_COLOR_TYPE_RGB;
+  png_set_IHDR(png, encoder.info, static_cast<png_uint_32>(image.width),
+               static_cast<png_uint_32>(image.height), 8, color_type, PNG_INTERLACE_NONE,
+               PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+  constexpr int kCompressionLevel = 2;
+  png_set_compression_level(png, kCompressionLevel);
+  png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
+  png_write_info(png, encoder.info);
+  for (int y = 0; y < image.height; ++y) png_write_row(png, image.Pixel(0, y));
+  png_write_end(png, nullptr);
+  return true;
+}
+
+}  // namespace
+
+Image8 DecodePng(std::string_view bytes, const std::filesystem::path& path, int channels) {
+  Decoder decoder;
+  decoder.unread = bytes;
+  if (!ReadHeader(decoder)) {
+    ThrowDamagedImage(path, std::string("is no valid PNG file: ") + decoder.errors.message.data());
+  }
+  const uint64_t width = png_get_image_width(decoder.png, decoder.info);
+  const uint64_t height = png_get_image_height(decoder.png, decoder.info);
+  CheckImageSize(width, height, path);
+  // Deflate cannot expand by more than 1032.
+  constexpr uint64_t kMaxExpansion = 1032;
+  const uint64_t packed_bytes = height * png_get_rowbytes(decoder.png, decoder.info);
+  if (packed_bytes / kMaxExpansion > bytes.size()) {
+    ThrowDamagedImage(path, "is too short (" + std::to_string(bytes.size()) + " bytes) for its " +
+                                std::to_string(width) + " x " + std::to_string(height) + " pixels");
+  }
+  const bool is_grey = (png_get_color_type(decoder.png, decoder.info) & PNG_COLOR_MASK_COLOR) == 0;
+  const size_t decoded_channels = is_grey && channels == 1 ? 1 : 3;
+  Image8 image;
+  image.width = static_cast<int>(width);
+  image.height = static_cast<int>(height);
+  image.channels = channels;
+  image.pixels.resize(width * height * decoded_channels);
+  std::vector<png_bytep> rows(height);
+  for (uint64_t y = 0; y < height; ++y) rows[y] = image.pixels.data() + y * width * decoded_channels;
+  if (!ReadPixels(decoder, decoded_channels == 3, rows.data())) {
+    ThrowDamagedImage(path, std::string("cannot be decoded as PNG: ") + decoder.errors.message.data());
+  }
+  if (decoded_channels == 3 && channels == 1) {
+    for (size_t i = 0; i < width * height; ++i) image.pixels[i] = GreyFromRgb(image.pixels.data() + 3 * i);
+    image.pixels.resize(width * height);
+  }
+  return image;
+}
+
+ImageSize ReadPngSize(ByteReader& reader) {
+  // Signature, then the first chunk: length, type, width, height, five bytes more, checksum from the type on.
+  std::array<uint8_t, 33> header{};
+  reader.ReadBytes(header.data(), header.size(), "the PNG header");
+  const auto number = [&header](size_t at) {
+    return static_cast<uint32_t>(header[at]) << 24 | static_cast<uint32_t>(header[at + 1]) << 16 |
+           static_cast<uint32_t>(header[at + 2]) << 8 | static_cast<uint32_t>(header[at + 3]);
+  };
+  if (number(8) != 13 || std::memcmp(header.data() + 12, "IHDR", 4) != 0) {
+    reader.Fail("a PNG file must begin with its header chunk");
+  }
+  if (crc32(0, header.data() + 12, 17) != number(29)) reader.Fail("the PNG header's checksum is wrong");
+  CheckImageSize(number(16), number(20), reader.path());
+  return {static_cast<int>(number(16)), static_cast<int>(number(20))};
+}
+
+std::string EncodePng(const Image8& image, const std::filesystem::path& path) {
+  Encoder encoder;
+  if (!Encode(encoder, image)) {
+    throw UserError(path, std::string("cannot be encoded as PNG: ") + encoder.errors.message.data(), "");
+  }
+  return std::move(encoder.bytes);
+}
+
+}  // namespace s2gs

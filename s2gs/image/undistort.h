@@ -1,0 +1,25 @@
+#pragma once
+
+#include <filesystem>
+
+#include "s2gs/image/image_file.h"
+#include "sfm_split/scene/camera_model.h"
+#include "sfm_split/scene/io/colmap_model.h"
+
+namespace s2gs {
+
+/// The pinhole that images of `camera` are resampled to: its focal lengths, and the largest image that the
+/// photo fills whatever the lens, so that no pixel is blank. A camera without distortion stays as it is, but
+/// as a PINHOLE. Throws UserError when the lens leaves no such image, or the model cannot be projected.
+/// \param path  the file that the camera comes from, for the message.
+Camera UndistortedCamera(const Camera& camera, const std::filesystem::path& path);
+
+/// The image as `pinhole` (of UndistortedCamera) sees it, bilinear between pixels. The result does not depend
+/// on the number of threads.
+Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& pinhole);
+
+/// The model with all cameras replaced by UndistortedCamera's and the keypoints moved along.
+/// \param path  of the model, for messages.
+ColmapModel UndistortedModel(const ColmapModel& model, const std::filesystem::path& path);
+
+}  // namespace s2gs

@@ -1,0 +1,234 @@
+#include "sfm_split/adjust/joint_ba.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/adjust/joint_model.h"
+#include "sfm_split/adjust/joint_residuals.h"
+#include "sfm_split/adjust/joint_sigmas.h"
+#include "sfm_split/adjust/joint_solve.h"
+#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/stopwatch.h"
+#include "sfm_split/scene/projection_jacobians.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kScoreWorthFitting = 1.5;
+constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// The loss' scale that the residuals of a problem ask for.
+double LossScaleOf(const JointProblem& problem) {
+  std::set<std::pair<bool, int>> points;
+  for (const bool of_object : {true, false}) {
+    for (const JointObservation& observation :
+         of_object ? problem.object.observations : problem.background.observations) {
+      if (observation.active) points.emplace(of_object, observation.point);
+    }
+  }
+  return LossScalePx(
+      RobustSigmaPx(MeasureJointResiduals(problem).coordinates, 3 * static_cast<int>(points.size())));
+}
+
+// Alternates adjusting and taking observations out until nothing more goes.
+// \param options  its loss' scale follows the residuals where `fit_loss`.
+JointSolved SolveInRounds(bool fit_loss, Reporter& reporter, JointOptions* fitted_options,
+                          JointProblem* problem, JointReport* report) {
+  JointOptions& options = *fitted_options;
+  JointSolved solved;
+  for (int round = 0; round < options.max_rounds; ++round) {
+    if (fit_loss) options.loss_scale_px = LossScaleOf(*problem);
+    const bool may_be_last = round + 1 == options.max_rounds;
+    solved = SolveJointOnce(
+        options,
+        may_be_last ? options.function_tolerance : std::max(kCoarseTolerance, options.function_tolerance),
+        reporter, problem);
+    report->iterations += solved.iterations;
+    if (may_be_last) break;
+    const FilterCounts counts = FilterObservations(options, options.max_reprojection_error_px, problem);
+    report->removed_observations += counts.observations;
+    report->undetermined_points += counts.points;
+    const bool settled = counts.observations <= 1e-4 * solved.residuals && counts.points == 0;
+    if (settled) {
+      if (fit_loss) options.loss_scale_px = LossScaleOf(*problem);
+      solved = SolveJointOnce(options, options.function_tolerance, reporter, problem);
+      report->iterations += solved.iterations;
+      break;
+    }
+  }
+  return solved;
+}
+
+}  // namespace
+
+const char* JointModelName(JointModel model) {
+  switch (model) {
+    case JointModel::kAuto:
+      return "auto";
+    case JointModel::kSharedStations:
+      return "shared stations";
+    case JointModel::kFreeCameras:
+      return "free cameras";
+    case JointModel::kFreeObject:
+      return "free object";
+  }
+  return "";
+}
+
+OptionCheck JointOptions::Check() const {
+  const auto fault = [](const char* field, double value, const char* bound) {
+    return OptionFault{field, std::to_string(value), bound};
+  };
+  if (!(loss_scale_px >= 0)) return fault("loss_scale_px", loss_scale_px, "loss_scale_px >= 0");
+  if (!(max_reprojection_error_px > 0)) {
+    return fault("max_reprojection_error_px", max_reprojection_error_px, "max_reprojection_error_px > 0");
+  }
+  if (!(min_triangulation_deg >= 0)) {
+    return fault("min_triangulation_deg", min_triangulation_deg, "min_triangulation_deg >= 0");
+  }
+  if (max_rounds < 1) return fault("max_rounds", max_rounds, "max_rounds >= 1");
+  if (max_iterations < 1) return fault("max_iterations", max_iterations, "max_iterations >= 1");
+  if (!(function_tolerance >= 0))
+    return fault("function_tolerance", function_tolerance, "function_tolerance >= 0");
+  if (min_free_observations < 3) {
+    return fault("min_free_observations", min_free_observations, "min_free_observations >= 3");
+  }
+  if (num_threads < 0) return fault("num_threads", num_threads, "num_threads >= 0");
+  return std::nullopt;
+}
+
+FilterCounts FilterObservations(const JointOptions& options, double max_error_px, JointProblem* problem) {
+  FilterCounts counts;
+  const double least_cosine = std::cos(options.min_triangulation_deg * kPi / 180);
+  for (const bool of_object : {true, false}) {
+    JointBody& body = of_object ? problem->object : problem->background;
+    std::vector<std::vector<size_t>> of_point(body.points.size());
+    for (size_t k = 0; k < body.observations.size(); ++k) {
+      JointObservation& observation = body.observations[k];
+      if (!observation.active) continue;
+      const JointImage& image = problem->images[observation.image];
+      Vector3d x = body.points[observation.point];
+      if (of_object) x = problem->WorldFromObject(observation.image) * x;
+      const Camera& camera = problem->cameras[image.camera];
+      Vector2d xy;
+      if (ProjectWithJacobians(camera.model, camera.params.data(), problem->cam_from_world[image.pose] * x,
+                               &xy, nullptr, nullptr) &&
+          (xy - observation.xy).squaredNorm() <= max_error_px * max_error_px) {
+        of_point[observation.point].push_back(k);
+      } else {
+        observation.active = false;
+        ++counts.observations;
+      }
+    }
+    std::vector<Vector3d> rays;
+    for (size_t p = 0; p < body.points.size(); ++p) {
+      if (of_point[p].empty()) continue;
+      rays.clear();
+      for (const size_t k : of_point[p]) {
+        const JointObservation& observation = body.observations[k];
+        const Vector3d centre =
+            CameraCentre(problem->cam_from_world[problem->images[observation.image].pose]);
+        const Vector3d in_body =
+            of_object ? problem->WorldFromObject(observation.image).Inverse() * centre : centre;
+        rays.push_back((in_body - body.points[p]).normalized());
+      }
+      bool determined = false;
+      for (size_t a = 1; a < rays.size() && !determined; ++a) {
+        for (size_t b = 0; b < a && !determined; ++b) determined = rays[a].dot(rays[b]) < least_cosine;
+      }
+      if (determined) continue;
+      ++counts.points;
+      for (const size_t k : of_point[p]) body.observations[k].active = false;
+    }
+  }
+  return counts;
+}
+
+JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem) {
+  S2GS_INVARIANT(!asked.Check());
+  JointOptions options = asked;
+  const bool fit_loss = asked.loss_scale_px == 0;
+  const double start = SteadySeconds();
+  JointReport report;
+  JointProblem working = *problem;
+  // Gross errors stay for the robust loss; points without depth would only slow it down.
+  report.undetermined_points = FilterObservations(options, kInfinity, &working).points;
+  report.initial_rms_px = MeasureJointResiduals(working).Rms();
+  report.model = JointModel::kSharedStations;
+  if (working.free_object) {
+    report.model = JointModel::kFreeObject;
+  } else if (options.model == JointModel::kFreeCameras) {
+    working = WithFreeCameras(working, options);
+    report.model = JointModel::kFreeCameras;
+  } else if (options.model == JointModel::kFreeObject) {
+    working = WithFreeObject(working);
+    report.model = JointModel::kFreeObject;
+  }
+  JointSolved solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
+
+  if (options.model == JointModel::kAuto && !working.free_object) {
+    for (const JointModel general : {JointModel::kFreeCameras, JointModel::kFreeObject}) {
+      ModelTest test;
+      test.simple = report.model;
+      test.general = general;
+      const bool of_object = general == JointModel::kFreeObject;
+      FillScores(working, options, of_object, &test);
+      if (test.score > kScoreWorthFitting) {
+        JointProblem candidate = of_object ? WithFreeObject(working) : WithFreeCameras(working, options);
+        const JointSolved general_solved =
+            SolveJointOnce(options, options.function_tolerance, reporter, &candidate);
+        report.iterations += general_solved.iterations;
+        CompareModels(solved, general_solved, &test);
+        if (test.accepted) {
+          working = std::move(candidate);
+          solved = general_solved;
+          report.model = general;
+        }
+      }
+      report.tests.push_back(test);
+    }
+    if (report.model != JointModel::kSharedStations) {
+      // Observations that the simple model could not explain may fit now.
+      for (JointBody* body : {&working.object, &working.background}) {
+        const JointBody& original = body == &working.object ? problem->object : problem->background;
+        for (size_t k = 0; k < body->observations.size(); ++k) {
+          body->observations[k].active = original.observations[k].active;
+        }
+      }
+      report.removed_observations = 0;
+      report.undetermined_points = 0;
+      const FilterCounts counts = FilterObservations(options, options.max_reprojection_error_px, &working);
+      report.removed_observations += counts.observations;
+      report.undetermined_points += counts.points;
+      solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
+    }
+  }
+
+  report.converged = solved.converged;
+  report.linear_solver = solved.linear_solver;
+  const JointResiduals residuals = MeasureJointResiduals(working);
+  report.object_observations = residuals.object;
+  report.background_observations = residuals.background;
+  report.object_rms_px = std::sqrt(residuals.object_squares / std::max(1, residuals.object));
+  report.background_rms_px = std::sqrt(residuals.background_squares / std::max(1, residuals.background));
+  report.sigma_px = RobustSigmaPx(residuals.coordinates, solved.parameters);
+  if (options.compute_covariance) {
+    report.observability = AnalyzeObservability(working, options, true, report.sigma_px);
+    FillSigmas(working, options, &report);
+  }
+  *problem = std::move(working);
+  report.seconds = SteadySeconds() - start;
+  return report;
+}
+
+}  // namespace s2gs

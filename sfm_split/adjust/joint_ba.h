@@ -1,0 +1,146 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/adjust/joint_problem.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/reporter.h"
+
+namespace s2gs {
+
+// The joint adjustment minimises robust reprojection errors of both bodies over station poses, the axis, one
+// angle per image, shared intrinsics and all points.
+//
+// Gauge, fixed explicitly: the pose that the reference image uses is constant (6), the angle of the reference
+// image is 0 (1), and one coordinate of the axis' point, the one in which it is farther from the anchor
+// camera, is constant (the unit of length). Stations that no background point ties to the anchor can turn
+// about the axis with their images' angles: of each set of them the angle of the first image is held. With
+// free objects: the anchor's pose and the reference image's object pose are constant, and one coordinate of
+// the object pose that moved the anchor farthest relative to the object. An object that moves freely has a
+// unit of its own (every image can move it along its rays), so one coordinate of the farthest station's
+// centre is constant too, and the scale stays what it was.
+//
+// Observations count by their weights (JointObservation::weight) in the cost, the covariance and the tests'
+// number of residuals.
+//
+// The scale lambda of the object against the background is not a parameter of its own: the object's points
+// are in the world's unit, so it is the distance of the axis from the anchor over the distance of the anchor
+// from the station farthest from it. Its standard deviation is propagated from theirs and depends on no
+// gauge.
+
+/// What the poses share.
+enum class JointModel {
+  kAuto,            ///< the simplest of the below that the data do not reject.
+  kSharedStations,  ///< one camera pose a station, one axis.
+  kFreeCameras,     ///< a camera pose for each image with enough observations (hand-held, shaken), one axis.
+  kFreeObject,      ///< in addition, a pose of the object for each image (a table that wobbles).
+};
+const char* JointModelName(JointModel model);
+
+enum class JointLoss { kSquared, kHuber, kCauchy };
+
+struct JointOptions {
+  JointModel model = JointModel::kAuto;
+  bool refine_focal_length = true;
+  bool refine_principal_point = false;
+  bool refine_extra_params = true;
+  JointLoss loss = JointLoss::kCauchy;
+  /// Where the loss turns from squared; 0: at twice the standard deviation of a keypoint's coordinate, as the
+  /// residuals show it.
+  double loss_scale_px = 0;
+  double max_reprojection_error_px = 4;  ///< observations beyond are taken out between rounds.
+  double min_triangulation_deg = 0.25;   ///< points whose rays all meet at less are taken out.
+  int max_rounds = 3;                    ///< of adjusting and taking out.
+  int max_iterations = 100;              ///< of Levenberg-Marquardt, per round.
+  double function_tolerance = 1e-8;      ///< relative decrease of the cost at which the last round stops.
+  int min_free_observations = 12;        ///< of one body; images with fewer share their station's camera.
+  bool compute_covariance = true;
+  int max_dense_parameters = 1500;  ///< no covariance for more camera-side parameters than these.
+  int num_threads = 1;  ///< 0: all cores. With one, the same input gives the same result to the last bit.
+
+  OptionCheck Check() const;
+};
+
+/// One comparison of nested models.
+struct ModelTest {
+  JointModel simple = JointModel::kSharedStations;
+  JointModel general = JointModel::kFreeCameras;
+  /// Mean over images of the score statistic per parameter: 1 when the simple model is true. The general
+  /// model is only fitted when it exceeds 1.5.
+  double score = 0;
+  std::string worst_image;  ///< the image with the largest score.
+  double worst_score = 0;
+  bool fitted = false;
+  int extra_parameters = 0;
+  double f_statistic = 0;  ///< decrease of the cost per extra parameter over the cost per redundancy.
+  double bic_gain = 0;     ///< n ln(cost ratio) - k ln n; the general model is taken when positive.
+  bool accepted = false;
+};
+
+/// What the linearised system at the solution says, camera side only (points eliminated).
+struct Observability {
+  bool computed = false;
+  int num_parameters = 0;  ///< camera-side, after the gauge.
+  int nullity = 0;         ///< eigenvalues of the reduced system, scaled to unit diagonal, that are zero.
+  double gap = 0;  ///< smallest eigenvalue that counts over the largest that does not, or over rounding.
+  double condition = 0;                      ///< largest eigenvalue over smallest that counts.
+  std::vector<std::string> null_directions;  ///< what moves along each, by share, e.g. "focal length 80 %".
+  std::vector<std::string> names;            ///< of the parameters.
+  std::vector<std::pair<int, int>> parameters;  ///< their block and place in it, as JointSystem counts.
+  Eigen::VectorXd eigenvalues;                  ///< ascending.
+  /// Of the parameters, when all keypoints' errors are independent; along null directions 0.
+  Eigen::MatrixXd covariance;
+  /// The same from the residuals themselves, when those of one point depend on each other.
+  Eigen::MatrixXd robust_covariance;
+  /// And when those in one part of the photos do, too; from few parts, so that it may come out too small.
+  Eigen::MatrixXd regional_covariance;
+};
+
+struct JointReport {
+  JointModel model = JointModel::kSharedStations;
+  bool converged = false;
+  int iterations = 0;
+  double seconds = 0;
+  double initial_rms_px = 0;  ///< over the observations active at the start.
+  double object_rms_px = 0;   ///< over active observations, both coordinates: sqrt(mean |r|^2).
+  double background_rms_px = 0;
+  double sigma_px = 0;          ///< robust standard deviation of one coordinate.
+  int object_observations = 0;  ///< active at the end.
+  int background_observations = 0;
+  int removed_observations = 0;
+  int undetermined_points = 0;  ///< taken out: too few rays, or all from one place.
+  std::string linear_solver;
+  std::vector<ModelTest> tests;
+
+  // Standard deviations, the largest of those by the three covariances; negative when not computed, infinite
+  // when not observable.
+  double axis_direction_sigma_deg = -1;  ///< the worse direction.
+  double axis_point_sigma = -1;          ///< across the axis, the worse direction, world units.
+  /// Per image; 0 where held, infinite where no background point ties its station to the reference's.
+  std::vector<double> angle_sigma_deg;
+  std::vector<double> focal_sigma_px;  ///< per camera; 0 where held.
+  double scale_sigma_rel = -1;
+  Observability observability;
+};
+
+/// Adjusts in place. Throws Interrupted when the reporter asks to stop; the problem is then unchanged.
+JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem);
+
+/// The linearised system of a problem as it stands.
+/// \param sigma_px  standard deviation of a keypoint's coordinate; scales a loss whose scale is open.
+/// \param fix_gauge  false: nothing is held, so that the nullity counts the gauge freedoms too.
+Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
+                                   double sigma_px);
+
+/// Takes observations beyond the error bound, behind the camera, and of points that are not determined out of
+/// a problem. Returns how many of each.
+struct FilterCounts {
+  int observations = 0;
+  int points = 0;
+};
+FilterCounts FilterObservations(const JointOptions& options, double max_error_px, JointProblem* problem);
+
+}  // namespace s2gs

@@ -1,0 +1,124 @@
+#include "sfm_split/adjust/joint_sigmas.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/adjust/joint_system.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+using Covariances = std::array<const Eigen::MatrixXd*, 3>;
+using ParameterIndex = std::map<std::pair<int, int>, int>;  // of a block's value in the covariances
+
+// log(scale) = log(distance of the anchor from the axis) - log(distance of the anchor from the station
+// farthest from it), by differences over the parameters that it depends on. Infinite when not observable.
+double ScaleSigmaRel(const JointProblem& problem, const JointSystem& system, const Covariances& covariances,
+                     const ParameterIndex& index_of) {
+  std::vector<bool> has_background(problem.cam_from_world.size(), false);
+  for (const JointObservation& observation : problem.background.observations) {
+    if (observation.active) has_background[problem.images[observation.image].pose] = true;
+  }
+  if (!has_background[system.anchor()]) return kInfinity;
+  const Vector3d anchor = system.CentreOfPose(system.anchor());
+  int farthest = -1;
+  double baseline = 0;
+  for (size_t s = 0; s < problem.cam_from_world.size(); ++s) {
+    const double distance = (system.CentreOfPose(static_cast<int>(s)) - anchor).norm();
+    if (!has_background[s] || !system.IsTied(static_cast<int>(s)) || distance <= baseline) continue;
+    baseline = distance;
+    farthest = static_cast<int>(s);
+  }
+  Eigen::Matrix<double, 7, 1> at;
+  at.head<4>() = problem.axis;
+  const auto log_scale = [&](const Eigen::Matrix<double, 7, 1>& x) {
+    const Vector3d direction = Vector3d(x(0), x(1), 1).normalized();
+    return std::log(direction.cross(anchor - Vector3d(x(2), x(3), 0)).norm()) -
+           std::log((x.tail<3>() - anchor).norm());
+  };
+  if (farthest < 0) return kInfinity;
+  at.tail<3>() = system.CentreOfPose(farthest);
+  const double distance = problem.AxisDirection().cross(anchor - problem.AxisPoint()).norm();
+  if (distance <= 0 || baseline <= 1e-9 * distance) return kInfinity;
+  VectorXd gradient = VectorXd::Zero(covariances[0]->rows());
+  for (int k = 0; k < 7; ++k) {
+    const auto found = index_of.find(k < 4 ? std::make_pair(system.AxisBlock(), k)
+                                           : std::make_pair(system.PoseBlock(farthest), k - 1));
+    if (found == index_of.end()) continue;
+    const double step = 1e-6 * std::min(distance, baseline);
+    Eigen::Matrix<double, 7, 1> above = at;
+    Eigen::Matrix<double, 7, 1> below = at;
+    above(k) += step;
+    below(k) -= step;
+    gradient(found->second) = (log_scale(above) - log_scale(below)) / (2 * step);
+  }
+  double scale_variance = 0;
+  for (const Eigen::MatrixXd* covariance : covariances)
+    scale_variance = std::max(scale_variance, gradient.dot(*covariance * gradient));
+  return std::sqrt(scale_variance);
+}
+
+}  // namespace
+
+void FillSigmas(const JointProblem& problem, const JointOptions& options, JointReport* report) {
+  const Observability& observability = report->observability;
+  if (!observability.computed) return;
+  ParameterIndex index_of;
+  for (size_t k = 0; k < observability.parameters.size(); ++k) {
+    index_of[observability.parameters[k]] = static_cast<int>(k);
+  }
+  const Covariances covariances = {&observability.covariance, &observability.robust_covariance,
+                                   &observability.regional_covariance};
+  const JointSystem system(problem, options, true);
+  const auto variance = [&](int block, int value) {
+    const auto found = index_of.find({block, value});
+    if (found == index_of.end()) return 0.0;
+    double largest = 0;
+    for (const Eigen::MatrixXd* covariance : covariances)
+      largest = std::max(largest, (*covariance)(found->second, found->second));
+    return largest;
+  };
+  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+    report->focal_sigma_px.push_back(std::sqrt(variance(system.IntrinsicsBlock(static_cast<int>(c)), 0)));
+  }
+  if (problem.free_object) return;
+  for (size_t i = 0; i < problem.images.size(); ++i) {
+    const double sigma = std::sqrt(variance(system.AngleBlock(static_cast<int>(i)), 0)) * 180 / kPi;
+    report->angle_sigma_deg.push_back(system.IsTied(problem.images[i].pose) ? sigma : kInfinity);
+  }
+  if (!system.blocks()[system.AxisBlock()].used) return;
+  const auto worst = [](const Eigen::Matrix2d& covariance) {
+    return std::sqrt(
+        std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()(1)));
+  };
+  report->axis_direction_sigma_deg = report->axis_point_sigma = 0;
+  for (const Eigen::MatrixXd* covariance : covariances) {
+    Eigen::Matrix4d axis = Eigen::Matrix4d::Zero();
+    for (int a = 0; a < 4; ++a) {
+      for (int b = 0; b < 4; ++b) {
+        const auto first = index_of.find({system.AxisBlock(), a});
+        const auto second = index_of.find({system.AxisBlock(), b});
+        if (first == index_of.end() || second == index_of.end()) continue;
+        axis(a, b) = (*covariance)(first->second, second->second);
+      }
+    }
+    report->axis_direction_sigma_deg =
+        std::max(report->axis_direction_sigma_deg, worst(axis.topLeftCorner<2, 2>()) * 180 / kPi);
+    report->axis_point_sigma = std::max(report->axis_point_sigma, worst(axis.bottomRightCorner<2, 2>()));
+  }
+  report->scale_sigma_rel = ScaleSigmaRel(problem, system, covariances, index_of);
+}
+
+}  // namespace s2gs

@@ -1,0 +1,171 @@
+#include "sfm_split/adjust/joint_solve.h"
+
+#include <ceres/ceres.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <thread>
+#include <unordered_map>
+#include <vector>
+
+#include "sfm_split/adjust/joint_system.h"
+
+namespace s2gs {
+namespace {
+
+class ReportingCallback : public ceres::IterationCallback {
+ public:
+  ReportingCallback(Reporter& reporter, int max_iterations) : reporter_(reporter), max_(max_iterations) {}
+
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
+    reporter_.Progress("joint adjustment", summary.iteration, max_);
+    stopped_ = reporter_.StopRequested();
+    return stopped_ ? ceres::SOLVER_ABORT : ceres::SOLVER_CONTINUE;
+  }
+  bool stopped() const { return stopped_; }
+
+ private:
+  Reporter& reporter_;
+  int max_;
+  bool stopped_ = false;
+};
+
+// A copy of a system's parameters in one piece, in its own order. Ceres orders parameters by their addresses,
+// and only inside one piece these are in the same order in every run: sums, and so the last digits of
+// results, depend on it.
+class OrderedParameters {
+ public:
+  explicit OrderedParameters(const JointSystem& system) {
+    size_t size = 0;
+    const auto place = [&](double* source, int count) {
+      if (!offset_of_.emplace(source, size).second) return;
+      sources_.push_back({source, size, static_cast<size_t>(count)});
+      size += static_cast<size_t>(count);
+    };
+    sources_.reserve(system.blocks().size() + system.terms().size());
+    for (const JointSystem::Block& block : system.blocks()) place(block.values, block.size);
+    for (const JointSystem::Term& term : system.terms()) place(term.values[term.num_blocks], 3);
+    values_.resize(size);
+    for (const Source& source : sources_) {
+      std::copy_n(source.values, source.count, values_.begin() + static_cast<std::ptrdiff_t>(source.offset));
+    }
+  }
+
+  double* At(const double* source) { return values_.data() + offset_of_.at(source); }
+
+  /// Back to where they came from.
+  void WriteBack() const {
+    for (const Source& source : sources_) {
+      std::copy_n(values_.begin() + static_cast<std::ptrdiff_t>(source.offset), source.count, source.values);
+    }
+  }
+
+ private:
+  struct Source {
+    double* values;
+    size_t offset;
+    size_t count;
+  };
+
+  std::unordered_map<const double*, size_t> offset_of_;
+  std::vector<Source> sources_;
+  std::vector<double> values_;
+};
+
+}  // namespace
+
+JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
+                           JointProblem* problem) {
+  JointSolved solved;
+  JointSystem system(*problem, options, true);
+  OrderedParameters parameters(system);
+  const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
+  std::map<double, std::unique_ptr<ceres::LossFunction>> scaled_losses;  // by weight
+  ceres::Problem::Options problem_options;
+  problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  problem_options.disable_all_safety_checks = true;
+  ceres::Problem ceres_problem(problem_options);
+  auto* ordering = new ceres::ParameterBlockOrdering;
+  int camera_parameters = 0;
+  for (const JointSystem::Block& block : system.blocks()) {
+    if (!block.used) continue;
+    double* const values = parameters.At(block.values);
+    ceres_problem.AddParameterBlock(values, block.size);
+    ordering->AddElementToGroup(values, 1);
+    if (block.free.empty()) {
+      ceres_problem.SetParameterBlockConstant(values);
+    } else if (static_cast<int>(block.free.size()) < block.size) {
+      std::vector<int> held;
+      for (int k = 0; k < block.size; ++k) {
+        if (std::find(block.free.begin(), block.free.end(), k) == block.free.end()) held.push_back(k);
+      }
+      ceres_problem.SetManifold(values, new ceres::SubsetManifold(block.size, held));
+    }
+    camera_parameters += static_cast<int>(block.free.size());
+  }
+  int points = 0;
+  for (const JointSystem::Term& term : system.terms()) {
+    std::array<double*, 5> values{};
+    for (int k = 0; k <= term.num_blocks; ++k) values[k] = parameters.At(term.values[k]);
+    double* const point = values[term.num_blocks];
+    if (!ceres_problem.HasParameterBlock(point)) {
+      ceres_problem.AddParameterBlock(point, 3);
+      ordering->AddElementToGroup(point, 0);
+      ++points;
+    }
+    ceres::LossFunction* term_loss = loss.get();
+    if (term.weight != 1) {
+      std::unique_ptr<ceres::LossFunction>& scaled = scaled_losses[term.weight];
+      if (!scaled) {
+        scaled = std::make_unique<ceres::ScaledLoss>(loss.get(), term.weight, ceres::DO_NOT_TAKE_OWNERSHIP);
+      }
+      term_loss = scaled.get();
+    }
+    ceres_problem.AddResidualBlock(term.cost.get(), term_loss, values.data(), term.num_blocks + 1);
+  }
+  solved.parameters = camera_parameters + 3 * points;
+  double weights = 0;
+  for (const JointSystem::Term& term : system.terms()) weights += term.weight;
+  solved.residuals = static_cast<int>(std::lround(2 * weights));
+  ceres::Solver::Options solver;
+  solver.linear_solver_ordering.reset(ordering);
+  if (system.terms().empty()) return solved;
+
+  if (camera_parameters <= 1000) {
+    solver.linear_solver_type = ceres::DENSE_SCHUR;
+  } else if (camera_parameters <= 10000) {
+    solver.linear_solver_type = ceres::SPARSE_SCHUR;
+  } else {
+    solver.linear_solver_type = ceres::ITERATIVE_SCHUR;
+    solver.preconditioner_type = ceres::SCHUR_JACOBI;
+  }
+  solver.num_threads = options.num_threads > 0
+                           ? options.num_threads
+                           : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  solver.max_num_iterations = options.max_iterations;
+  solver.function_tolerance = function_tolerance;
+  solver.gradient_tolerance = 1e-14;
+  solver.parameter_tolerance = 1e-14;
+  solver.logging_type = ceres::SILENT;
+  solver.minimizer_progress_to_stdout = false;
+  ReportingCallback callback(reporter, options.max_iterations);
+  solver.callbacks.push_back(&callback);
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &ceres_problem, &summary);
+  if (callback.stopped()) throw Interrupted();
+  solved.cost = 2 * summary.final_cost;
+  solved.iterations = static_cast<int>(summary.iterations.size()) - 1;
+  solved.converged = summary.termination_type == ceres::CONVERGENCE;
+  solved.linear_solver = ceres::LinearSolverTypeToString(solver.linear_solver_type);
+  if (!summary.IsSolutionUsable()) return solved;
+  parameters.WriteBack();
+  system.WriteBack(problem);
+  return solved;
+}
+
+}  // namespace s2gs

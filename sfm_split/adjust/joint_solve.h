@@ -1,0 +1,23 @@
+#pragma once
+
+#include <string>
+
+#include "sfm_split/adjust/joint_ba.h"
+
+namespace s2gs {
+
+struct JointSolved {
+  double cost = 0;     ///< sum of the loss over observations (not halved).
+  int parameters = 0;  ///< free ones, points included.
+  int residuals = 0;   ///< coordinates of active observations, by their weights.
+  int iterations = 0;
+  bool converged = false;
+  std::string linear_solver;
+};
+
+/// Adjusts a problem's active observations once, in place. The options' loss has a scale.
+/// Throws Interrupted when the reporter asks to stop.
+JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
+                           JointProblem* problem);
+
+}  // namespace s2gs

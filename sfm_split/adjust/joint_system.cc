@@ -1,0 +1,246 @@
+#include "sfm_split/adjust/joint_system.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+
+#include "sfm_split/base/rotation.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+std::array<double, 6> PoseValues(const Vector3d& last) { return {0, 0, 0, last.x(), last.y(), last.z()}; }
+
+Eigen::Quaterniond RotationOf(const std::array<double, 6>& values, const Matrix3d& r0) {
+  return Eigen::Quaterniond(Matrix3d(ExpRotation<double>(Vector3d(values[0], values[1], values[2])) * r0))
+      .normalized();
+}
+
+constexpr double kLossSigmas = 2;      // of a coordinate
+constexpr double kLeastLossPx = 0.05;  // of points without any error
+
+}  // namespace
+
+double LossScalePx(double sigma_px) { return std::max(kLossSigmas * sigma_px, kLeastLossPx); }
+
+std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options) {
+  switch (options.loss) {
+    case JointLoss::kSquared:
+      return nullptr;
+    case JointLoss::kHuber:
+      return std::make_unique<ceres::HuberLoss>(options.loss_scale_px);
+    case JointLoss::kCauchy:
+      return std::make_unique<ceres::CauchyLoss>(options.loss_scale_px);
+  }
+  return nullptr;
+}
+
+JointSystem::JointSystem(const JointProblem& problem, const JointOptions& options, bool fix_gauge)
+    : num_poses_(static_cast<int>(problem.cam_from_world.size())),
+      num_cameras_(static_cast<int>(problem.cameras.size())),
+      free_object_(problem.free_object),
+      object_points_(problem.object.points),
+      background_points_(problem.background.points) {
+  S2GS_INVARIANT(problem.images.empty() ||
+                 (problem.reference >= 0 && problem.reference < static_cast<int>(problem.images.size())));
+  if (!problem.images.empty()) anchor_ = problem.images[problem.reference].pose;
+  AddBlocks(problem, options);
+  terms_.reserve(problem.object.observations.size() + problem.background.observations.size());
+  AddTerms(problem, problem.object, true);
+  AddTerms(problem, problem.background, false);
+  TieByBackground(problem);
+  if (fix_gauge && !problem.images.empty()) FixGauge(problem);
+}
+
+void JointSystem::AddBlocks(const JointProblem& problem, const JointOptions& options) {
+  // Filled before any address is taken.
+  for (const Rigid3& pose : problem.cam_from_world) {
+    poses_.push_back(PoseValues(CameraCentre(pose)));
+    pose_rotations_.push_back(pose.rotation.toRotationMatrix());
+  }
+  for (const Camera& camera : problem.cameras) intrinsics_.push_back(camera.params);
+  for (int k = 0; k < 4; ++k) axis_[k] = problem.axis(k);
+  for (const JointImage& image : problem.images) {
+    angles_.push_back(image.angle_rad);
+    object_poses_.push_back(PoseValues(image.world_from_object.translation));
+    object_rotations_.push_back(image.world_from_object.rotation.toRotationMatrix());
+  }
+
+  const auto add = [&](double* values, int size, std::string name) {
+    Block block;
+    block.values = values;
+    block.size = size;
+    block.free.resize(size);
+    std::iota(block.free.begin(), block.free.end(), 0);
+    block.name = std::move(name);
+    blocks_.push_back(std::move(block));
+  };
+  for (int s = 0; s < num_poses_; ++s) add(poses_[s].data(), 6, "station " + std::to_string(s));
+  for (int c = 0; c < num_cameras_; ++c) {
+    const CameraModelInfo& info = InfoOf(problem.cameras[c].model);
+    add(intrinsics_[c].data(), static_cast<int>(intrinsics_[c].size()), "camera " + std::to_string(c));
+    std::vector<int>& free = blocks_.back().free;
+    free.clear();
+    for (size_t k = 0; k < info.NumParams(); ++k) {
+      const bool refine = k < info.num_focal_params    ? options.refine_focal_length
+                          : k < info.FirstExtraParam() ? options.refine_principal_point
+                                                       : options.refine_extra_params;
+      if (refine) free.push_back(static_cast<int>(k));
+    }
+  }
+  if (free_object_) {
+    for (size_t i = 0; i < problem.images.size(); ++i) {
+      add(object_poses_[i].data(), 6, "object at " + problem.images[i].name);
+    }
+  } else {
+    add(axis_.data(), 4, "axis");
+    for (size_t i = 0; i < problem.images.size(); ++i)
+      add(&angles_[i], 1, "angle of " + problem.images[i].name);
+  }
+}
+
+void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, bool of_object) {
+  for (const JointObservation& observation : body.observations) {
+    if (!observation.active) continue;
+    const JointImage& image = problem.images[observation.image];
+    Term term;
+    term.weight = observation.weight;
+    term.image = observation.image;
+    term.point = observation.point;
+    term.of_object = of_object;
+    const auto add = [&](int block) {
+      term.blocks[term.num_blocks] = block;
+      term.values[term.num_blocks++] = blocks_[block].values;
+      blocks_[block].used = true;
+    };
+    add(PoseBlock(image.pose));
+    auto kind = ReprojectionCost::Kind::kBackground;
+    if (of_object && free_object_) {
+      kind = ReprojectionCost::Kind::kFreeObject;
+      add(ObjectPoseBlock(observation.image));
+    } else if (of_object) {
+      kind = ReprojectionCost::Kind::kTurntable;
+      add(AxisBlock());
+      add(AngleBlock(observation.image));
+    }
+    add(IntrinsicsBlock(image.camera));
+    std::vector<Vector3d>& points = of_object ? object_points_ : background_points_;
+    term.values[term.num_blocks] = points[observation.point].data();
+    term.cost = std::make_unique<ReprojectionCost>(
+        kind, problem.cameras[image.camera], observation.xy, &pose_rotations_[image.pose],
+        free_object_ ? &object_rotations_[observation.image] : nullptr);
+    terms_.push_back(std::move(term));
+  }
+}
+
+void JointSystem::Hold(int block, int value) {
+  std::vector<int>& free = blocks_[block].free;
+  free.erase(std::remove(free.begin(), free.end(), value), free.end());
+}
+
+void JointSystem::FixGauge(const JointProblem& problem) {
+  HoldAll(PoseBlock(anchor_));
+  const Vector3d anchor = CentreOfPose(anchor_);
+  std::vector<bool> has_background(num_poses_, false);
+  for (const Term& term : terms_) {
+    if (!term.of_object) has_background[problem.images[term.image].pose] = true;
+  }
+
+  if (free_object_) {
+    HoldAll(ObjectPoseBlock(problem.reference));
+    // A change of scale about the anchor that leaves the reference's object pose moves the others by
+    // C - x_in_world(C of the object's frame).
+    int farthest = -1;
+    int coordinate = 0;
+    double most = 0;
+    for (size_t i = 0; i < problem.images.size(); ++i) {
+      if (!blocks_[ObjectPoseBlock(static_cast<int>(i))].used || static_cast<int>(i) == problem.reference)
+        continue;
+      const Vector3d moved = anchor - problem.images[i].world_from_object * anchor;
+      int k = 0;
+      const double distance = moved.cwiseAbs().maxCoeff(&k);
+      if (distance > most) {
+        most = distance;
+        farthest = static_cast<int>(i);
+        coordinate = k;
+      }
+    }
+    if (farthest >= 0) Hold(ObjectPoseBlock(farthest), 3 + coordinate);
+    // Objects that move freely have a scale of their own: the background's unit is held too.
+    int far_pose = -1;
+    most = 0;
+    for (int pose = 0; pose < num_poses_; ++pose) {
+      if (!has_background[pose] || !has_background[anchor_]) continue;
+      int k = 0;
+      const double distance = (CentreOfPose(pose) - anchor).cwiseAbs().maxCoeff(&k);
+      if (distance <= most) continue;
+      most = distance;
+      far_pose = pose;
+      coordinate = k;
+    }
+    if (far_pose >= 0) Hold(PoseBlock(far_pose), 3 + coordinate);
+    for (int pose = 0; pose < num_poses_; ++pose) {
+      if (!has_background[pose]) HoldAll(PoseBlock(pose));
+    }
+    return;
+  }
+
+  HoldAll(AngleBlock(problem.reference));
+  const Eigen::Vector2d away(anchor.x() - axis_[2], anchor.y() - axis_[3]);
+  Hold(AxisBlock(), std::abs(away.x()) >= std::abs(away.y()) ? 2 : 3);
+  // One held angle for each set of stations that nothing else keeps from turning about the axis.
+  std::vector<bool> held(num_poses_, false);
+  held[ties_[anchor_]] = true;
+  for (size_t i = 0; i < problem.images.size(); ++i) {
+    const int set = ties_[problem.images[i].pose];
+    if (held[set] || !blocks_[AngleBlock(static_cast<int>(i))].used) continue;
+    HoldAll(AngleBlock(static_cast<int>(i)));
+    held[set] = true;
+  }
+}
+
+void JointSystem::TieByBackground(const JointProblem& problem) {
+  ties_.resize(num_poses_);
+  std::iota(ties_.begin(), ties_.end(), 0);
+  const auto root = [&](int pose) {
+    while (ties_[pose] != pose) pose = ties_[pose] = ties_[ties_[pose]];
+    return pose;
+  };
+  std::map<int, int> pose_of_point;
+  for (const Term& term : terms_) {
+    if (term.of_object) continue;
+    const int pose = root(problem.images[term.image].pose);
+    const int other = root(pose_of_point.try_emplace(term.point, pose).first->second);
+    ties_[std::max(pose, other)] = std::min(pose, other);
+  }
+  for (int pose = 0; pose < num_poses_; ++pose) ties_[pose] = root(pose);
+}
+
+Vector3d JointSystem::CentreOfPose(int pose) const {
+  return {poses_[pose][3], poses_[pose][4], poses_[pose][5]};
+}
+
+void JointSystem::WriteBack(JointProblem* problem) const {
+  for (int s = 0; s < num_poses_; ++s) {
+    Rigid3& pose = problem->cam_from_world[s];
+    pose.rotation = RotationOf(poses_[s], pose_rotations_[s]);
+    pose.translation = -(pose.rotation * CentreOfPose(s));
+  }
+  for (int c = 0; c < num_cameras_; ++c) problem->cameras[c].params = intrinsics_[c];
+  for (int k = 0; k < 4; ++k) problem->axis(k) = axis_[k];
+  for (size_t i = 0; i < problem->images.size(); ++i) {
+    JointImage& image = problem->images[i];
+    image.angle_rad = angles_[i];
+    if (!free_object_) continue;
+    image.world_from_object.rotation = RotationOf(object_poses_[i], object_rotations_[i]);
+    image.world_from_object.translation = {object_poses_[i][3], object_poses_[i][4], object_poses_[i][5]};
+  }
+  problem->object.points = object_points_;
+  problem->background.points = background_points_;
+}
+
+}  // namespace s2gs

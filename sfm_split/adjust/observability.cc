@@ -1,0 +1,345 @@
+#include <ceres/loss_function.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/joint_system.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// Eigenvalues of the reduced system, with unit diagonal before the points' elimination, that are below this
+// times the largest are zero: rounding leaves about 1e-15.
+constexpr double kZeroEigenvalue = 1e-12;
+constexpr double kRounding = 1e-16;
+constexpr int kCells = 12;  // of a photo, in each direction, in which errors may depend on each other
+constexpr int kQuadrature = 400;
+constexpr double kLeastCurvature = 0.1;  // of the robust cost, over that of squares
+
+struct Column {
+  int block;
+  int value;
+};
+
+// A point's observations with the point eliminated.
+struct PointScore {
+  std::vector<int> columns;
+  MatrixXd by_cameras;  // two rows for each observation
+  VectorXd residuals;
+  std::vector<int> cells;  // where in the photos each observation lies
+
+  VectorXd Gradient() const { return by_cameras.transpose() * residuals; }
+  VectorXd GradientOf(Eigen::Index observation) const {
+    return by_cameras.middleRows<2>(2 * observation).transpose() * residuals.segment<2>(2 * observation);
+  }
+};
+
+// What the loss makes of the residuals, summed over observations.
+struct LossSums {
+  double weights = 0;  // of the observations themselves
+  double first = 0;    // times the loss' first derivative, as in S
+  double second = 0;   // times the curvature of the loss, mean of both directions
+};
+
+// The reduced normal equations: S = sum over points of Jc^T Jc - Jc^T Jp (Jp^T Jp)^-1 Jp^T Jc.
+struct ReducedSystem {
+  std::vector<Column> columns;
+  std::vector<std::vector<int>> column_of;  // [block][value], -1 when held or unused
+  MatrixXd s;
+  VectorXd diagonal;   // of sum Jc^T Jc
+  int redundancy = 0;  // residuals left by the points
+  std::vector<PointScore> scores;
+  LossSums loss;
+};
+
+// The part of the photos of one camera in which a keypoint lies.
+int CellOf(const JointProblem& problem, const JointSystem::Term& term) {
+  const int camera = problem.images[static_cast<size_t>(term.image)].camera;
+  const Camera& size = problem.cameras[static_cast<size_t>(camera)];
+  const Eigen::Vector2d xy = term.cost->xy();
+  const auto place = [](double x, double side) {
+    return std::clamp(static_cast<int>(kCells * x / std::max(1.0, side)), 0, kCells - 1);
+  };
+  return (camera * kCells + place(xy.y(), static_cast<double>(size.height))) * kCells +
+         place(xy.x(), static_cast<double>(size.width));
+}
+
+void EliminatePoint(const JointProblem& problem, const JointSystem& system, const ceres::LossFunction* loss,
+                    const std::vector<const JointSystem::Term*>& terms, ReducedSystem* reduced) {
+  std::vector<int> touched;
+  for (const JointSystem::Term* term : terms) {
+    for (int b = 0; b < term->num_blocks; ++b) {
+      for (const int column : reduced->column_of[term->blocks[b]]) {
+        if (column >= 0) touched.push_back(column);
+      }
+    }
+  }
+  std::sort(touched.begin(), touched.end());
+  touched.erase(std::unique(touched.begin(), touched.end()), touched.end());
+  const auto rows = static_cast<Eigen::Index>(2 * terms.size());
+  MatrixXd by_cameras = MatrixXd::Zero(rows, static_cast<Eigen::Index>(touched.size()));
+  Eigen::Matrix<double, Eigen::Dynamic, 3> by_point(rows, 3);
+  VectorXd residuals(rows);
+  std::array<std::array<double, 2 * 16>, 5> storage;
+  std::array<double*, 5> jacobians{};
+  for (int b = 0; b < 5; ++b) jacobians[b] = storage[b].data();
+  PointScore score;
+  score.cells.reserve(terms.size());
+  Eigen::Index row = 0;
+  for (const JointSystem::Term* term : terms) {
+    score.cells.push_back(CellOf(problem, *term));
+    double residual[2];
+    term->cost->Evaluate(term->values.data(), residual, jacobians.data());
+    // Reweighted as at the robust cost's minimum.
+    double rho[3] = {0, 1, 0};
+    const double squared = residual[0] * residual[0] + residual[1] * residual[1];
+    if (loss != nullptr) loss->Evaluate(squared, rho);
+    reduced->loss.weights += term->weight;
+    reduced->loss.first += term->weight * rho[1];
+    reduced->loss.second += term->weight * (rho[1] + rho[2] * squared);
+    const double root_weight = std::sqrt(term->weight * rho[1]);
+    residuals(row) = root_weight * residual[0];
+    residuals(row + 1) = root_weight * residual[1];
+    for (int b = 0; b < term->num_blocks; ++b) {
+      const int size = system.blocks()[term->blocks[b]].size;
+      for (int k = 0; k < size; ++k) {
+        const int column = reduced->column_of[term->blocks[b]][k];
+        if (column < 0) continue;
+        const auto local = std::lower_bound(touched.begin(), touched.end(), column) - touched.begin();
+        by_cameras(row, local) = root_weight * storage[b][k];
+        by_cameras(row + 1, local) = root_weight * storage[b][size + k];
+      }
+    }
+    for (int k = 0; k < 3; ++k) {
+      by_point(row, k) = root_weight * storage[term->num_blocks][k];
+      by_point(row + 1, k) = root_weight * storage[term->num_blocks][3 + k];
+    }
+    row += 2;
+  }
+  for (size_t k = 0; k < touched.size(); ++k) {
+    reduced->diagonal(touched[k]) += by_cameras.col(static_cast<Eigen::Index>(k)).squaredNorm();
+  }
+  // Elimination by orthogonal projection, so that no square is formed of a matrix that may lack rank.
+  Eigen::ColPivHouseholderQR<Eigen::Matrix<double, Eigen::Dynamic, 3>> qr;
+  qr.setThreshold(1e-12);
+  qr.compute(by_point);
+  by_cameras.applyOnTheLeft(qr.householderQ().transpose());
+  residuals.applyOnTheLeft(qr.householderQ().transpose());
+  const auto left = by_cameras.bottomRows(rows - qr.rank());
+  reduced->redundancy += static_cast<int>(rows - qr.rank());
+  const MatrixXd square = left.transpose() * left;
+  for (size_t a = 0; a < touched.size(); ++a) {
+    for (size_t b = 0; b < touched.size(); ++b) {
+      reduced->s(touched[a], touched[b]) +=
+          square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
+    }
+  }
+  // What each observation adds to the gradient once the point has taken its share.
+  by_cameras.topRows(qr.rank()).setZero();
+  residuals.head(qr.rank()).setZero();
+  by_cameras.applyOnTheLeft(qr.householderQ());
+  residuals.applyOnTheLeft(qr.householderQ());
+  score.columns = std::move(touched);
+  score.by_cameras = std::move(by_cameras);
+  score.residuals = std::move(residuals);
+  reduced->scores.push_back(std::move(score));
+}
+
+ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system,
+                     const ceres::LossFunction* loss) {
+  ReducedSystem reduced;
+  for (size_t b = 0; b < system.blocks().size(); ++b) {
+    const JointSystem::Block& block = system.blocks()[b];
+    reduced.column_of.emplace_back(block.size, -1);
+    if (!block.used) continue;
+    for (const int value : block.free) {
+      reduced.column_of.back()[value] = static_cast<int>(reduced.columns.size());
+      reduced.columns.push_back({static_cast<int>(b), value});
+    }
+  }
+  const auto size = static_cast<Eigen::Index>(reduced.columns.size());
+  reduced.s = MatrixXd::Zero(size, size);
+  reduced.diagonal = VectorXd::Zero(size);
+  std::map<std::pair<bool, int>, std::vector<const JointSystem::Term*>> by_point;
+  for (const JointSystem::Term& term : system.terms())
+    by_point[{term.of_object, term.point}].push_back(&term);
+  for (const auto& [point, terms] : by_point) EliminatePoint(problem, system, loss, terms, &reduced);
+  return reduced;
+}
+
+// The covariance of the gradient, from the observations' own shares of it.
+struct ScoreCovariance {
+  MatrixXd of_points;   // errors of the keypoints of one point may depend on each other
+  MatrixXd of_regions;  // and so may those in one part of the photos
+};
+
+// Liang and Zeger's estimate with points as clusters, with the gradients that these would have without their
+// own pull on the parameters (the jackknife, Bell and McCaffrey's CR3): with few points to many parameters,
+// residuals are much smaller than errors. Shading and foreshortening move features alike in one part of the
+// photos: parts as clusters are added, less, as Cameron, Gelbach and Miller join two ways of clustering, what
+// both count.
+ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd& inverse_system) {
+  const auto size = reduced.s.rows();
+  const auto redundancy = static_cast<double>(reduced.redundancy);
+  const double growth = redundancy / std::max(1.0, redundancy - static_cast<double>(size));
+  ScoreCovariance sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
+  std::map<int, VectorXd> by_cell;
+  for (const PointScore& score : reduced.scores) {
+    const auto columns = static_cast<Eigen::Index>(score.columns.size());
+    MatrixXd inverse(columns, columns);
+    for (Eigen::Index a = 0; a < columns; ++a) {
+      for (Eigen::Index b = 0; b < columns; ++b)
+        inverse(a, b) = inverse_system(score.columns[a], score.columns[b]);
+    }
+    const MatrixXd left =
+        MatrixXd::Identity(columns, columns) - score.by_cameras.transpose() * (score.by_cameras * inverse);
+    VectorXd of_point = left.partialPivLu().solve(score.Gradient());
+    if (!of_point.allFinite()) of_point = score.Gradient();
+    MatrixXd of_observations = MatrixXd::Zero(columns, columns);
+    for (size_t k = 0; k < score.cells.size(); ++k) {
+      const VectorXd gradient = score.GradientOf(static_cast<Eigen::Index>(k));
+      of_observations += growth * gradient * gradient.transpose();
+      VectorXd& cell = by_cell.try_emplace(score.cells[k], VectorXd::Zero(size)).first->second;
+      for (Eigen::Index a = 0; a < columns; ++a) cell(score.columns[a]) += gradient(a);
+    }
+    for (Eigen::Index a = 0; a < columns; ++a) {
+      for (Eigen::Index b = 0; b < columns; ++b) {
+        sums.of_points(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
+        sums.of_regions(score.columns[a], score.columns[b]) -= of_observations(a, b);
+      }
+    }
+  }
+  MatrixXd cells(size, static_cast<Eigen::Index>(by_cell.size()));
+  Eigen::Index next = 0;
+  for (const auto& [cell, gradient] : by_cell) cells.col(next++) = gradient;
+  const auto num_cells = static_cast<double>(by_cell.size());
+  sums.of_regions += sums.of_points;
+  sums.of_regions += cells * cells.transpose() * (growth * num_cells / std::max(1.0, num_cells - 1));
+  return sums;
+}
+
+// The loss' curvature over its weights: how much less than S the robust cost's own second derivatives are.
+double CurvatureShare(const LossSums& sums) {
+  return sums.first > 0 ? std::clamp(sums.second / sums.first, kLeastCurvature, 1.0) : 1.0;
+}
+
+// The variance of the robust estimate over that of the mean of squares' with S for its information, when
+// errors are normal and independent: E[psi^2] E[weight] / (sigma^2 E[curvature]^2), of which the weights are
+// those in S.
+double NormalVarianceFactor(const ceres::LossFunction* loss, const LossSums& sums, double sigma_px) {
+  if (loss == nullptr || !(sigma_px > 0) || !(sums.weights > 0)) return 1;
+  double squares = 0;
+  double curvature = 0;
+  for (int k = 0; k < kQuadrature; ++k) {
+    // Squared lengths of normal errors are exponential, with a mean of 2 sigma^2.
+    const double squared = -2 * sigma_px * sigma_px * std::log((k + 0.5) / kQuadrature);
+    double rho[3];
+    loss->Evaluate(squared, rho);
+    squares += 0.5 * squared * rho[1] * rho[1];
+    curvature += rho[1] + rho[2] * squared;
+  }
+  squares /= kQuadrature;
+  curvature = std::max(curvature / kQuadrature, kLeastCurvature);
+  return squares / (sigma_px * sigma_px) * (sums.first / sums.weights) / (curvature * curvature);
+}
+
+std::string ColumnName(const JointSystem& system, const JointProblem& problem, const Column& column) {
+  const std::string& block = system.blocks()[column.block].name;
+  const int first_camera = system.IntrinsicsBlock(0);
+  if (column.block < first_camera) return block + (column.value < 3 ? " rotation" : " centre");
+  if (column.block < first_camera + static_cast<int>(problem.cameras.size())) {
+    const CameraModelInfo& info = InfoOf(problem.cameras[column.block - first_camera].model);
+    const auto k = static_cast<size_t>(column.value);
+    return block + (k < info.num_focal_params    ? " focal length"
+                    : k < info.FirstExtraParam() ? " principal point"
+                                                 : " distortion");
+  }
+  if (problem.free_object) return block + (column.value < 3 ? " rotation" : " translation");
+  if (column.block == system.AxisBlock()) return column.value < 2 ? "axis direction" : "axis position";
+  return block;
+}
+
+// The shares of a direction by name, largest first, e.g. "axis position 70 %, camera 0 focal length 20 %".
+std::string Describe(const VectorXd& direction, const std::vector<std::string>& names) {
+  std::map<std::string, double> shares;
+  for (Eigen::Index k = 0; k < direction.size(); ++k) {
+    const std::string& name = names[static_cast<size_t>(k)];
+    const bool of_image = name.rfind("angle of ", 0) == 0 || name.rfind("object at ", 0) == 0;
+    shares[of_image ? name.substr(0, name.find(' ')) + (name[0] == 'a' ? "s" : " poses") : name] +=
+        direction(k) * direction(k);
+  }
+  std::vector<std::pair<double, std::string>> sorted;
+  sorted.reserve(shares.size());
+  for (const auto& [name, share] : shares) sorted.emplace_back(-share, name);
+  std::sort(sorted.begin(), sorted.end());
+  std::string text;
+  for (size_t k = 0; k < sorted.size() && k < 3; ++k) {
+    const int percent = static_cast<int>(std::lround(-100 * sorted[k].first));
+    if (k > 0 && percent < 5) break;
+    text += (k > 0 ? ", " : "") + sorted[k].second + " " + std::to_string(percent) + " %";
+  }
+  return text;
+}
+
+}  // namespace
+
+Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
+                                   double sigma_px) {
+  JointOptions options = asked;
+  if (options.loss_scale_px == 0) options.loss_scale_px = LossScalePx(sigma_px);
+  Observability result;
+  const JointSystem system(problem, options, fix_gauge);
+  int free = 0;
+  for (const JointSystem::Block& block : system.blocks()) {
+    if (block.used) free += static_cast<int>(block.free.size());
+  }
+  result.num_parameters = free;
+  if (free == 0 || free > options.max_dense_parameters) return result;
+
+  const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
+  const ReducedSystem reduced = Reduce(problem, system, loss.get());
+  for (const Column& column : reduced.columns) {
+    result.names.push_back(ColumnName(system, problem, column));
+    result.parameters.emplace_back(column.block, column.value);
+  }
+  const VectorXd scale = (reduced.diagonal.array() > 0)
+                             .select(reduced.diagonal.array().sqrt().inverse(), VectorXd::Zero(free).array());
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
+      MatrixXd(scale.asDiagonal() * reduced.s * scale.asDiagonal()));
+  result.computed = true;
+  result.eigenvalues = eigen.eigenvalues();
+  const double largest = std::max(eigen.eigenvalues()(free - 1), std::numeric_limits<double>::min());
+  while (result.nullity < free && eigen.eigenvalues()(result.nullity) <= kZeroEigenvalue * largest) {
+    result.null_directions.push_back(Describe(eigen.eigenvectors().col(result.nullity), result.names));
+    ++result.nullity;
+  }
+  const auto rounding = kRounding * largest;
+  const double not_counted =
+      result.nullity > 0 ? std::max(eigen.eigenvalues()(result.nullity - 1), rounding) : rounding;
+  if (result.nullity < free) {
+    result.gap = eigen.eigenvalues()(result.nullity) / not_counted;
+    result.condition = largest / eigen.eigenvalues()(result.nullity);
+  }
+  VectorXd inverse = VectorXd::Zero(free);
+  for (int k = result.nullity; k < free; ++k) inverse(k) = 1 / eigen.eigenvalues()(k);
+  const MatrixXd half = scale.asDiagonal() * eigen.eigenvectors();
+  const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
+  result.covariance =
+      NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px * inverse_system;
+  const double share = CurvatureShare(reduced.loss);
+  const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system);
+  result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
+  result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
+  return result;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,18 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include "sfm_split/scene/camera_model.h"
+
+namespace s2gs {
+
+/// Projects a point and differentiates: by hand for the pinhole and simple radial models, by dual numbers for
+/// the rest.
+/// \param jacobian_x       2x3, or null.
+/// \param jacobian_params  2 x (number of parameters), or null.
+/// \return  false for points that are not clearly in front of the camera plane.
+bool ProjectWithJacobians(CameraModelId model, const double* params, const Eigen::Vector3d& x_in_cam,
+                          Eigen::Vector2d* xy, Eigen::Matrix<double, 2, 3>* jacobian_x,
+                          Eigen::Matrix<double, 2, Eigen::Dynamic>* jacobian_params);
+
+}  // namespace s2gs

@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "sfm_split/scene/features.h"
+#include "sfm_split/scene/scene.h"
+
+namespace s2gs {
+
+/// What the split knows of one photo.
+struct ScanImage {
+  std::string name;
+  uint32_t image_id = 0;
+  uint32_t camera_id = 0;
+  int station = 0;
+  Keypoints keypoints;                ///< [px]
+  std::vector<KeypointLabel> labels;  ///< per keypoint.
+};
+
+/// The features and verified matches of a scan, split into what turns and what stands still.
+struct ScanFeatures {
+  std::map<uint32_t, Camera> cameras;
+  std::map<uint32_t, bool> has_prior_focal;
+  std::vector<ScanImage> images;               ///< by name.
+  std::vector<ImagePairMatches> object_pairs;  ///< by index into images.
+  std::vector<ImagePairMatches> static_pairs;  ///< between photos that stand for their stations.
+  /// Matches before verification, of both parts and wrong ones among them: once poses are known, those that
+  /// agree with them count as well. May be empty.
+  std::vector<ImagePairMatches> raw_pairs;
+};
+
+}  // namespace s2gs

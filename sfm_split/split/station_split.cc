@@ -1,0 +1,474 @@
+#include "sfm_split/split/station_split.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "sfm_split/matching/image_similarity.h"
+#include "sfm_split/split/pair_evidence.h"
+#include "sfm_split/split/station_turn.h"
+#include "sfm_split/split/still_keypoints.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kMinStaticShare = 0.25;   // of a station's photos that must show a background keypoint
+constexpr double kMinVerifiedShare = 0.2;  // below it, pairs still further apart are not worth matching
+constexpr size_t kCoarseFeatures = 300;    // that images of different stations are compared by
+constexpr uint32_t kMinCoarseMatches = 6;  // of a pair that is worth matching in full
+constexpr int kSimilarInStation = 3;
+constexpr int kCloseSteps = 3;         // between photos that show how the table turns
+constexpr double kMinTurnShare = 0.7;  // of their matches that must follow one turn
+constexpr int kMaxStaticPartners = 10;
+constexpr int kAdoptingStations = 3;  // whose background a photo from a station of its own is compared with
+
+using IndexPair = std::pair<int, int>;
+
+ImagePair Ordered(int a, int b) {
+  return {static_cast<uint32_t>(std::min(a, b)), static_cast<uint32_t>(std::max(a, b))};
+}
+
+std::vector<int> AllOf(const ImagePairMatches& pair) {
+  std::vector<int> all(pair.matches.size());
+  std::iota(all.begin(), all.end(), 0);
+  return all;
+}
+
+class StationSplitter {
+ public:
+  StationSplitter(SplitMatching* matching, MotionSplit* split)
+      : matching_(*matching), options_(matching->settings().split), split_(*split) {}
+
+  void Run() {
+    LabelStaticKeypoints();
+    LabelPhotosOfTheirOwn();
+    PackByLabel();
+    MatchBackgroundAcrossStations();
+    MatchObjectInsideStations();
+    MatchObjectAcrossStations();
+    RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
+    LabelRotatingKeypoints(matching_, still_.support, &split_);
+  }
+
+ private:
+  KeypointLabel& Label(int image, uint32_t keypoint) { return split_.labels[image][keypoint]; }
+
+  void LabelStaticKeypoints() {
+    still_ =
+        FindStillSupport(matching_.images(), split_.stations, matching_.settings().station.max_unmoved_px);
+    split_.labels.resize(matching_.images().size());
+    for (int i = 0; i < matching_.NumImages(); ++i) {
+      const SplitImage& image = matching_.images()[i];
+      split_.labels[i].assign(image.keypoints.size(), KeypointLabel::kUnknown);
+      if (!image.given_labels.empty()) {
+        split_.labels[i] = image.given_labels;
+        continue;
+      }
+      if (still_.num_partners[i] == 0) continue;
+      const int by_share = static_cast<int>(std::ceil(kMinStaticShare * still_.num_partners[i]));
+      const int needed =
+          std::max(by_share, std::max(1, std::min(options_.min_static_support, still_.num_partners[i] / 2)));
+      for (uint32_t k = 0; k < image.keypoints.size(); ++k) {
+        if (still_.support[i][k] >= needed) Label(i, k) = KeypointLabel::kStatic;
+      }
+    }
+  }
+
+  // A photo without companions: what follows the background of other stations is its background.
+  void LabelPhotosOfTheirOwn() {
+    const auto& stations = split_.stations.images;
+    std::vector<int> large;
+    for (const std::vector<int>& station : stations) {
+      if (station.size() >= 2) large.push_back(station[station.size() / 2]);
+    }
+    std::vector<ImagePair> pairs;
+    for (const std::vector<int>& station : stations) {
+      const int image = station.front();
+      if (station.size() >= 2 || !matching_.images()[image].given_labels.empty()) continue;
+      const size_t num = std::min<size_t>(kAdoptingStations, large.size());
+      for (size_t s = 0; s < num; ++s) pairs.push_back(Ordered(image, large[s * large.size() / num]));
+    }
+    if (pairs.empty()) return;
+    PackedImages packed;
+    packed.reserve(matching_.images().size());
+    for (int i = 0; i < matching_.NumImages(); ++i) {
+      const bool alone = stations[split_.stations.station_of_image[i]].size() < 2;
+      packed.push_back(PackLabel(i, alone ? KeypointLabel::kUnknown : KeypointLabel::kStatic));
+    }
+    const auto matched = matching_.Match(pairs, packed, "match single photos");
+    for (const VerifiedPair& pair : matching_.VerifyAll(matched, nullptr, "fit single photos")) {
+      if (pair.matches.empty() || pair.log_false_alarms > -2) continue;
+      const bool first = stations[split_.stations.station_of_image[pair.image1]].size() < 2;
+      for (const FeatureMatch& match : pair.matches) {
+        Label(first ? pair.image1 : pair.image2, first ? match.point2D_idx1 : match.point2D_idx2) =
+            KeypointLabel::kStatic;
+      }
+    }
+  }
+
+  PackedDescriptors PackLabel(int i, KeypointLabel label) const {
+    const SplitImage& image = matching_.images()[i];
+    std::vector<uint32_t> rows;
+    for (uint32_t k = 0; k < image.keypoints.size(); ++k) {
+      if (split_.labels[i][k] == label) rows.push_back(k);
+    }
+    return {image.descriptors.data(), image.keypoints.size(), rows};
+  }
+
+  void PackByLabel() {
+    packed_.reserve(matching_.images().size());
+    packed_static_.reserve(matching_.images().size());
+    for (int i = 0; i < matching_.NumImages(); ++i) {
+      const bool given = !matching_.images()[i].given_labels.empty();
+      packed_.push_back(PackLabel(i, given ? KeypointLabel::kRotating : KeypointLabel::kUnknown));
+      packed_static_.push_back(PackLabel(i, KeypointLabel::kStatic));
+    }
+  }
+
+  // The image with most background keypoints stands for its station.
+  void MatchBackgroundAcrossStations() {
+    std::vector<uint32_t> num_static;
+    num_static.reserve(packed_static_.size());
+    for (const PackedDescriptors& packed : packed_static_)
+      num_static.push_back(static_cast<uint32_t>(packed.size()));
+    const std::vector<uint32_t> representatives =
+        StationRepresentatives(split_.stations.station_of_image, num_static);
+    split_.representative.assign(representatives.begin(), representatives.end());
+    split_.static_matches = matching_.Match(RepresentativePairs(representatives, kMaxStaticPartners),
+                                            packed_static_, "match background");
+    for (VerifiedPair& pair : matching_.VerifyAll(split_.static_matches, nullptr, "fit background")) {
+      if (pair.matches.empty() || pair.log_false_alarms > -2) continue;
+      const int a = StationOf(pair.image1);
+      const int b = StationOf(pair.image2);
+      background_[{a, b}] = {pair.F, pair.H, pair.is_planar};
+      background_[{b, a}] = {pair.F.transpose(), pair.is_planar ? Eigen::Matrix3d(pair.H.inverse()) : pair.H,
+                             pair.is_planar};
+      split_.static_pairs.push_back(std::move(pair));
+    }
+  }
+
+  // Steps 1, 2, 3, ... apart, then half as far again each time.
+  void MatchObjectInsideStations() {
+    rotating_.resize(matching_.images().size());
+    for (int i = 0; i < matching_.NumImages(); ++i)
+      rotating_[i].assign(matching_.images()[i].keypoints.size(), false);
+    bool has_seen_turn = false;
+    for (int step = 1;; step = step < options_.max_object_steps ? step + 1 : step + (step + 1) / 2) {
+      std::set<ImagePair> pairs;
+      for (const std::vector<int>& station : split_.stations.images) {
+        const int n = static_cast<int>(station.size());
+        if (2 * step > n) continue;
+        for (int i = 0; i < n; ++i) pairs.insert(Ordered(station[i], station[(i + step) % n]));
+      }
+      if (pairs.empty()) break;
+      const double share =
+          static_cast<double>(AddObjectPairs({pairs.begin(), pairs.end()}, "match in stations")) /
+          static_cast<double>(pairs.size());
+      if (has_seen_turn && share < kMinVerifiedShare) break;
+      has_seen_turn = has_seen_turn || share >= kMinVerifiedShare;
+    }
+    AddSimilarPairs();
+    RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
+    RemoveFolded();
+    for (const VerifiedPair& pair : split_.object_pairs) {
+      for (const FeatureMatch& match : pair.matches) {
+        rotating_[pair.image1][match.point2D_idx1] = true;
+        rotating_[pair.image2][match.point2D_idx2] = true;
+      }
+    }
+  }
+
+  // An object that looks the same from several sides matches itself at wrong angles, and consistently so:
+  // third images confirm it. What photos a few steps apart say about the station tells the angles apart.
+  void RemoveFolded() {
+    std::vector<int> place(matching_.images().size());
+    for (const std::vector<int>& station : split_.stations.images) {
+      for (size_t p = 0; p < station.size(); ++p) place[station[p]] = static_cast<int>(p);
+    }
+    std::vector<std::vector<const VerifiedPair*>> pairs_of_station(split_.stations.images.size());
+    for (const VerifiedPair& pair : split_.object_pairs)
+      pairs_of_station[StationOf(pair.image1)].push_back(&pair);
+    const auto to_turn = [&](const VerifiedPair& pair) {
+      TurnMatches matches;
+      matches.steps = place[pair.image2] - place[pair.image1];
+      matches.xy1.reserve(pair.matches.size());
+      matches.xy2.reserve(pair.matches.size());
+      for (const FeatureMatch& match : pair.matches) {
+        matches.xy1.push_back(matching_.keypoints()[pair.image1][match.point2D_idx1] -
+                              split_.stations.shift[pair.image1]);
+        matches.xy2.push_back(matching_.keypoints()[pair.image2][match.point2D_idx2] -
+                              split_.stations.shift[pair.image2]);
+      }
+      return matches;
+    };
+    const double max_error_px = matching_.settings().motion.max_error_px;
+    const size_t num_stations = pairs_of_station.size();
+    std::vector<std::optional<StationTurn>> turns(num_stations);
+    const auto fit = [&](size_t s, std::optional<double> focal_px) {
+      const auto num_photos = static_cast<int>(split_.stations.images[s].size());
+      std::vector<TurnMatches> close;
+      for (const VerifiedPair* pair : pairs_of_station[s]) {
+        const int steps = std::abs(place[pair->image2] - place[pair->image1]);
+        if (std::min(steps, num_photos - steps) <= kCloseSteps) close.push_back(to_turn(*pair));
+      }
+      turns[s] = FitStationTurn(close, num_photos, matching_.sizes()[split_.stations.images[s].front()],
+                                max_error_px, kMinTurnShare, focal_px);
+    };
+#pragma omp parallel for schedule(dynamic)
+    for (size_t s = 0; s < num_stations; ++s) fit(s, std::nullopt);
+    // What stations know that were turned all around holds for the others.
+    std::vector<double> focals;
+    for (const std::optional<StationTurn>& turn : turns) {
+      if (turn && turn->is_full_turn) focals.push_back(turn->focal_px);
+    }
+    if (!focals.empty() && HaveOneSize()) {
+      const auto middle = focals.begin() + static_cast<std::ptrdiff_t>(focals.size() / 2);
+      std::nth_element(focals.begin(), middle, focals.end());
+#pragma omp parallel for schedule(dynamic)
+      for (size_t s = 0; s < num_stations; ++s) {
+        if (!turns[s] || !turns[s]->is_full_turn) fit(s, *middle);
+      }
+    }
+    std::vector<bool> is_folded(split_.object_pairs.size(), false);
+#pragma omp parallel for schedule(dynamic)
+    for (size_t s = 0; s < num_stations; ++s) {
+      if (!turns[s]) continue;
+      for (const VerifiedPair* pair : pairs_of_station[s]) {
+        if (FitsItsAngle(*turns[s], to_turn(*pair), max_error_px)) continue;
+          // Elements of vector<bool> share bytes: each station's thread must not write at once.
+#pragma omp critical
+        is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = true;
+      }
+    }
+    std::vector<VerifiedPair> kept;
+    kept.reserve(split_.object_pairs.size());
+    for (size_t p = 0; p < is_folded.size(); ++p) {
+      if (!is_folded[p]) kept.push_back(std::move(split_.object_pairs[p]));
+    }
+    const size_t num_folded = split_.object_pairs.size() - kept.size();
+    if (num_folded > 0) {
+      matching_.reporter().Debug(std::to_string(num_folded) + " pairs show a wrong angle: taken out");
+    }
+    split_.object_pairs = std::move(kept);
+  }
+
+  bool HaveOneSize() const {
+    return std::all_of(matching_.sizes().begin(), matching_.sizes().end(),
+                       [&](const Eigen::Vector2i& size) { return size == matching_.sizes().front(); });
+  }
+
+  // Photos whose names do not tell the order of capture, and tables turned to and fro.
+  void AddSimilarPairs() {
+    const PackedImages largest =
+        matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) { return IsCandidate(i, k); });
+    std::vector<ImagePair> candidates;
+    for (const std::vector<int>& station : split_.stations.images) {
+      if (station.size() < 4) continue;
+      PackedImages of_station;
+      of_station.reserve(station.size());
+      for (const int i : station) of_station.push_back(largest[i]);
+      const SimilarityMatrix similarity =
+          CountMatchesOfAllPairs(of_station, matching_.matcher(), matching_.reporter());
+      for (const ImagePair& pair : SimilarPairs(similarity, kSimilarInStation)) {
+        if (similarity(pair.first, pair.second) >= kMinCoarseMatches)
+          candidates.push_back(Ordered(station[pair.first], station[pair.second]));
+      }
+    }
+    AddObjectPairs(NewPairs(std::move(candidates), done_), "match similar photos");
+  }
+
+  bool IsCandidate(int image, uint32_t keypoint) const {
+    const KeypointLabel label = split_.labels[image][keypoint];
+    const bool given = !matching_.images()[image].given_labels.empty();
+    return label == (given ? KeypointLabel::kRotating : KeypointLabel::kUnknown);
+  }
+
+  // Every image with its most similar ones in the other stations and those beside them, by the keypoints that
+  // are known to turn.
+  void MatchObjectAcrossStations() {
+    const auto& stations = split_.stations.images;
+    if (stations.size() < 2) return;
+    std::vector<size_t> num_rotating(rotating_.size());
+    for (size_t i = 0; i < rotating_.size(); ++i)
+      num_rotating[i] = static_cast<size_t>(std::count(rotating_[i].begin(), rotating_[i].end(), true));
+    constexpr size_t kEnough = 30;
+    const PackedImages packed = matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) {
+      return num_rotating[i] >= kEnough ? rotating_[i][k] : IsCandidate(i, k);
+    });
+    const SimilarityMatrix similarity =
+        CountMatchesOfAllPairs(packed, matching_.matcher(), matching_.reporter());
+
+    std::vector<ImagePair> pairs;
+    for (size_t a = 0; a < stations.size(); ++a) {
+      for (const int b : NearbyStations(static_cast<int>(a), similarity)) {
+        for (const int image : stations[a]) AddPartners(image, stations[b], similarity, &pairs);
+      }
+    }
+    AddObjectPairs(NewPairs(std::move(pairs), done_), "match across stations");
+  }
+
+  // The stations whose images have most in common with those of station `a`.
+  std::vector<int> NearbyStations(int a, const SimilarityMatrix& similarity) const {
+    const auto& stations = split_.stations.images;
+    std::vector<std::pair<double, int>> ranked;
+    for (size_t b = 0; b < stations.size(); ++b) {
+      if (static_cast<int>(b) == a) continue;
+      double total = 0;
+      for (const int i : stations[a]) {
+        uint32_t best = 0;
+        for (const int j : stations[b]) best = std::max(best, similarity(i, j));
+        total += best;
+      }
+      ranked.emplace_back(-total, static_cast<int>(b));
+    }
+    std::sort(ranked.begin(), ranked.end());
+    ranked.resize(std::min(ranked.size(), static_cast<size_t>(options_.max_nearby_stations)));
+    std::vector<int> nearby;
+    nearby.reserve(ranked.size());
+    for (const auto& [total, b] : ranked) nearby.push_back(b);
+    return nearby;
+  }
+
+  void AddPartners(int image, const std::vector<int>& station, const SimilarityMatrix& similarity,
+                   std::vector<ImagePair>* pairs) const {
+    const int n = static_cast<int>(station.size());
+    std::vector<int> places(n);
+    std::iota(places.begin(), places.end(), 0);
+    const int num = std::min(options_.station_partners, n);
+    std::partial_sort(places.begin(), places.begin() + num, places.end(), [&](int x, int y) {
+      const uint32_t sx = similarity(image, station[x]);
+      const uint32_t sy = similarity(image, station[y]);
+      return sx != sy ? sx > sy : x < y;
+    });
+    for (int p = 0; p < num; ++p) {
+      if (similarity(image, station[places[p]]) < kMinCoarseMatches) break;
+      for (int w = -1; w <= 1; ++w) pairs->push_back(Ordered(image, station[(places[p] + w + n) % n]));
+    }
+  }
+
+  // Matches, leaves out what follows the background, fits one motion. Returns the number of pairs with one.
+  int AddObjectPairs(const std::vector<ImagePair>& pairs, const char* task) {
+    auto matched = matching_.Match(pairs, packed_, task);
+    std::vector<std::vector<int>> subsets;
+    subsets.reserve(matched.size());
+    for (const ImagePairMatches& pair : matched) subsets.push_back(MovingMatches(pair));
+    int num_verified = 0;
+    for (VerifiedPair& pair : matching_.VerifyAll(matched, &subsets, "fit motions")) {
+      if (pair.matches.empty()) continue;
+      if (pair.log_false_alarms <= -2) ++num_verified;
+      split_.object_pairs.push_back(std::move(pair));
+    }
+    done_.insert(done_.end(), pairs.begin(), pairs.end());
+    std::move(matched.begin(), matched.end(), std::back_inserter(split_.object_matches));
+    return num_verified;
+  }
+
+  std::vector<int> MovingMatches(const ImagePairMatches& pair) const {
+    if (!matching_.images()[pair.image1].given_labels.empty()) return AllOf(pair);
+    std::vector<int> moving;
+    const int a = StationOf(pair.image1);
+    const int b = StationOf(pair.image2);
+    const Eigen::Vector2f shift = split_.stations.shift[pair.image2] - split_.stations.shift[pair.image1];
+    const auto background = background_.find({a, b});
+    for (size_t m = 0; m < pair.matches.size(); ++m) {
+      const FeatureMatch& match = pair.matches[m];
+      const Eigen::Vector2f& xy1 = matching_.keypoints()[pair.image1][match.point2D_idx1];
+      const Eigen::Vector2f& xy2 = matching_.keypoints()[pair.image2][match.point2D_idx2];
+      bool follows_background = false;
+      if (a == b) {
+        follows_background = (xy2 - xy1 - shift).norm() <= options_.min_moved_px;
+      } else if (background != background_.end() && !rotating_[pair.image1][match.point2D_idx1] &&
+                 !rotating_[pair.image2][match.point2D_idx2]) {
+        // Where the table stands the same in both photos, what turns follows the background's geometry, too.
+        follows_background = Follows(background->second, ToRepresentative(pair.image1, xy1),
+                                     ToRepresentative(pair.image2, xy2));
+      }
+      if (!follows_background) moving.push_back(static_cast<int>(m));
+    }
+    return moving;
+  }
+
+  // How the background moves from one station to another. Stations that only turned the camera have no
+  // epipolar geometry, only a homography.
+  struct BackgroundMotion {
+    Eigen::Matrix3d F;
+    Eigen::Matrix3d H;
+    bool is_planar;
+  };
+
+  // Where the station's representative, between which backgrounds were matched, would show the same ray.
+  Eigen::Vector2f ToRepresentative(int image, const Eigen::Vector2f& xy) const {
+    return xy - split_.stations.shift[image] + split_.stations.shift[split_.representative[StationOf(image)]];
+  }
+
+  bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1,
+               const Eigen::Vector2f& xy2) const {
+    if (!background.is_planar)
+      return SampsonError(background.F, xy1, xy2) <= matching_.settings().motion.max_error_px;
+    const Eigen::Vector3d mapped = background.H * xy1.cast<double>().homogeneous();
+    return (mapped.hnormalized() - xy2.cast<double>()).norm() <= options_.min_moved_px;
+  }
+
+  int StationOf(int image) const { return split_.stations.station_of_image[image]; }
+
+  SplitMatching& matching_;
+  const MotionSplitOptions& options_;
+  MotionSplit& split_;
+  StillSupport still_;
+  PackedImages packed_;                      // what may turn
+  PackedImages packed_static_;               // what stands still
+  std::vector<std::vector<bool>> rotating_;  // with a verified match inside its station
+  std::vector<ImagePair> done_;
+  std::map<IndexPair, BackgroundMotion> background_;  // from one station to another
+};
+
+}  // namespace
+
+void SplitByStations(SplitMatching* matching, MotionSplit* split) { StationSplitter(matching, split).Run(); }
+
+void LabelRotatingKeypoints(const SplitMatching& matching, const std::vector<std::vector<int>>& still,
+                            MotionSplit* split) {
+  std::vector<std::vector<int>> votes(matching.images().size());
+  for (size_t i = 0; i < votes.size(); ++i) votes[i].assign(matching.images()[i].keypoints.size(), 0);
+  for (const VerifiedPair& pair : split->object_pairs) {
+    for (const FeatureMatch& match : pair.matches) {
+      ++votes[pair.image1][match.point2D_idx1];
+      ++votes[pair.image2][match.point2D_idx2];
+    }
+  }
+  const int needed = matching.settings().split.min_rotating_matches;
+  for (size_t i = 0; i < votes.size(); ++i) {
+    if (!matching.images()[i].given_labels.empty()) continue;
+    for (size_t k = 0; k < votes[i].size(); ++k) {
+      const int unmoved = still.empty() ? 0 : still[i][k];
+      if (votes[i][k] >= needed && votes[i][k] > unmoved) {
+        split->labels[i][k] = KeypointLabel::kRotating;
+      } else if (votes[i][k] > 0 && split->labels[i][k] == KeypointLabel::kRotating) {
+        split->labels[i][k] = KeypointLabel::kUnknown;
+      }
+    }
+  }
+  const auto rotates = [&](int image, uint32_t keypoint) {
+    return split->labels[image][keypoint] == KeypointLabel::kRotating;
+  };
+  std::vector<VerifiedPair> kept;
+  kept.reserve(split->object_pairs.size());
+  for (VerifiedPair& pair : split->object_pairs) {
+    FeatureMatches left;
+    left.reserve(pair.matches.size());
+    for (const FeatureMatch& match : pair.matches) {
+      if (rotates(pair.image1, match.point2D_idx1) && rotates(pair.image2, match.point2D_idx2))
+        left.push_back(match);
+    }
+    pair.matches = std::move(left);
+    if (static_cast<int>(pair.matches.size()) >= matching.settings().motion.min_inliers)
+      kept.push_back(std::move(pair));
+  }
+  split->object_pairs = std::move(kept);
+}
+
+}  // namespace s2gs

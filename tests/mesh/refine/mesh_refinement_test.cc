@@ -1,0 +1,379 @@
+#include "mesh/refine/mesh_refinement.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "mesh/refine/offset_field.h"
+#include "mesh/refine/vertex_visibility.h"
+#include "mesh/surface/vertex_normals.h"
+#include "tests/support/random_numbers.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kDistance = 5;  // of the cameras from the middle of a sphere of radius 1
+constexpr double kFocal = 600;   // [px]
+constexpr int kSide = 280;       // [px]
+constexpr double kPixel = (kDistance - 1) / kFocal;
+
+// Rings of vertices from pole to pole.
+TriangleMesh Sphere(double radius, int rings) {
+  TriangleMesh mesh;
+  const int steps = 2 * rings;
+  mesh.vertices.reserve(static_cast<size_t>(steps) * rings);
+  mesh.triangles.reserve(2 * static_cast<size_t>(steps) * rings);
+  mesh.vertices.emplace_back(0, 0, static_cast<float>(radius));
+  for (int ring = 1; ring < rings; ++ring) {
+    const double polar = M_PI * ring / rings;
+    for (int step = 0; step < steps; ++step) {
+      const double turn = 2 * M_PI * step / steps;
+      const Eigen::Vector3d direction(std::sin(polar) * std::cos(turn), std::sin(polar) * std::sin(turn),
+                                      std::cos(polar));
+      mesh.vertices.emplace_back((radius * direction).cast<float>());
+    }
+  }
+  mesh.vertices.emplace_back(0, 0, -static_cast<float>(radius));
+  const auto last = static_cast<uint32_t>(mesh.vertices.size() - 1);
+  const auto at = [&](int ring, int step) {
+    if (ring == 0) return 0U;
+    return ring == rings ? last : static_cast<uint32_t>(1 + (ring - 1) * steps + step % steps);
+  };
+  for (int ring = 0; ring < rings; ++ring) {
+    for (int step = 0; step < steps; ++step) {
+      if (ring > 0) mesh.triangles.emplace_back(at(ring, step), at(ring + 1, step), at(ring, step + 1));
+      if (ring + 1 < rings) {
+        mesh.triangles.emplace_back(at(ring, step + 1), at(ring + 1, step), at(ring + 1, step + 1));
+      }
+    }
+  }
+  return mesh;
+}
+
+ObjectView LookAtMiddle(double azimuth, double elevation) {
+  const Eigen::Vector3d center =
+      kDistance * Eigen::Vector3d(std::cos(azimuth) * std::cos(elevation),
+                                  std::sin(azimuth) * std::cos(elevation), std::sin(elevation));
+  Eigen::Matrix3d rotation;  // cam_from_object
+  rotation.row(2) = -center.normalized();
+  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(center).normalized();
+  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
+  Rigid3 cam_from_object;
+  cam_from_object.rotation = Eigen::Quaterniond(rotation);
+  cam_from_object.translation = -(rotation * center);
+  return {kSide, kSide, kFocal, kFocal, kSide / 2.0 + 3.3, kSide / 2.0 - 2.6, cam_from_object};
+}
+
+// Photos of the sphere of radius 1. Each has another exposure.
+class SpherePhotos : public RefinementPhotoSource {
+ public:
+  using Texture = std::function<double(const Eigen::Vector3d& x_in_object)>;
+
+  SpherePhotos(int num_around, const std::vector<double>& elevations, const Texture& texture,
+               double noise = 0) {
+    RandomNumbers random(7);
+    views_.reserve(num_around * elevations.size());
+    photos_.reserve(num_around * elevations.size());
+    for (const double elevation : elevations) {
+      for (int i = 0; i < num_around; ++i) {
+        const ObjectView view = LookAtMiddle(2 * M_PI * (i + 0.3 * elevation) / num_around, elevation);
+        const double gain = random.Uniform(0.7, 1.2);
+        const double shift = random.Uniform(-15, 15);
+        Image8 photo{kSide, kSide, 1, std::vector<uint8_t>(static_cast<size_t>(kSide) * kSide)};
+        const Eigen::Matrix3d rotation = view.cam_from_object.rotation.toRotationMatrix();
+        const Eigen::Vector3d center = -(rotation.transpose() * view.cam_from_object.translation);
+        for (int y = 0; y < kSide; ++y) {
+          for (int x = 0; x < kSide; ++x) {
+            const Eigen::Vector3d ray =
+                (rotation.transpose() *
+                 Eigen::Vector3d((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1))
+                    .normalized();
+            const double b = center.dot(ray);
+            const double root = b * b - center.squaredNorm() + 1;
+            const double value = root > 0 ? texture(center + (-b - std::sqrt(root)) * ray) : 90;
+            const double grey = gain * value + shift + random.Uniform(-noise, noise);
+            *photo.Pixel(x, y) = static_cast<uint8_t>(std::clamp(grey, 0.0, 255.0) + 0.5);
+          }
+        }
+        views_.push_back(view);
+        photos_.push_back(std::move(photo));
+      }
+    }
+  }
+
+  int size() const override { return static_cast<int>(views_.size()); }
+  const ObjectView& Camera(int index) const override { return views_[index]; }
+  Image8 Load(int index) const override { return photos_[index]; }
+
+ private:
+  std::vector<ObjectView> views_;
+  std::vector<Image8> photos_;
+};
+
+// Waves of 6 to 14 pixels.
+double Waves(const Eigen::Vector3d& x) {
+  double sum = 0;
+  const std::vector<Eigen::Vector3d> frequencies = {{110, 30, -50}, {-40, 100, 60}, {30, -60, 120},
+                                                    {90, 90, 30},   {-70, 20, 100}, {50, 60, 40}};
+  for (const Eigen::Vector3d& frequency : frequencies) sum += std::sin(frequency.dot(x) + frequency.x());
+  return 120 + 18 * sum;
+}
+
+double Plain(const Eigen::Vector3d& /*x*/) { return 120; }
+
+const std::vector<double> kThreeRings = {-0.5, 0, 0.5};
+
+// Mean and root mean square of the distance from the unit sphere, of the part that the cameras face [px].
+std::pair<double, double> DistanceFromSphere(const TriangleMesh& mesh) {
+  double sum = 0;
+  double squares = 0;
+  int count = 0;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    const double radius = vertex.cast<double>().norm();
+    if (std::abs(vertex.z()) > 0.7 * radius) continue;
+    sum += (radius - 1) / kPixel;
+    squares += (radius - 1) * (radius - 1) / kPixel / kPixel;
+    ++count;
+  }
+  return {sum / count, std::sqrt(squares / count)};
+}
+
+MeshRefinementSummary Refine(const RefinementPhotoSource& photos, TriangleMesh* mesh,
+                             const MeshRefinementOptions& options = {}) {
+  Reporter silent;
+  return RefineMesh(photos, options, silent, mesh);
+}
+
+TEST(MeshRefinement, TakesAKnownOffsetOff) {
+  const SpherePhotos photos(12, kThreeRings, Waves);
+  for (const double offset : {-3.0, 2.0}) {
+    TriangleMesh mesh = Sphere(1 + offset * kPixel, 110);
+    const MeshRefinementSummary summary = Refine(photos, &mesh);
+    EXPECT_EQ(summary.num_photos, 36);
+    EXPECT_GT(summary.num_accepted, 0.8 * static_cast<double>(summary.num_vertices));
+    EXPECT_EQ(summary.num_unseen_triangles, 0);
+    const auto [mean, rms] = DistanceFromSphere(mesh);
+    EXPECT_LT(std::abs(mean), 0.05) << offset;
+    EXPECT_LT(rms, 0.1) << offset;
+    ASSERT_EQ(mesh.normals.size(), mesh.vertices.size());
+    EXPECT_NEAR(mesh.normals[500].norm(), 1, 1e-5);
+  }
+}
+
+TEST(MeshRefinement, TakesNoiseOff) {
+  const SpherePhotos photos(12, kThreeRings, Waves, 4);
+  TriangleMesh mesh = Sphere(1, 110);
+  RandomNumbers random(3);
+  for (Eigen::Vector3f& vertex : mesh.vertices) {
+    vertex *= static_cast<float>(1 - kPixel * (1 + std::sin(9 * vertex.x()) + random.Uniform(-0.2, 0.2)));
+  }
+  const double before = DistanceFromSphere(mesh).second;
+  Refine(photos, &mesh);
+  EXPECT_LT(DistanceFromSphere(mesh).second, 0.2 * before);
+}
+
+TEST(MeshRefinement, LeavesPlainSurfacesAlone) {
+  const TriangleMesh start = Sphere(1 - 2 * kPixel, 60);
+  TriangleMesh mesh = start;
+  const SpherePhotos plain(12, kThreeRings, Plain);
+  EXPECT_EQ(Refine(plain, &mesh).num_accepted, 0);
+  EXPECT_EQ(mesh.vertices, start.vertices);
+  // Noise alone correlates now and then, but never well.
+  const SpherePhotos noisy(12, kThreeRings, Plain, 3);
+  const MeshRefinementSummary summary = Refine(noisy, &mesh);
+  EXPECT_LT(summary.num_accepted, 0.01 * static_cast<double>(summary.num_vertices));
+  EXPECT_LT(summary.rms_offset_px, 0.3);
+}
+
+TEST(MeshRefinement, SameBitsForAnyNumberOfThreads) {
+  const SpherePhotos photos(9, kThreeRings, Waves, 2);
+  MeshRefinementOptions options;
+  options.num_threads = 1;
+  TriangleMesh one = Sphere(0.99, 70);
+  Refine(photos, &one, options);
+  options.num_threads = 4;
+  TriangleMesh four = Sphere(0.99, 70);
+  Refine(photos, &four, options);
+  EXPECT_EQ(one.vertices, four.vertices);
+  EXPECT_EQ(one.normals, four.normals);
+  EXPECT_EQ(one.triangles, four.triangles);
+}
+
+TEST(MeshRefinement, DropsWhatNoPhotoSees) {
+  const SpherePhotos photos(14, kThreeRings, Waves);
+  const TriangleMesh outer = Sphere(1, 60);
+  const TriangleMesh inner = Sphere(0.5, 20);
+  TriangleMesh both = outer;
+  for (const auto& triangle : inner.triangles) {
+    both.triangles.emplace_back(triangle.array() + static_cast<uint32_t>(outer.vertices.size()));
+  }
+  both.vertices.insert(both.vertices.end(), inner.vertices.begin(), inner.vertices.end());
+  TriangleMesh mesh = both;
+  EXPECT_EQ(Refine(photos, &mesh).num_unseen_triangles, static_cast<int64_t>(inner.triangles.size()));
+  EXPECT_EQ(mesh.triangles.size(), outer.triangles.size());
+  EXPECT_EQ(mesh.vertices.size(), outer.vertices.size());
+  // Too few photos to tell.
+  const SpherePhotos few(13, kThreeRings, Waves);
+  mesh = both;
+  EXPECT_EQ(Refine(few, &mesh).num_unseen_triangles, 0);
+  MeshRefinementOptions keep_all;
+  keep_all.min_seen_pct = 0;
+  mesh = both;
+  Refine(photos, &mesh, keep_all);
+  EXPECT_EQ(mesh.triangles, both.triangles);
+}
+
+TEST(MeshRefinement, LeavesTheMeshAloneWhenPhotosDoNotSuffice) {
+  const TriangleMesh start = Sphere(0.99, 30);
+  for (const int num_photos : {0, 1, 3}) {
+    const SpherePhotos few(num_photos, {0}, Waves);
+    TriangleMesh mesh = start;
+    EXPECT_EQ(Refine(few, &mesh).num_vertices, 0) << num_photos;
+    EXPECT_EQ(mesh.vertices, start.vertices);
+    EXPECT_EQ(mesh.triangles, start.triangles);
+  }
+  const SpherePhotos photos(6, {0}, Waves);
+  TriangleMesh elsewhere = start;
+  for (Eigen::Vector3f& vertex : elsewhere.vertices) vertex.z() += 40;
+  const TriangleMesh before = elsewhere;
+  EXPECT_EQ(Refine(photos, &elsewhere).num_photos, 0);
+  EXPECT_EQ(elsewhere.vertices, before.vertices);
+  MeshRefinementOptions off;
+  off.enabled = false;
+  TriangleMesh mesh = start;
+  EXPECT_EQ(Refine(photos, &mesh, off).num_photos, 0);
+  EXPECT_EQ(mesh.vertices, start.vertices);
+  TriangleMesh empty;
+  EXPECT_EQ(Refine(photos, &empty).num_photos, 0);
+}
+
+TEST(MeshRefinement, SurvivesDegenerateMeshesAndBlackPhotos) {
+  const SpherePhotos black(12, kThreeRings, [](const Eigen::Vector3d& /*x*/) { return -100.0; });
+  TriangleMesh mesh = Sphere(0.99, 30);
+  mesh.triangles.emplace_back(5, 5, 5);
+  mesh.triangles.emplace_back(5, 6, 5);
+  mesh.vertices.emplace_back(Eigen::Vector3f::Constant(1e30F));
+  mesh.vertices.emplace_back(0, 0, 0);
+  Refine(black, &mesh);
+  for (const Eigen::Vector3f& vertex : mesh.vertices) EXPECT_TRUE(vertex.allFinite());
+}
+
+TEST(MeshRefinement, ShrinksPhotosToTheMemory) {
+  const SpherePhotos photos(12, kThreeRings, Waves);
+  MeshRefinementOptions options;
+  // Of 36 photos of 280 x 280 with their coarser levels a quarter fits.
+  options.max_memory_gib = 36 * 280 * 280 * 1.25 / 4 * 1.01 / std::pow(1024.0, 3);
+  TriangleMesh mesh = Sphere(1 - 2 * kPixel, 60);
+  Refine(photos, &mesh, options);
+  EXPECT_LT(std::abs(DistanceFromSphere(mesh).first), 0.5);
+  options.max_memory_gib /= 1000;
+  EXPECT_THROW(Refine(photos, &mesh, options), UserError);
+}
+
+TEST(MeshRefinement, ChecksOptions) {
+  EXPECT_FALSE(MeshRefinementOptions().Check());
+  const std::vector<std::pair<const char*, std::function<void(MeshRefinementOptions*)>>> faults = {
+      {"num_views", [](auto* o) { o->num_views = 2; }},
+      {"num_views", [](auto* o) { o->num_views = 17; }},
+      {"max_view_angle_deg", [](auto* o) { o->max_view_angle_deg = 90; }},
+      {"smoothness", [](auto* o) { o->smoothness = 0; }},
+      {"min_seen_pct", [](auto* o) { o->min_seen_pct = 101; }},
+      {"max_memory_gib", [](auto* o) { o->max_memory_gib = NAN; }},
+      {"num_threads", [](auto* o) { o->num_threads = -1; }}};
+  for (const auto& [field, spoil] : faults) {
+    MeshRefinementOptions options;
+    spoil(&options);
+    ASSERT_TRUE(options.Check()) << field;
+    EXPECT_EQ(options.Check()->field, field);
+  }
+}
+
+TEST(VertexVisibility, DepthIsTheSpheres) {
+  const TriangleMesh mesh = Sphere(1, 200);
+  const ObjectView view = LookAtMiddle(0.4, 0.3);
+  const std::vector<float> depths = RenderMeshDepth(mesh, view);
+  const Eigen::Vector3d center = view.cam_from_object.translation;  // the sphere's, in the camera's frame
+  int num_compared = 0;
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      const Eigen::Vector3d ray((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
+      const double b = ray.dot(center) / ray.squaredNorm();
+      const double root = b * b - (center.squaredNorm() - 1) / ray.squaredNorm();
+      const float depth = depths[static_cast<size_t>(y) * kSide + x];
+      if (root < 0) {
+        EXPECT_FALSE(std::isfinite(depth));
+      }
+      if (root < 0.01) continue;  // at the outline a facet's sag counts many times
+      // The facets' sag is 1e-4.
+      ASSERT_NEAR(depth, b - std::sqrt(root), 1e-3) << x << ' ' << y;
+      ++num_compared;
+    }
+  }
+  EXPECT_GT(num_compared, 30000);
+}
+
+TEST(VertexVisibility, FrontIsSeenAndBackIsNot) {
+  TriangleMesh mesh = Sphere(1, 100);
+  ComputeNormals(&mesh);
+  const ObjectView view = LookAtMiddle(0.4, 0.3);
+  const VertexFlags seen = FindVisibleVertices(mesh, view, {0.2F, 0});
+  const VertexFlags inner = FindVisibleVertices(mesh, view, {0.5F, 2});
+  const Eigen::Matrix3d rotation = view.cam_from_object.rotation.toRotationMatrix();
+  const Eigen::Vector3d camera = -(rotation.transpose() * view.cam_from_object.translation);
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const Eigen::Vector3d x = mesh.vertices[i].cast<double>();
+    const double cosine = x.dot((camera - x).normalized());
+    if (std::abs(cosine - 0.2) > 0.01) {
+      EXPECT_EQ(seen.Get(i), cosine > 0.2) << cosine;
+    }
+    if (std::abs(cosine - 0.5) > 0.01) {
+      EXPECT_EQ(inner.Get(i), cosine > 0.5) << cosine;
+    }
+  }
+}
+
+TEST(OffsetField, SolvesTheNormalEquations) {
+  const TriangleMesh mesh = Sphere(1, 6);
+  const VertexGraph graph(mesh);
+  const auto n = static_cast<int>(graph.size());
+  RandomNumbers random(5);
+  std::vector<OffsetObservation> observations(n);
+  Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(n, n);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(n);
+  const double smoothness = 0.4;
+  const double prior = 0.02;
+  for (int i = 0; i < n; ++i) {
+    if (i % 3 == 0) {
+      observations[i] = {static_cast<float>(random.Uniform(-2, 2)), static_cast<float>(random.Uniform(0, 3))};
+    }
+    matrix(i, i) += observations[i].weight + prior;
+    right[i] = static_cast<double>(observations[i].weight) * observations[i].offset;
+    for (const uint32_t j : graph.Neighbors(i)) {
+      matrix(i, i) += smoothness;
+      matrix(i, static_cast<int>(j)) -= smoothness;
+    }
+  }
+  const Eigen::VectorXd expected = matrix.ldlt().solve(right);
+  const std::vector<float> offsets = SmoothOffsets(graph, observations, smoothness, prior, 2);
+  // The iterations stop at a residual of 1e-4.
+  for (int i = 0; i < n; ++i) EXPECT_NEAR(offsets[i], expected[i], 1e-3);
+}
+
+TEST(OffsetField, AveragesKnownRowsAlone) {
+  TriangleMesh mesh;
+  mesh.vertices.resize(5, Eigen::Vector3f::Zero());
+  mesh.triangles.emplace_back(0, 1, 2);
+  mesh.triangles.emplace_back(2, 1, 3);
+  std::vector<float> rows = {1, 10, 2, 20, 3, 30, 100, 100, 7, 70};
+  AverageOverNeighbors(VertexGraph(mesh), {1, 1, 1, 0, 1}, 2, 1, 2, &rows);
+  EXPECT_EQ(rows, (std::vector<float>{2, 20, 2, 20, 2, 20, 100, 100, 7, 70}));
+}
+
+}  // namespace
+}  // namespace s2gs

@@ -1,0 +1,626 @@
+#include "s2gs/backend/backend.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <string>
+
+#include "tests/s2gs/backend/reference_render.h"
+#include "tests/support/random_numbers.h"
+
+namespace s2gs {
+namespace {
+
+// The backend under test, or null and a reason.
+std::unique_ptr<Backend> TryMakeBackend(BackendKind kind, std::string* reason) {
+  if (kind == BackendKind::kCpu) return MakeCpuBackend(2);
+  try {
+    return MakeCudaBackend(0);
+  } catch (const UserError& error) {
+    *reason = error.what();
+    return nullptr;
+  }
+}
+
+class BackendTest : public testing::TestWithParam<BackendKind> {
+ protected:
+  void SetUp() override {
+    std::string reason;
+    backend_ = TryMakeBackend(GetParam(), &reason);
+    if (backend_ == nullptr) GTEST_SKIP() << "no GPU, so the CUDA backend was not tested: " << reason;
+    ASSERT_EQ(backend_->Info().kind, GetParam());
+  }
+
+  std::unique_ptr<Backend> backend_;
+};
+
+PinholeView TestView(int width, int height) {
+  PinholeView view;
+  view.width = width;
+  view.height = height;
+  view.fx = 1.3 * width;
+  view.fy = 1.25 * width;
+  view.cx = 0.52 * width;
+  view.cy = 0.47 * height;
+  view.near_depth = 0.05;
+  view.cam_from_world = {Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d(1, 2, 0.5).normalized())),
+                         {0.1, -0.05, 4}};
+  const Rigid3 world_from_object = {Eigen::Quaterniond(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ())),
+                                    {0.05, 0.02, 0.01}};
+  view.cam_from_object = view.cam_from_world * world_from_object;
+  return view;
+}
+
+// Splats of all sizes about the origin; every fifth is not drawn.
+std::vector<ReferenceGaussian> RandomScene(size_t count, uint64_t seed, double mean_log_scale) {
+  RandomNumbers random(seed);
+  std::vector<ReferenceGaussian> scene(count);
+  for (size_t i = 0; i < count; ++i) {
+    ReferenceGaussian& g = scene[i];
+    for (int k = 0; k < 3; ++k) g[kRefCentre + k] = random.Uniform(-1, 1);
+    for (int k = 0; k < 2; ++k) g[kRefLogScale + k] = mean_log_scale + random.Uniform(-0.8, 0.8);
+    for (int k = 0; k < 4; ++k) g[kRefRotation + k] = random.Normal();
+    g[kRefOpacity] = random.Uniform(-2, 3);
+    g[kRefForeground] = random.Uniform(-3, 3.5);
+    for (int k = 0; k < 3; ++k) g[kRefDc + k] = random.Uniform(-1.2, 1.2);
+    for (int k = 0; k < 3 * kShRestPerChannel; ++k) g[kRefRest + k] = 0.1 * random.Normal();
+    if (i % 5 == 4) g[kRefCentre + 2] -= 30;  // behind the camera
+    // In float, so that both sides have the same numbers.
+    for (double& value : g) value = static_cast<double>(static_cast<float>(value));
+  }
+  return scene;
+}
+
+TrainingPhoto RandomPhoto(const PinholeView& view, uint64_t seed) {
+  RandomNumbers random(seed);
+  TrainingPhoto photo;
+  photo.view = view;
+  photo.image = {view.width, view.height, 3, {}};
+  photo.image.pixels.resize(static_cast<size_t>(view.width) * view.height * 3);
+  for (uint8_t& value : photo.image.pixels) value = static_cast<uint8_t>(random.Index(256));
+  photo.mask.resize(static_cast<size_t>(view.width) * view.height);
+  for (size_t i = 0; i < photo.mask.size(); ++i) photo.mask[i] = i % 7 < 3 ? 255 : 0;
+  return photo;
+}
+
+// Rounding moves single hits over the cut at alpha = 1/255, so a few pixels may differ by as much.
+void ExpectMapNear(const std::vector<float>& actual, const std::vector<double>& expected, double bound,
+                   double bound_of_few, const std::string& name) {
+  ASSERT_EQ(actual.size(), expected.size()) << name;
+  size_t over = 0;
+  double worst = 0;
+  for (size_t i = 0; i < actual.size(); ++i) {
+    const double error = std::abs(static_cast<double>(actual[i]) - expected[i]);
+    ASSERT_TRUE(std::isfinite(error)) << name;
+    over += error > bound ? 1 : 0;
+    worst = std::max(worst, error);
+  }
+  EXPECT_LE(over, actual.size() / 500) << name;
+  EXPECT_LT(worst, bound_of_few) << name;
+}
+
+TEST_P(BackendTest, ImagesEqualTheReference) {
+  const auto scene = RandomScene(150, 3, -2);
+  TrainState state;
+  state.gaussians = FromReference(scene, 3);
+  backend_->SetState(state);
+  RenderRequest request;
+  request.view = TestView(75, 53);
+  request.geometry = true;
+  request.foreground = true;
+  request.background_color = {0.2F, 0.4F, 0.6F};
+  const auto compare = [&] {
+    const ReferenceMaps expected = RenderReference(scene, request, 3);
+    const RenderedView actual = backend_->Render(request);
+    ExpectMapNear(actual.color, expected.color, 2e-5, 1e-2, "color");
+    ExpectMapNear(actual.alpha, expected.alpha, 2e-5, 1e-2, "alpha");
+    ExpectMapNear(actual.foreground, expected.foreground, 2e-5, 1e-2, "foreground");
+    ExpectMapNear(actual.normal, expected.normal, 2e-5, 1e-2, "normal");
+    ExpectMapNear(actual.expected_depth, expected.expected_depth, 1e-4, 2, "expected depth");
+    ExpectMapNear(actual.median_depth, expected.median_depth, 1e-4, 5, "median depth");
+    ExpectMapNear(actual.distortion, expected.distortion, 1e-7, 1e-5, "distortion");
+  };
+  for (const DrawnBody drawn : {DrawnBody::kAll, DrawnBody::kForeground, DrawnBody::kBackground}) {
+    for (const SceneBodies bodies :
+         {SceneBodies::kBoth, SceneBodies::kObjectOnly, SceneBodies::kStaticOnly}) {
+      for (const bool hard : {false, true}) {
+        request.drawn = drawn;
+        request.bodies = bodies;
+        request.hard_foreground = hard;
+        request.freeze_foreground = hard;
+        compare();
+      }
+    }
+  }
+  // Of the static splats, about a third lies in this cylinder.
+  request.drawn = DrawnBody::kAll;
+  request.bodies = SceneBodies::kBoth;
+  request.without_static =
+      RotatingRegion{{{0.1, -0.2, 0.05}, Eigen::Vector3d(0.2, -0.1, 1).normalized()}, 0.8, -0.7, 0.6};
+  compare();
+  for (const float tolerance : {0.1F, 0.3F}) {
+    request.hard_foreground = true;
+    request.side = RotatingSide{*request.without_static, 0.3, {0.5F, 0.4F, 0.6F}, tolerance};
+    request.side->region.radius = 1.2;
+    compare();
+  }
+}
+
+struct LossCase {
+  const char* name;
+  LossWeights weights;
+  SceneBodies bodies;
+  bool freeze, cut_out;
+};
+
+std::vector<LossCase> LossCases() {
+  LossWeights l1, colors, all;
+  l1.dssim = 0;
+  all.normal = 0.3F;
+  all.distortion = 100;
+  all.local_consistency = 2;
+  all.entropy_3d = 0.5F;
+  all.entropy_2d = 0.5F;
+  all.mask = 0.3F;
+  return {{"L1", l1, SceneBodies::kBoth, false, false},
+          {"L1 and SSIM", colors, SceneBodies::kBoth, false, false},
+          {"all terms", all, SceneBodies::kBoth, false, false},
+          {"p frozen", all, SceneBodies::kBoth, true, false},
+          {"object with masks", colors, SceneBodies::kObjectOnly, false, true},
+          {"static", all, SceneBodies::kStaticOnly, false, false}};
+}
+
+// By Adam's first moment after one step from zero: (1 - beta1) times the gradient.
+TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
+  constexpr size_t kCount = 12;
+  const auto scene = RandomScene(kCount, 11, -1.2);
+  const TrainingPhoto photo = RandomPhoto(TestView(36, 21), 5);
+  std::vector<uint32_t> neighbours;
+  for (uint32_t i = 0; i < kCount; ++i) {
+    neighbours.push_back((i + 1) % kCount);
+    neighbours.push_back((i + 5) % kCount);
+  }
+  backend_->SetPhotos({photo});
+  for (const LossCase& one : LossCases()) {
+    SCOPED_TRACE(one.name);
+    TrainStep step;
+    step.iteration = 1;
+    step.bodies = one.bodies;
+    step.freeze_foreground = one.freeze;
+    step.cut_out_mask = one.cut_out;
+    step.background_color = {0.3F, 0.1F, 0.7F};
+    step.sh_degree = 3;
+    step.weights = one.weights;
+    step.rates = {0, 0, 0, 0, 0, 0, 0};
+    TrainState state;
+    state.gaussians = FromReference(scene, 3);
+    state.neighbours = neighbours;
+    state.num_neighbours = 2;
+    backend_->SetState(state);
+    backend_->TakeLoss();
+    backend_->Step(step);
+    const LossTerms loss = backend_->TakeLoss();
+    const LossTerms expected_loss = ReferenceLoss(scene, photo, step, neighbours, 2);
+    EXPECT_EQ(loss.steps, 1);
+    EXPECT_NEAR(loss.l1, expected_loss.l1, 2e-6);
+    if (one.weights.dssim != 0) EXPECT_NEAR(loss.dssim, expected_loss.dssim, 1e-5);
+    EXPECT_NEAR(loss.normal, expected_loss.normal, 1e-5);
+    EXPECT_NEAR(loss.distortion, expected_loss.distortion, 1e-8);
+    EXPECT_NEAR(loss.entropy_2d, expected_loss.entropy_2d, 1e-5);
+    EXPECT_NEAR(loss.entropy_3d, expected_loss.entropy_3d, 1e-6);
+    EXPECT_NEAR(loss.local_consistency, expected_loss.local_consistency, 1e-5);
+    EXPECT_NEAR(loss.mask, expected_loss.mask, 1e-5);
+    EXPECT_NEAR(loss.total, expected_loss.total, 2e-5);
+
+    const auto moments = ToReference(backend_->GetState().first_moment);
+    // Kinds of parameter, each on its own scale.
+    const int firsts[] = {kRefCentre,     kRefLogScale, kRefRotation, kRefOpacity,
+                          kRefForeground, kRefDc,       kRefRest,     kRefCount};
+    for (int kind = 0; kind < 7; ++kind) {
+      double difference = 0, norm = 0;
+      for (size_t i = 0; i < kCount; ++i) {
+        for (int k = firsts[kind]; k < firsts[kind + 1]; ++k) {
+          if (k >= kRefRest && k % 4 != 0) continue;  // a sample of the many alike
+          auto moved = scene;
+          constexpr double kStep = 2e-6;
+          moved[i][k] = scene[i][k] + kStep;
+          const double above = ReferenceLoss(moved, photo, step, neighbours, 2).total;
+          moved[i][k] = scene[i][k] - kStep;
+          const double below = ReferenceLoss(moved, photo, step, neighbours, 2).total;
+          const double expected = (above - below) / (2 * kStep);
+          difference = std::max(difference, std::abs(10 * moments[i][k] - expected));
+          norm = std::max(norm, std::abs(expected));
+        }
+      }
+      EXPECT_LT(difference, 1e-3 * norm + 1e-9) << "parameters from " << firsts[kind] << ", largest " << norm;
+    }
+  }
+}
+
+TEST_P(BackendTest, HostileNumbersAreCulled) {
+  const float kHostile[] = {std::numeric_limits<float>::quiet_NaN(),
+                            std::numeric_limits<float>::infinity(),
+                            -std::numeric_limits<float>::infinity(),
+                            1e38F,
+                            -1e38F,
+                            1e-42F};
+  const auto base = RandomScene(8, 21, -1.5);
+  const TrainingPhoto photo = RandomPhoto(TestView(33, 20), 6);
+  backend_->SetPhotos({photo});
+  for (int slot = 0; slot < kRefCount; slot += slot < kRefRest ? 1 : 7) {
+    for (const float value : kHostile) {
+      SCOPED_TRACE("slot " + std::to_string(slot) + " = " + std::to_string(value));
+      TrainState state;
+      auto scene = base;
+      scene[1][slot] = static_cast<double>(value);
+      state.gaussians = FromReference(scene, 3);
+      state.neighbours.assign(8, 1);
+      state.num_neighbours = 1;
+      backend_->SetState(state);
+      RenderRequest request;
+      request.view = photo.view;
+      request.geometry = request.foreground = true;
+      const RenderedView view = backend_->Render(request);
+      for (const auto* map : {&view.color, &view.alpha, &view.expected_depth, &view.median_depth,
+                              &view.normal, &view.distortion, &view.foreground}) {
+        ASSERT_TRUE(std::all_of(map->begin(), map->end(), [](float v) { return std::isfinite(v); }));
+      }
+      TrainStep step;
+      step.sh_degree = 3;
+      step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
+      step.weights.distortion = step.weights.local_consistency = 1;
+      step.rates.centre = 1e-4F;
+      for (step.iteration = 1; step.iteration <= 3; ++step.iteration) backend_->Step(step);
+      const auto after = ToReference(backend_->GetGaussians());
+      for (size_t i = 0; i < after.size(); ++i) {
+        for (int k = 0; k < kRefCount; ++k) {
+          ASSERT_TRUE(std::isfinite(after[i][k]) || i == 1) << "Gaussian " << i << " parameter " << k;
+        }
+      }
+      DensifyStep densify;
+      densify.grow = false;
+      densify.min_opacity = 0;
+      const DensifyResult result = backend_->Densify(densify);
+      if (!std::isfinite(value)) EXPECT_EQ(result.not_finite, 1);
+      EXPECT_EQ(result.count, 8 - result.removed - result.not_finite);
+    }
+  }
+}
+
+TEST_P(BackendTest, ExtremeShapesStayFinite) {
+  std::vector<ReferenceGaussian> scene;
+  for (const double log_scale : {-80.0, -20.0, 0.0, 3.0, 20.0, 80.0}) {
+    for (const double degrees : {0.0, 89.0, 89.9, 89.95, 89.99, 90.0}) {
+      auto g = RandomScene(1, 4, 0)[0];
+      const Eigen::Quaterniond turn(Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d::UnitX()));
+      const Eigen::Quaterniond q = TestView(64, 48).cam_from_world.rotation.conjugate() * turn;
+      g[kRefRotation] = q.w();
+      g[kRefRotation + 1] = q.x();
+      g[kRefRotation + 2] = q.y();
+      g[kRefRotation + 3] = q.z();
+      g[kRefLogScale] = log_scale;
+      g[kRefLogScale + 1] = -log_scale / 2;
+      g[kRefForeground] = -8;
+      scene.push_back(g);
+      scene.push_back(g);  // a duplicate
+    }
+  }
+  const TrainingPhoto photo = RandomPhoto(TestView(64, 48), 6);
+  TrainState state;
+  state.gaussians = FromReference(scene, 3);
+  backend_->SetState(state);
+  backend_->SetPhotos({photo});
+  TrainStep step;
+  step.sh_degree = 3;
+  step.weights.normal = step.weights.entropy_2d = 0.1F;
+  step.rates.centre = 1e-4F;
+  for (step.iteration = 1; step.iteration <= 10; ++step.iteration) backend_->Step(step);
+  const auto after = ToReference(backend_->GetGaussians());
+  for (const ReferenceGaussian& g : after) {
+    for (const double value : g) ASSERT_TRUE(std::isfinite(value));
+  }
+  EXPECT_TRUE(std::isfinite(backend_->TakeLoss().total));
+}
+
+// Discs that reach from before the image through the camera's plane, against the reference without bounds.
+TEST_P(BackendTest, DiscsThroughTheCameraPlane) {
+  auto scene = RandomScene(40, 8, 0);
+  RandomNumbers random(3);
+  for (ReferenceGaussian& g : scene) {
+    g[kRefLogScale] = random.Uniform(0, 3);
+    g[kRefLogScale + 1] = random.Uniform(-1, 3);
+    g[kRefCentre + 2] = random.Uniform(-3.5, 1);
+    for (double& value : g) value = static_cast<double>(static_cast<float>(value));
+  }
+  TrainState state;
+  state.gaussians = FromReference(scene, 1);
+  backend_->SetState(state);
+  RenderRequest request;
+  request.view = TestView(100, 70);
+  const ReferenceMaps expected = RenderReference(scene, request, 1);
+  const RenderedView actual = backend_->Render(request);
+  ExpectMapNear(actual.color, expected.color, 1e-4, 2e-2, "color");
+  ExpectMapNear(actual.alpha, expected.alpha, 1e-4, 2e-2, "alpha");
+}
+
+TEST_P(BackendTest, ManyLayersKeepTheirTransmittance) {
+  constexpr int kLayers = 2000;
+  // Not .99: two such layers end on the transmittance 1e-4 that stops compositing, on either side of it.
+  for (const double opacity : {1.001 / 255, 0.5, 0.985}) {
+    std::vector<ReferenceGaussian> scene;
+    for (int i = 0; i < kLayers; ++i) {
+      ReferenceGaussian g{};
+      g[kRefCentre + 2] = 1e-3 * i;
+      g[kRefRotation] = 1;
+      g[kRefLogScale] = g[kRefLogScale + 1] = 8;
+      g[kRefOpacity] = std::log(opacity / (1 - opacity));
+      g[kRefForeground] = -20;
+      for (double& value : g) value = static_cast<double>(static_cast<float>(value));
+      scene.push_back(g);
+    }
+    TrainState state;
+    state.gaussians = FromReference(scene, 0);
+    backend_->SetState(state);
+    RenderRequest request;
+    request.view = TestView(17, 17);
+    request.view.cam_from_world.rotation.setIdentity();
+    const ReferenceMaps expected = RenderReference(scene, request, 0);
+    const RenderedView actual = backend_->Render(request);
+    double worst = 0;
+    for (size_t i = 0; i < expected.alpha.size(); ++i) {
+      const double transmittance = 1 - expected.alpha[i];
+      worst = std::max(worst, std::abs(1 - static_cast<double>(actual.alpha[i]) - transmittance));
+    }
+    EXPECT_LT(worst, kLayers * 4 * 1.19e-7);
+  }
+}
+
+// 2^32 pairs of a splat and a tile are 0 in 32 bits, 2^31 + 2^16 are negative: they are counted, refused, and
+// nothing is allocated for them.
+TEST_P(BackendTest, CountsPairsIn64Bits) {
+  if (GetParam() == BackendKind::kCpu) GTEST_SKIP() << "TileLists.CountsPairsIn64Bits";
+  RenderRequest request;
+  request.view = TestView(4096, 4096);  // 2^16 tiles
+  request.view.cam_from_world.rotation.setIdentity();
+  for (const int layers : {(1 << 15) + 1, 1 << 16}) {
+    SCOPED_TRACE(layers);
+    ReferenceGaussian g{};
+    g[kRefRotation] = 1;
+    g[kRefLogScale] = g[kRefLogScale + 1] = 8;
+    g[kRefForeground] = -20;
+    TrainState state;
+    state.gaussians = FromReference(std::vector<ReferenceGaussian>(layers, g), 0);
+    backend_->SetState(state);
+    EXPECT_THROW(backend_->Render(request), UserError);
+    EXPECT_LT(backend_->Info().peak_memory_bytes, int64_t{2} << 30U);
+  }
+}
+
+TEST_P(BackendTest, NeighboursAreTheNearest) {
+  for (const size_t count : {2U, 3U, 70U, 3000U}) {
+    auto scene = RandomScene(count, 17, -2);
+    if (count > 60) {
+      scene[7] = scene[8];                                                  // duplicates
+      for (int k = 0; k < 3; ++k) scene[9][k] = 1e4;                        // an outlier
+      for (size_t i = 0; i < count / 3; ++i) scene[i][kRefCentre] *= 1e-3;  // a dense part
+    }
+    for (auto& g : scene) {
+      for (double& value : g) value = static_cast<double>(static_cast<float>(value));
+    }
+    TrainState state;
+    state.gaussians = FromReference(scene, 0);
+    backend_->SetState(state);
+    backend_->RefreshNeighbours(5);
+    const TrainState after = backend_->GetState();
+    const auto k = static_cast<size_t>(after.num_neighbours);
+    ASSERT_EQ(k, std::min<size_t>(5, count - 1));
+    for (size_t i = 0; i < count; i += 1 + count / 200) {
+      const auto distance = [&](size_t j) {
+        double sum = 0;
+        for (int axis = 0; axis < 3; ++axis) sum += std::pow(scene[i][axis] - scene[j][axis], 2);
+        return sum;
+      };
+      std::vector<double> all;
+      for (size_t j = 0; j < count; ++j) {
+        if (j != i) all.push_back(distance(j));
+      }
+      std::sort(all.begin(), all.end());
+      std::set<uint32_t> distinct;
+      for (size_t j = 0; j < k; ++j) {
+        const uint32_t neighbour = after.neighbours[i * k + j];
+        ASSERT_LT(neighbour, count);
+        EXPECT_NE(neighbour, i);
+        distinct.insert(neighbour);
+        EXPECT_NEAR(distance(neighbour), all[j], 1e-5 * all[j] + 1e-12);
+      }
+      EXPECT_EQ(distinct.size(), k);
+    }
+  }
+}
+
+// One Gaussian for each decision.
+TEST_P(BackendTest, DensifyDecides) {
+  auto scene = RandomScene(6, 31, -2);
+  for (auto& g : scene) {
+    g[kRefOpacity] = 2;
+    g[kRefLogScale] = g[kRefLogScale + 1] = std::log(0.1);
+  }
+  scene[1][kRefOpacity] = -6;                 // too faint
+  scene[2][kRefLogScale] = std::log(0.5);     // to be split
+  scene[4][kRefLogScale + 1] = std::log(20);  // too large
+  scene[5][kRefDc] = NAN;
+  TrainState state;
+  state.gaussians = FromReference(scene, 2);
+  state.first_moment = FromReference(scene, 2);
+  state.first_moment.sh_dc.assign(18, 7);
+  state.second_moment = state.first_moment;
+  state.gradient_sum = {0.1F, 9, 9, 9, 0, 0};
+  state.view_count = {10, 1, 1, 1, 0, 1};
+  backend_->SetState(state);
+  DensifyStep step;
+  step.iteration = 700;
+  step.random_seed = 5;
+  step.min_gradient = 1;
+  step.max_clone_scale = 0.2F;
+  step.max_scale = 10;
+  const DensifyResult result = backend_->Densify(step);
+  EXPECT_EQ(result.cloned, 1);
+  EXPECT_EQ(result.split, 1);
+  EXPECT_EQ(result.removed, 2);
+  EXPECT_EQ(result.not_finite, 1);
+  EXPECT_EQ(result.count, 5);
+  const TrainState after = backend_->GetState();
+  const auto gaussians = ToReference(after.gaussians);
+  ASSERT_EQ(gaussians.size(), 5U);
+  const auto expect_same = [&](size_t at, size_t original, int first, int last) {
+    for (int k = first; k < last; ++k) {
+      EXPECT_EQ(gaussians[at][k], static_cast<double>(static_cast<float>(scene[original][k])));
+    }
+  };
+  expect_same(0, 0, 0, kRefCount);
+  expect_same(1, 2, kRefRotation, kRefCount);  // the first child
+  expect_same(2, 3, 0, kRefCount);
+  expect_same(3, 2, kRefRotation, kRefCount);  // the second
+  expect_same(4, 3, 0, kRefCount);             // the clone
+  for (const size_t child : {1U, 3U}) {
+    EXPECT_NEAR(gaussians[child][kRefLogScale], std::log(0.5 / 1.6), 1e-5);
+    Eigen::Vector3d offset;
+    for (int k = 0; k < 3; ++k) offset[k] = gaussians[child][k] - scene[2][k];
+    EXPECT_GT(offset.norm(), 1e-4);
+    EXPECT_LT(offset.norm(), 4);
+    Eigen::Quaterniond q(scene[2][5], scene[2][6], scene[2][7], scene[2][8]);
+    EXPECT_NEAR(q.normalized().toRotationMatrix().col(2).dot(offset), 0, 1e-5);  // within the disc's plane
+  }
+  EXPECT_NE(gaussians[1][0], gaussians[3][0]);
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_EQ(after.first_moment.sh_dc[c], 7);
+    EXPECT_EQ(after.first_moment.sh_dc[3 + c], 0);
+    EXPECT_EQ(after.second_moment.sh_dc[6 + c], 7);
+    EXPECT_EQ(after.second_moment.sh_dc[9 + c], 0);
+    EXPECT_EQ(after.first_moment.sh_dc[12 + c], 0);
+  }
+  for (const float sum : after.gradient_sum) EXPECT_EQ(sum, 0);
+}
+
+TEST_P(BackendTest, DensifyKeepsTheBoundByGradient) {
+  const auto scene = RandomScene(100, 5, -3);
+  TrainState state;
+  state.gaussians = FromReference(scene, 0);
+  for (int i = 0; i < 100; ++i) {
+    state.gradient_sum.push_back(static_cast<float>((37 * i) % 100));
+    state.view_count.push_back(1);
+  }
+  backend_->SetState(state);
+  DensifyStep step;
+  step.iteration = 1;
+  step.min_gradient = 10;
+  step.max_clone_scale = 1e3F;
+  step.min_opacity = 0;
+  step.max_count = 110;
+  EXPECT_EQ(backend_->Densify(step).count, 110);
+  const auto after = ToReference(backend_->GetGaussians());
+  std::multiset<double> expected, actual;
+  for (int i = 0; i < 100; ++i) {
+    if ((37 * i) % 100 >= 90) expected.insert(scene[i][0]);
+  }
+  for (int i = 100; i < 110; ++i) actual.insert(after[i][0]);
+  EXPECT_EQ(actual, expected);
+}
+
+TEST_P(BackendTest, OpacityReset) {
+  auto scene = RandomScene(4, 5, -3);
+  TrainState state;
+  state.gaussians = FromReference(scene, 0);
+  state.gaussians.opacity_logit = {-9, 0, 3, 9};
+  state.first_moment = state.second_moment = state.gaussians;
+  backend_->SetState(state);
+  backend_->ResetOpacity(0.01F);
+  const TrainState after = backend_->GetState();
+  EXPECT_EQ(after.gaussians.opacity_logit[0], -9);
+  for (int i = 1; i < 4; ++i) EXPECT_NEAR(after.gaussians.opacity_logit[i], std::log(0.01 / 0.99), 1e-5);
+  for (int i = 0; i < 4; ++i)
+    EXPECT_EQ(after.first_moment.opacity_logit[i] + after.second_moment.opacity_logit[i], 0);
+}
+
+// A state that is taken and given back trains on exactly as if it had stayed.
+TEST_P(BackendTest, StateComesBackAsItWas) {
+  const auto scene = RandomScene(200, 9, -2.5);
+  TrainState state;
+  state.gaussians = FromReference(scene, 3);
+  const TrainingPhoto photo = RandomPhoto(TestView(60, 40), 6);
+  backend_->SetPhotos({photo});
+  backend_->SetState(state);
+  backend_->RefreshNeighbours(4);
+  TrainStep step;
+  step.sh_degree = 3;
+  step.collect_statistics = true;
+  for (step.iteration = 1; step.iteration <= 4; ++step.iteration) backend_->Step(step);
+  const TrainState taken = backend_->GetState();
+  backend_->SetState(taken);
+  const TrainState again = backend_->GetState();
+  EXPECT_EQ(again.gaussians.sh_rest, taken.gaussians.sh_rest);
+  EXPECT_EQ(again.gaussians.centre, taken.gaussians.centre);
+  EXPECT_EQ(again.second_moment.rotation, taken.second_moment.rotation);
+  EXPECT_EQ(again.gradient_sum, taken.gradient_sum);
+  EXPECT_EQ(again.view_count, taken.view_count);
+  EXPECT_EQ(again.neighbours, taken.neighbours);
+  EXPECT_EQ(again.num_neighbours, 4);
+  EXPECT_EQ(*std::max_element(taken.view_count.begin(), taken.view_count.end()), 4);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, BackendTest, testing::Values(BackendKind::kCpu, BackendKind::kCuda),
+                         [](const auto& info) { return std::string(BackendName(info.param)); });
+
+// The two backends, step by step on a scene too large for the reference.
+TEST(BackendParity, CudaTrainsAsTheCpuDoes) {
+  std::string reason;
+  const auto cuda = TryMakeBackend(BackendKind::kCuda, &reason);
+  if (cuda == nullptr) GTEST_SKIP() << "no GPU, so the backends were not compared: " << reason;
+  const auto cpu = MakeCpuBackend(0);
+  ASSERT_EQ(cuda->Info().kind, BackendKind::kCuda);
+  ASSERT_EQ(cpu->Info().kind, BackendKind::kCpu);
+  const auto scene = RandomScene(20000, 12, -4);
+  const TrainingPhoto photo = RandomPhoto(TestView(320, 200), 6);
+  TrainState state;
+  state.gaussians = FromReference(scene, 2);
+  for (Backend* backend : {cuda.get(), cpu.get()}) {
+    backend->SetPhotos({photo});
+    backend->SetState(state);
+    backend->RefreshNeighbours(5);
+    TrainStep step;
+    step.sh_degree = 2;
+    step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
+    step.weights.local_consistency = 1;
+    step.rates.centre = 1e-4F;
+    step.collect_statistics = true;
+    for (step.iteration = 1; step.iteration <= 10; ++step.iteration) backend->Step(step);
+  }
+  const LossTerms cuda_loss = cuda->TakeLoss(), cpu_loss = cpu->TakeLoss();
+  EXPECT_EQ(cuda_loss.steps, 10);
+  EXPECT_NEAR(cuda_loss.total, cpu_loss.total, 1e-4 * cpu_loss.total);
+  EXPECT_NEAR(cuda_loss.normal, cpu_loss.normal, 1e-3 * std::abs(cpu_loss.normal));
+  RenderRequest request;
+  request.view = photo.view;
+  const RenderedView a = cuda->Render(request), b = cpu->Render(request);
+  double sum = 0;
+  for (size_t i = 0; i < a.color.size(); ++i) sum += std::pow(a.color[i] - b.color[i], 2);
+  EXPECT_LT(std::sqrt(sum / static_cast<double>(a.color.size())), 5e-3);
+  DensifyStep densify;
+  densify.iteration = 10;
+  densify.min_gradient = 1e-4F;
+  densify.max_clone_scale = 0.02F;
+  const DensifyResult from_cuda = cuda->Densify(densify), from_cpu = cpu->Densify(densify);
+  EXPECT_GT(from_cpu.cloned + from_cpu.split, 100);
+  EXPECT_NEAR(from_cuda.cloned, from_cpu.cloned, 20);
+  EXPECT_NEAR(from_cuda.split, from_cpu.split, 20);
+  EXPECT_NEAR(from_cuda.removed, from_cpu.removed, 5);
+  const auto peaks = cuda->PeakWeights({photo.view}, SceneBodies::kBoth);
+  EXPECT_EQ(peaks.size(), static_cast<size_t>(cuda->Count()));
+}
+
+}  // namespace
+}  // namespace s2gs

@@ -1,0 +1,90 @@
+#include "s2gs/image/undistort.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "tests/support/bad_input.h"
+
+namespace s2gs {
+namespace {
+
+Camera Distorted(double k) {
+  Camera camera;
+  camera.camera_id = 3;
+  camera.model = CameraModelId::kSimpleRadial;
+  camera.width = 120;
+  camera.height = 90;
+  camera.params = {100, 61.3, 44.2, k};
+  return camera;
+}
+
+// A picture that is a smooth function of the ray, through any camera.
+Image8 Picture(const Camera& camera) {
+  Image8 image = {static_cast<int>(camera.width), static_cast<int>(camera.height), 3, {}};
+  image.pixels.resize(static_cast<size_t>(image.width) * image.height * 3);
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(camera, {x + 0.5, y + 0.5});
+      for (int c = 0; c < 3 && ray; ++c) {
+        image.Pixel(x, y)[c] = static_cast<uint8_t>(
+            std::lround(127 + 60 * std::sin(5 * ray->x() + c) + 60 * std::cos(4 * ray->y())));
+      }
+    }
+  }
+  return image;
+}
+
+TEST(Undistort, ResamplesToThePinhole) {
+  for (const double k : {-0.15, 0.1}) {
+    const Camera camera = Distorted(k);
+    const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
+    EXPECT_TRUE(IsDistortionFree(pinhole));
+    EXPECT_EQ(pinhole.camera_id, 3u);
+    EXPECT_EQ(FocalLengths(pinhole), FocalLengths(camera));
+    const Image8 image = UndistortImage(Picture(camera), camera, pinhole);
+    const Image8 expected = Picture(pinhole);
+    ASSERT_EQ(image.pixels.size(), expected.pixels.size());
+    double worst = 0;
+    for (size_t i = 0; i < image.pixels.size(); ++i) {
+      worst = std::max(worst, std::abs(1.0 * image.pixels[i] - expected.pixels[i]));
+    }
+    EXPECT_LE(worst, 2) << k;  // rounding of source and result; nothing is blank
+    // Barrel lenses show more, pincushion lenses less of the plane.
+    EXPECT_EQ(pinhole.width > camera.width, k < 0);
+  }
+}
+
+TEST(Undistort, LeavesPinholesAlone) {
+  const Camera camera = Distorted(0);
+  const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
+  EXPECT_EQ(pinhole.width, camera.width);
+  EXPECT_EQ(PrincipalPoint(pinhole), PrincipalPoint(camera));
+  EXPECT_EQ(UndistortImage(Picture(camera), camera, pinhole).pixels, Picture(camera).pixels);
+}
+
+TEST(Undistort, MovesKeypointsAlong) {
+  ColmapModel model;
+  model.cameras[3] = Distorted(-0.12);
+  ColmapImage& image = model.images[1];
+  image.camera_id = 3;
+  const Eigen::Vector3d x_in_cam(0.3, -0.2, 1);
+  image.points2D.push_back({*ProjectToImage(model.cameras[3], x_in_cam), kInvalidPoint3DId});
+  const ColmapModel result = UndistortedModel(model, "sparse");
+  const Eigen::Vector2d expected = *ProjectToImage(result.cameras.at(3), x_in_cam);
+  EXPECT_LT((result.images.at(1).points2D[0].xy - expected).norm(), 1e-6);
+}
+
+TEST(UndistortBadInput, WildLens) {
+  ExpectUserError([] { UndistortedCamera(Distorted(1e9), "sparse/cameras.bin"); }, {"sparse/cameras.bin"});
+  Camera camera = Distorted(0);
+  camera.model = CameraModelId::kFov;
+  camera.params = {100, 100, 60, 45, 0.9};
+  ExpectOkOrUserError([&] { UndistortedCamera(camera, "sparse/cameras.bin"); }, "sparse/cameras.bin");
+}
+
+}  // namespace
+}  // namespace s2gs
