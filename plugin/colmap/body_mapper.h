@@ -23,6 +23,11 @@ struct BodyMapping {
   std::vector<std::string> options;  ///< NAME=VALUE in COLMAP's spelling, for every run.
 };
 
+/// What the object's mapping asks for: photos that SfM leaves out are placed later, so that half is enough.
+BodyMapping ObjectMapping();
+/// The background's: two photos, one a station, are a model, and a station that it lacks is hard to place.
+BodyMapping BackgroundMapping();
+
 struct MappingAttempt {
   std::string settings;  ///< what was relaxed; "default".
   int models = 0;
@@ -37,10 +42,5 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
 /// The models in numbered folders, those with most images first. Models that cannot be read are left out with
 /// a warning.
 std::vector<ColmapModel> ReadMappedModels(const std::filesystem::path& folder, Reporter& reporter);
-
-/// Merges models of one body that share at least three images: the smaller ones' images are moved onto the
-/// first by the similarity of the shared cameras' centres. Points are not merged: images that join have none.
-/// \return  how many images joined.
-int JoinPartialModels(const std::vector<ColmapModel>& models, ColmapModel* first);
 
 }  // namespace s2gs

@@ -3,7 +3,6 @@
 #include <glog/logging.h>
 
 #include <algorithm>
-#include <chrono>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -22,14 +21,11 @@
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
-#include "sfm_split/relocalise/guided_registration.h"
-#include "sfm_split/relocalise/scan_candidate.h"
-#include "sfm_split/relocalise/scan_refinement.h"
+#include "sfm_split/base/stopwatch.h"
+#include "sfm_split/relocalise/place_scan.h"
 #include "sfm_split/scene/io/colmap_database.h"
 #include "sfm_split/scene/io/top_view.h"
 #include "sfm_split/scene/io/turntable_file.h"
-#include "sfm_split/turntable/align_scene.h"
-#include "sfm_split/turntable/single_axis_scene.h"
 
 namespace s2gs {
 namespace {
@@ -38,27 +34,13 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr uint64_t kMaxReportBytes = uint64_t{1} << 28;
-// Free SfM that places fewer of the images does not stand without the single-axis path beside it.
-constexpr double kEnoughImages = 0.95;
-
-// Photos that are placed later leave the errors of the object's points as they were, if they are right.
-constexpr double kMaxNoiseGrowth = 1.5;
-constexpr double kLeastNoisePx = 0.3;
-
-enum class MappingPath { kAuto, kFreeSfm, kSingleAxis };
-
 struct Settings {
   fs::path workspace_path;
   fs::path image_path;
   fs::path colmap_path;
-  MappingPath path = MappingPath::kAuto;
   int max_attempts = 3;
   std::vector<std::string> mapper_options;
-  TurntableOptions turntable;
-  JointOptions joint;
-  RefineOptions refine;
-  SingleAxisOptions single_axis;
-  GuidedOptions guided;
+  PlacementOptions placement;
 };
 
 void AddOptions(Options& options, Settings* settings) {
@@ -68,17 +50,17 @@ void AddOptions(Options& options, Settings* settings) {
   options.Add("colmap_path", &settings->colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
   options.AddEnum(
-      "path", &settings->path,
-      {{"auto", MappingPath::kAuto},
-       {"free_sfm", MappingPath::kFreeSfm},
-       {"single_axis", MappingPath::kSingleAxis}},
+      "path", &settings->placement.path,
+      {{"auto", PlacementPath::kAuto},
+       {"free_sfm", PlacementPath::kFreeSfm},
+       {"single_axis", PlacementPath::kSingleAxis}},
       "how the object is placed: by free SfM, by the table's axis and angles alone, or by whichever "
       "places more");
   options.Add("max_mapper_attempts", &settings->max_attempts,
               "runs of `colmap mapper` for one body, each more tolerant");
   options.Add("mapper_options", &settings->mapper_options,
               "options for `colmap mapper` in its own spelling, like Mapper.ba_global_max_refinements=2");
-  auto turntable = options.Group("Turntable", &settings->turntable);
+  auto turntable = options.Group("Turntable", &settings->placement.turntable);
   turntable.Add("inlier_sigmas", &TurntableOptions::inlier_sigmas, "images beyond are left out and mended");
   turntable
       .Add("max_axis_sigma_deg", &TurntableOptions::max_axis_sigma_deg,
@@ -86,7 +68,7 @@ void AddOptions(Options& options, Settings* settings) {
       .Unit("degrees");
   turntable.Add("max_scale_sigma_rel", &TurntableOptions::max_scale_sigma_rel,
                 "a scale known less well counts as unobservable");
-  auto joint = options.Group("Joint", &settings->joint);
+  auto joint = options.Group("Joint", &settings->placement.joint);
   joint.AddEnum("model", &JointOptions::model,
                 {{"auto", JointModel::kAuto},
                  {"shared_stations", JointModel::kSharedStations},
@@ -120,7 +102,7 @@ void AddOptions(Options& options, Settings* settings) {
       "num_threads", &JointOptions::num_threads,
       "0: all cores; with several, sums are taken in another order each time, and results differ in their "
       "last digits");
-  auto refine = options.Group("Refine", &settings->refine);
+  auto refine = options.Group("Refine", &settings->placement.refine);
   refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
   refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")
       .Unit("px");
@@ -135,7 +117,7 @@ void AddOptions(Options& options, Settings* settings) {
              "of the object in the adjustment");
   refine.Add("max_adjusted_background", &RefineOptions::max_adjusted_background,
              "background points in the adjustment");
-  auto axis = options.Group("SingleAxis", &settings->single_axis);
+  auto axis = options.Group("SingleAxis", &settings->placement.single_axis);
   axis.Add("noise_px", &SingleAxisOptions::noise_px, "expected standard deviation of a keypoint").Unit("px");
   axis.Add("min_matches", &SingleAxisOptions::min_matches, "pairs with fewer are not used");
   axis.Add("num_directions", &SingleAxisOptions::num_directions, "of the axis in the coarse search");
@@ -143,7 +125,7 @@ void AddOptions(Options& options, Settings* settings) {
   axis.Add("max_matches", &SingleAxisOptions::max_matches, "of a pair in the adjustment");
   axis.Add("min_inlier_ratio", &SingleAxisOptions::min_inlier_ratio,
            "of all matches, below which nothing was found");
-  auto guided = options.Group("Guided", &settings->guided);
+  auto guided = options.Group("Guided", &settings->placement.guided);
   guided.Add("max_looks", &GuidedOptions::max_looks, "keypoints whose descriptors stand for a point");
   guided.Add("num_candidates", &GuidedOptions::num_candidates, "points that a keypoint proposes");
   guided.Add("max_distance_rad", &GuidedOptions::max_distance_rad, "between descriptors").Unit("radians");
@@ -162,19 +144,6 @@ void AddOptions(Options& options, Settings* settings) {
   guided.Add("max_chance", &GuidedOptions::max_chance,
              "expected number of angles at which as many agree by chance");
 }
-
-class Stopwatch {
- public:
-  double Lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const double seconds = std::chrono::duration<double>(now - start_).count();
-    start_ = now;
-    return seconds;
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 json ReadJson(const fs::path& path) {
   try {
@@ -232,13 +201,7 @@ class TurntableMapper {
   void Place();
 
  private:
-  ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
-  ScanCandidate BySingleAxis(const ColmapModel* background);
-  void PlaceMissing(ScanCandidate* candidate, json* report);
-  bool IsEnough(const ScanCandidate& candidate) const {
-    return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
-                                      kEnoughImages * static_cast<double>(input_.features.images.size());
-  }
+  std::vector<uint8_t> ReadDescriptorsOf(const ColmapDatabase& database, int image) const;
   void WriteScene(ScanCandidate* candidate, json report);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
 
@@ -251,112 +214,27 @@ class TurntableMapper {
 };
 
 void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
-  BodyMapping mapping;
-  mapping.body = of_object ? "the object" : "the background";
+  BodyMapping mapping = of_object ? ObjectMapping() : BackgroundMapping();
   mapping.database = of_object ? workspace_.ObjectDatabase() : workspace_.StaticDatabase();
   mapping.images = settings_.image_path;
   mapping.output = of_object ? ObjectFolder() : BackgroundFolder();
-  mapping.min_model_size = of_object ? 3 : 2;
   mapping.num_images =
       static_cast<int>(CountImages(of_object ? input_.features.object_pairs : input_.features.static_pairs));
-  mapping.enough_share = of_object ? 0.5 : 0.9;
   mapping.max_attempts = settings_.max_attempts;
   mapping.options = settings_.mapper_options;
   reporter_.Info("mapping " + mapping.body + " with colmap " + colmap->version());
   WriteJson(mapping.output / "attempts.json", ToJson(MapBody(mapping, colmap, reporter_)));
 }
 
-ScanCandidate TurntableMapper::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
-                                         const char* how) {
-  ScanCandidate candidate;
-  std::map<std::string, int> station_of_image;
-  for (const ScanImage& image : input_.features.images) station_of_image[image.name] = image.station;
-  AlignOptions options;
-  options.turntable = settings_.turntable;
-  candidate.aligned = AlignScene(object, background, station_of_image, options);
-  const TurntableSolution& solution = candidate.aligned.solution;
-  if (candidate.aligned.scene.views.empty()) {
-    candidate.finding =
-        std::string(how) + " makes no turntable (" + TurntableMotionName(solution.motion) + ")";
-    return candidate;
+std::vector<uint8_t> TurntableMapper::ReadDescriptorsOf(const ColmapDatabase& database, int image) const {
+  const ScanImage& of_image = input_.features.images[static_cast<size_t>(image)];
+  const DescriptorMatrix descriptors = database.ReadDescriptors(of_image.image_id);
+  if (static_cast<size_t>(descriptors.rows()) != of_image.keypoints.size()) {
+    throw UserError(workspace_.ObjectDatabase(),
+                    "image " + of_image.name + " has other than one descriptor a keypoint",
+                    "Run `colmap feature_extractor` again on a new database");
   }
-  const size_t aligned_images = candidate.aligned.scene.views.size();
-  candidate.refined =
-      RefineScan(input_.features, &object, settings_.joint, settings_.refine, reporter_, &candidate.aligned);
-  candidate.is_usable = true;
-  candidate.finding = std::string(how) + " placed " + std::to_string(object.images.size()) + " images, " +
-                      std::to_string(aligned_images) + " on one turntable, " +
-                      std::to_string(candidate.aligned.scene.views.size()) + " after mending";
-  return candidate;
-}
-
-ScanCandidate TurntableMapper::BySingleAxis(const ColmapModel* background) {
-  ScanCandidate candidate;
-  SingleAxisSolution solution;
-  SingleAxisOptions options = settings_.single_axis;
-  candidate.aligned = SceneFromSingleAxis(input_.features, background, options, reporter_, &solution);
-  if (!solution.found) {
-    candidate.finding = "the single axis was not found (" + solution.reason + ")";
-    return candidate;
-  }
-  const size_t found = candidate.aligned.scene.views.size();
-  candidate.refined =
-      RefineScan(input_.features, nullptr, settings_.joint, settings_.refine, reporter_, &candidate.aligned);
-  candidate.is_usable = true;
-  candidate.finding = "the single axis placed " + std::to_string(found) + " images, " +
-                      std::to_string(candidate.aligned.scene.views.size()) + " after mending";
-  return candidate;
-}
-
-// Photos that are still missing, by what the object's points look like.
-void TurntableMapper::PlaceMissing(ScanCandidate* candidate, json* report) {
-  (*report)["guided"] = json::array();
-  if (candidate->aligned.scene.views.size() >= input_.features.images.size()) return;
-  const ColmapDatabase database =
-      ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly);
-  const ReadDescriptors read = [&](int image) {
-    const ScanImage& of_image = input_.features.images[static_cast<size_t>(image)];
-    const DescriptorMatrix descriptors = database.ReadDescriptors(of_image.image_id);
-    if (static_cast<size_t>(descriptors.rows()) != of_image.keypoints.size()) {
-      throw UserError(workspace_.ObjectDatabase(),
-                      "image " + of_image.name + " has other than one descriptor a keypoint",
-                      "Run `colmap feature_extractor` again on a new database");
-    }
-    return std::vector<uint8_t>(descriptors.data(), descriptors.data() + descriptors.size());
-  };
-  while (candidate->aligned.scene.views.size() < input_.features.images.size()) {
-    const size_t before = candidate->aligned.scene.views.size();
-    AlignedScene aligned = candidate->aligned;
-    std::vector<ImagePairMatches> pairs = input_.features.object_pairs;
-    const std::vector<GuidedPhoto> placed =
-        RegisterByAppearance(input_.features, read, settings_.guided, reporter_, &aligned, &pairs);
-    if (placed.empty()) return;
-    reporter_.Info(std::to_string(placed.size()) + " of " +
-                   std::to_string(input_.features.images.size() - before) +
-                   " missing photos placed by what the object's points look like");
-    std::swap(input_.features.object_pairs, pairs);
-    aligned.object.points3D.clear();
-    RefineReport refined =
-        RefineScan(input_.features, nullptr, settings_.joint, settings_.refine, reporter_, &aligned);
-    const double noise = candidate->refined.joint.object_rms_px;
-    if (aligned.scene.views.size() <= before ||
-        refined.joint.object_rms_px > kMaxNoiseGrowth * std::max(noise, kLeastNoisePx)) {
-      reporter_.Info("which the adjustment does not bear out: they are left out again");
-      std::swap(input_.features.object_pairs, pairs);
-      return;
-    }
-    refined.mended.insert(refined.mended.begin(), candidate->refined.mended.begin(),
-                          candidate->refined.mended.end());
-    candidate->aligned = std::move(aligned);
-    candidate->refined = std::move(refined);
-    for (const GuidedPhoto& photo : placed) {
-      (*report)["guided"].push_back({{"image", photo.name},
-                                     {"inliers", photo.inliers},
-                                     {"elsewhere", photo.other},
-                                     {"chance", photo.chance},
-                                     {"matches", photo.matches}});
-    }
-  }
+  return {descriptors.data(), descriptors.data() + descriptors.size()};
 }
 
 void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
@@ -440,53 +318,31 @@ void TurntableMapper::Place() {
   }
   seconds_["read"] = watch.Lap();
 
-  ScanCandidate best;
-  std::string findings;
-  const auto consider = [&](ScanCandidate candidate, const char* name) {
-    findings += (findings.empty() ? "" : "; ") + candidate.finding;
-    seconds_[name] = watch.Lap();
-    if (!candidate.IsBetterThan(best)) return;
-    best = std::move(candidate);
-    report["path"] = name;
-  };
-  TurntableMotion motion = TurntableMotion::kTooFewImages;
-  if (settings_.path != MappingPath::kSingleAxis) {
-    if (objects.empty()) {
-      findings = "free SfM found no model of the object";
-    } else {
-      ColmapModel object = objects[0];
-      const int joined = JoinPartialModels({objects.begin() + 1, objects.end()}, &object);
-      if (joined > 0) {
-        reporter_.Info(std::to_string(joined) + " images joined from partial models of the object");
-      }
-      ScanCandidate candidate = ByFreeSfm(object, background, "free SfM");
-      motion = candidate.aligned.solution.motion;
-      consider(std::move(candidate), "free_sfm");
-      if (background != nullptr && !IsEnough(best)) {
-        // The background's reconstruction may be what is wrong.
-        consider(ByFreeSfm(object, nullptr, "free SfM of the object alone"), "free_sfm_object");
-      }
+  std::optional<ColmapDatabase> database;
+  const ReadDescriptors read_descriptors = [&](int image) {
+    if (!database) {
+      database.emplace(ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly));
     }
-  }
-  if (settings_.path == MappingPath::kSingleAxis ||
-      (settings_.path == MappingPath::kAuto && !IsEnough(best))) {
-    consider(BySingleAxis(background), "single_axis");
-  }
-  report["path_reason"] = findings;
-  if (best.is_usable) {
-    PlaceMissing(&best, &report);
-    seconds_["place_missing"] = watch.Lap();
-    WriteScene(&best, report);
+    return ReadDescriptorsOf(*database, image);
+  };
+  ScanPlacement placement =
+      PlaceScan(input_.features, objects, background, read_descriptors, settings_.placement, reporter_);
+  for (const auto& [name, seconds] : placement.durations) seconds_[name] = seconds;
+  report["path"] = placement.path;
+  report["path_reason"] = placement.findings;
+  if (placement.outcome == PlacementOutcome::kPlaced) {
+    report["guided"] = ToJson(placement.guided);
+    WriteScene(&placement.best, report);
     return;
   }
-  if (motion == TurntableMotion::kNothingRotates) {
+  if (placement.outcome == PlacementOutcome::kNothingRotates) {
     reporter_.Warn("nothing rotates: the photos are taken as those of one body");
     report["path"] = "one body";
     WriteOneBody(objects, report);
     return;
   }
   throw UserError(
-      workspace_.ObjectDatabase(), "the photos do not make a turntable: " + findings,
+      workspace_.ObjectDatabase(), "the photos do not make a turntable: " + placement.findings,
       "Look at the models in split/ with `colmap gui`; more photos with smaller steps, or a speckled "
       "sheet on the table, help");
 }
@@ -506,8 +362,8 @@ void RunTurntableMapper(CommandContext& context) {
   Reporter& reporter = context.Parse();
   FLAGS_minloglevel = google::GLOG_FATAL;  // Ceres reports each step that it takes back
   const auto seed = static_cast<uint32_t>(options.random_seed());
-  settings.turntable.random_seed = seed;
-  settings.single_axis.random_seed = seed;
+  settings.placement.turntable.random_seed = seed;
+  settings.placement.single_axis.random_seed = seed;
 
   const Workspace workspace{settings.workspace_path};
   StageRunner runner(workspace, reporter);
@@ -534,7 +390,8 @@ void RunTurntableMapper(CommandContext& context) {
     if (name == "mapper_options" || name == "max_mapper_attempts") mapping_options[name] = value;
   }
   std::vector<std::string> before = {"motion_splitter"};
-  if (settings.path != MappingPath::kSingleAxis || mapper.input().capture_case == CaptureCase::kOneBody) {
+  if (settings.placement.path != PlacementPath::kSingleAxis ||
+      mapper.input().capture_case == CaptureCase::kOneBody) {
     runner.Run({"object_mapper",
                 {workspace.ObjectDatabase()},
                 mapping_options,

@@ -71,6 +71,18 @@ json ToJson(const std::vector<MappingAttempt>& attempts) {
   return result;
 }
 
+json ToJson(const std::vector<GuidedPhoto>& photos) {
+  json result = json::array();
+  for (const GuidedPhoto& photo : photos) {
+    result.push_back({{"image", photo.name},
+                      {"inliers", photo.inliers},
+                      {"elsewhere", photo.other},
+                      {"chance", photo.chance},
+                      {"matches", photo.matches}});
+  }
+  return result;
+}
+
 json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   const JointReport& joint = refined.joint;
   json report;

@@ -6,12 +6,14 @@
 #include <vector>
 
 #include "plugin/colmap/body_mapper.h"
+#include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/turntable/align_scene.h"
 
 namespace s2gs {
 
 nlohmann::json ToJson(const std::vector<MappingAttempt>& attempts);
+nlohmann::json ToJson(const std::vector<GuidedPhoto>& photos);
 
 /// A body's points, observations and reprojection errors [px], by the errors that its points carry:
 /// `mean_reprojection_error_px` is over points, as COLMAP's model_analyzer gives it, and

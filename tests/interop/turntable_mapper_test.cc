@@ -10,16 +10,13 @@
 #include <string>
 
 #include "plugin/cli/command.h"
-#include "plugin/colmap/body_mapper.h"
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
 #include "sfm_split/scene/pose_error.h"
-#include "sfm_split/turntable/align_scene.h"
 #include "tests/support/synthetic_database.h"
-#include "tests/support/synthetic_models.h"
 #include "tests/support/temporary_folder.h"
 
 namespace s2gs {
@@ -157,26 +154,6 @@ TEST_F(TurntableMapper, DamagedSplitIsAUserError) {
   std::ofstream(labels) << good;
   EXPECT_EQ(ReadScanInput(workspace_).features.images.size(), 20U);
   EXPECT_EQ(RunMapper(workspace_, {"--mapper_options", "nonsense"}), kExitUserError);
-}
-
-TEST(JoinPartialModels, MovesTheSmallerOneOverSharedImages) {
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(Options());
-  const ColmapModel exact = SyntheticObjectModel(turntable);
-  ColmapModel first = exact;
-  ColmapModel second = SyntheticObjectModel(turntable, {2, Eigen::Quaterniond(0, 0, 1, 0), {4, 5, 6}});
-  std::vector<std::string> late;
-  std::vector<std::string> early;
-  for (const auto& [id, image] : exact.images) {
-    if (id > 12) late.push_back(image.name);
-    if (id < 8) early.push_back(image.name);
-  }
-  RemoveImages(late, &first);
-  RemoveImages(early, &second);
-  EXPECT_EQ(JoinPartialModels({second}, &first), 8);
-  ASSERT_EQ(first.images.size(), exact.images.size());
-  for (const auto& [id, image] : first.images) {
-    EXPECT_TRUE(image.cam_from_world.Matrix().isApprox(exact.images.at(id).cam_from_world.Matrix(), 1e-6));
-  }
 }
 
 }  // namespace

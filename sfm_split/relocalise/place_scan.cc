@@ -1,0 +1,182 @@
+#include "sfm_split/relocalise/place_scan.h"
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/base/stopwatch.h"
+#include "sfm_split/relocalise/partial_models.h"
+#include "sfm_split/turntable/align_scene.h"
+#include "sfm_split/turntable/single_axis_scene.h"
+
+namespace s2gs {
+namespace {
+
+class Placement {
+ public:
+  Placement(const ScanFeatures& features, const ColmapModel* background, const PlacementOptions& options,
+            Reporter& reporter)
+      : features_(features), background_(background), options_(options), reporter_(reporter) {}
+
+  ScanPlacement Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors);
+
+ private:
+  ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
+  ScanCandidate BySingleAxis();
+  void TryFreeSfm(const std::vector<ColmapModel>& objects);
+  void Consider(ScanCandidate candidate, const char* name);
+  void PlaceMissing(const ReadDescriptors& read_descriptors);
+  RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
+    return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
+  }
+  bool IsEnough(const ScanCandidate& candidate) const {
+    return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
+                                      options_.enough_share * static_cast<double>(features_.images.size());
+  }
+
+  const ScanFeatures& features_;
+  const ColmapModel* background_;
+  const PlacementOptions& options_;
+  Reporter& reporter_;
+  Stopwatch watch_;
+  TurntableMotion motion_ = TurntableMotion::kTooFewImages;  // as free SfM sees it
+  ScanPlacement result_;
+};
+
+ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
+                                   const char* how) {
+  ScanCandidate candidate;
+  std::map<std::string, int> station_of_image;
+  for (const ScanImage& image : features_.images) station_of_image[image.name] = image.station;
+  AlignOptions options;
+  options.turntable = options_.turntable;
+  candidate.aligned = AlignScene(object, background, station_of_image, options);
+  const size_t aligned_images = candidate.aligned.scene.views.size();
+  if (aligned_images == 0) {
+    candidate.finding = std::string(how) + " makes no turntable (" +
+                        TurntableMotionName(candidate.aligned.solution.motion) + ")";
+    return candidate;
+  }
+  candidate.refined = Refine(features_, &object, &candidate.aligned);
+  candidate.is_usable = true;
+  candidate.finding = std::string(how) + " placed " + std::to_string(object.images.size()) + " images, " +
+                      std::to_string(aligned_images) + " on one turntable, " +
+                      std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+  return candidate;
+}
+
+ScanCandidate Placement::BySingleAxis() {
+  ScanCandidate candidate;
+  SingleAxisSolution solution;
+  candidate.aligned = SceneFromSingleAxis(features_, background_, options_.single_axis, reporter_, &solution);
+  if (!solution.found) {
+    candidate.finding = "the single axis was not found (" + solution.reason + ")";
+    return candidate;
+  }
+  const size_t found = candidate.aligned.scene.views.size();
+  candidate.refined = Refine(features_, nullptr, &candidate.aligned);
+  candidate.is_usable = true;
+  candidate.finding = "the single axis placed " + std::to_string(found) + " images, " +
+                      std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+  return candidate;
+}
+
+void Placement::Consider(ScanCandidate candidate, const char* name) {
+  result_.findings += (result_.findings.empty() ? "" : "; ") + candidate.finding;
+  result_.durations.emplace_back(name, watch_.Lap());
+  if (!candidate.IsBetterThan(result_.best)) return;
+  result_.best = std::move(candidate);
+  result_.path = name;
+}
+
+void Placement::TryFreeSfm(const std::vector<ColmapModel>& objects) {
+  if (objects.empty()) {
+    result_.findings = "free SfM found no model of the object";
+    return;
+  }
+  ColmapModel object = objects[0];
+  const int joined = JoinPartialModels({objects.begin() + 1, objects.end()}, &object);
+  if (joined > 0) {
+    reporter_.Info(std::to_string(joined) + " images joined from partial models of the object");
+  }
+  ScanCandidate candidate = ByFreeSfm(object, background_, "free SfM");
+  motion_ = candidate.aligned.solution.motion;
+  Consider(std::move(candidate), "free_sfm");
+  if (background_ != nullptr && !IsEnough(result_.best)) {
+    // The background's reconstruction may be what is wrong.
+    Consider(ByFreeSfm(object, nullptr, "free SfM of the object alone"), "free_sfm_object");
+  }
+}
+
+// Photos that are still missing, by what the object's points look like.
+void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
+  ScanCandidate& best = result_.best;
+  if (best.aligned.scene.views.size() >= features_.images.size()) return;
+  ScanFeatures features = features_;  // gains the matches of photos that are placed here
+  while (best.aligned.scene.views.size() < features.images.size()) {
+    const size_t before = best.aligned.scene.views.size();
+    AlignedScene aligned = best.aligned;
+    std::vector<ImagePairMatches> pairs = features.object_pairs;
+    const std::vector<GuidedPhoto> placed =
+        RegisterByAppearance(features, read_descriptors, options_.guided, reporter_, &aligned, &pairs);
+    if (placed.empty()) return;
+    reporter_.Info(std::to_string(placed.size()) + " of " + std::to_string(features.images.size() - before) +
+                   " missing photos placed by what the object's points look like");
+    features.object_pairs = std::move(pairs);
+    aligned.object.points3D.clear();
+    RefineReport refined = Refine(features, nullptr, &aligned);
+    const double noise = std::max(best.refined.joint.object_rms_px, options_.least_noise_px);
+    if (aligned.scene.views.size() <= before ||
+        refined.joint.object_rms_px > options_.max_noise_growth * noise) {
+      reporter_.Info("which the adjustment does not bear out: they are left out again");
+      return;
+    }
+    refined.mended.insert(refined.mended.begin(), best.refined.mended.begin(), best.refined.mended.end());
+    best.aligned = std::move(aligned);
+    best.refined = std::move(refined);
+    result_.guided.insert(result_.guided.end(), placed.begin(), placed.end());
+  }
+}
+
+ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
+                             const ReadDescriptors& read_descriptors) {
+  if (options_.path != PlacementPath::kSingleAxis) TryFreeSfm(objects);
+  if (options_.path == PlacementPath::kSingleAxis ||
+      (options_.path == PlacementPath::kAuto && !IsEnough(result_.best))) {
+    Consider(BySingleAxis(), "single_axis");
+  }
+  if (result_.best.is_usable) {
+    PlaceMissing(read_descriptors);
+    result_.durations.emplace_back("place_missing", watch_.Lap());
+    result_.outcome = PlacementOutcome::kPlaced;
+  } else if (motion_ == TurntableMotion::kNothingRotates) {
+    result_.outcome = PlacementOutcome::kNothingRotates;
+  }
+  return std::move(result_);
+}
+
+}  // namespace
+
+OptionCheck PlacementOptions::Check() const {
+  const auto fault = [](const char* field, double value, const char* bound) {
+    return OptionFault{field, std::to_string(value), bound};
+  };
+  if (!(enough_share >= 0 && enough_share <= 1)) {
+    return fault("enough_share", enough_share, "0 <= enough_share <= 1");
+  }
+  if (!(max_noise_growth >= 1)) return fault("max_noise_growth", max_noise_growth, "max_noise_growth >= 1");
+  if (!(least_noise_px > 0)) return fault("least_noise_px", least_noise_px, "least_noise_px > 0");
+  return std::nullopt;
+}
+
+ScanPlacement PlaceScan(const ScanFeatures& features, const std::vector<ColmapModel>& objects,
+                        const ColmapModel* background, const ReadDescriptors& read_descriptors,
+                        const PlacementOptions& options, Reporter& reporter) {
+  S2GS_INVARIANT(!options.Check());
+  return Placement(features, background, options, reporter).Run(objects, read_descriptors);
+}
+
+}  // namespace s2gs

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/relocalise/guided_registration.h"
+#include "sfm_split/relocalise/scan_candidate.h"
+#include "sfm_split/relocalise/scan_refinement.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/scan_features.h"
+#include "sfm_split/turntable/single_axis.h"
+#include "sfm_split/turntable/turntable.h"
+
+namespace s2gs {
+
+enum class PlacementPath {
+  kAuto,        ///< free SfM; where that is not enough, the other ways beside it, and the best of them.
+  kFreeSfm,     ///< by SfM's model of the object.
+  kSingleAxis,  ///< by the table's axis and angles alone.
+};
+
+struct PlacementOptions {
+  PlacementPath path = PlacementPath::kAuto;
+  /// Free SfM that places fewer of the photos does not stand without the other ways beside it.
+  double enough_share = 0.95;
+  /// Photos that are placed later leave the errors of the object's points as they were, if they are right:
+  /// an adjustment whose error grows by more than this factor, of what it was or of `least_noise_px` if that
+  /// is more, takes them out again.
+  double max_noise_growth = 1.5;
+  double least_noise_px = 0.3;
+
+  TurntableOptions turntable;
+  JointOptions joint;
+  RefineOptions refine;
+  SingleAxisOptions single_axis;
+  GuidedOptions guided;
+
+  /// Of the fields above the parts; each part has a Check() of its own.
+  OptionCheck Check() const;
+};
+
+enum class PlacementOutcome {
+  kPlaced,          ///< `best` is an adjusted turntable scene.
+  kNothingRotates,  ///< both reconstructions move as one: the photos show one rigid body.
+  kNoTurntable,     ///< `findings` says what each way found instead.
+};
+
+/// Where the photos stand, which way led there, and what the others found.
+struct ScanPlacement {
+  PlacementOutcome outcome = PlacementOutcome::kNoTurntable;
+  ScanCandidate best;                                     ///< usable when placed.
+  std::string path;                                       ///< that `best` came by: "free_sfm", ...
+  std::string findings;                                   ///< of every way that was tried, in order.
+  std::vector<GuidedPhoto> guided;                        ///< photos that came by what points look like.
+  std::vector<std::pair<std::string, double>> durations;  ///< of every way that was tried [s].
+};
+
+/// From the reconstructions of both bodies to one adjusted turntable scene: free SfM of the object against
+/// the background; where that places too few photos, against the object's own stations, then by the single
+/// axis; the best of them by ScanCandidate's evidence. Then photos that are still missing, by what the
+/// object's points look like, for as long as the adjustment bears them out.
+/// \param objects  SfM's models of the object, the largest first, smaller ones in frames of their own; not
+///     needed by the single axis.
+/// \param background  SfM's model of the background; null: none.
+/// \param read_descriptors  is called only when photos are missing.
+/// Throws Interrupted when the reporter asks to stop, and what read_descriptors throws.
+ScanPlacement PlaceScan(const ScanFeatures& features, const std::vector<ColmapModel>& objects,
+                        const ColmapModel* background, const ReadDescriptors& read_descriptors,
+                        const PlacementOptions& options, Reporter& reporter);
+
+}  // namespace s2gs

@@ -1,0 +1,221 @@
+#include "sfm_split/relocalise/place_scan.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "sfm_split/base/rotation.h"
+#include "tests/support/random_numbers.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/synthetic_scan.h"
+
+namespace s2gs {
+namespace {
+
+SyntheticTurntableOptions SmallScan() {
+  SyntheticTurntableOptions options;
+  options.stations = 2;
+  options.steps = 12;
+  options.step_deg = 30;
+  options.num_object_points = 250;
+  options.num_platter_points = 100;
+  options.num_background_points = 300;
+  options.max_view_change_deg = 70;
+  options.pixel_noise = 0.3;
+  options.dropout = 0.1;
+  options.descriptors = true;
+  return options;
+}
+
+// A scan as the split and SfM leave it.
+struct Scan {
+  explicit Scan(const SyntheticTurntableOptions& options)
+      : turntable(MakeSyntheticTurntable(options)),
+        features(SyntheticScanFeatures(turntable)),
+        object(SyntheticObjectModel(turntable, {2.5, Eigen::Quaterniond(0, 1, 0, 0), {1, 2, 3}})),
+        background(SyntheticStaticModel(turntable)) {}
+
+  const std::string& Name(int image) const { return features.images[static_cast<size_t>(image)].name; }
+
+  // Photos of which nothing matches.
+  void Lose(const std::set<int>& images) {
+    std::vector<std::string> names;
+    for (const int image : images) names.push_back(Name(image));
+    RemoveImages(names, &object);
+    auto& pairs = features.object_pairs;
+    pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
+                               [&](const ImagePairMatches& pair) {
+                                 return images.count(pair.image1) + images.count(pair.image2) > 0;
+                               }),
+                pairs.end());
+    features.raw_pairs.clear();
+  }
+
+  ScanPlacement Place(const PlacementOptions& options = {}, bool with_object = true) {
+    const ReadDescriptors read = [&](int image) {
+      ++reads;
+      std::vector<uint8_t> bytes;
+      for (const SiftDescriptor& descriptor : turntable.images[static_cast<size_t>(image)].descriptors) {
+        bytes.insert(bytes.end(), descriptor.begin(), descriptor.end());
+      }
+      return bytes;
+    };
+    Reporter reporter;
+    return PlaceScan(features, with_object ? std::vector<ColmapModel>{object} : std::vector<ColmapModel>(),
+                     background.images.empty() ? nullptr : &background, read, options, reporter);
+  }
+
+  // The largest error of the angle between two photos of a station.
+  double WorstAngleDeg(const ScanPlacement& placement) const {
+    std::map<std::string, double> truth;
+    for (const View& view : turntable.scene.views) truth[view.name] = view.angle_deg;
+    std::map<int, double> offset;
+    double worst = 0;
+    for (const View& view : placement.best.aligned.scene.views) {
+      const double error = view.angle_deg - truth.at(view.name);
+      const double first = offset.emplace(view.station, error).first->second;
+      const double degree = EIGEN_PI / 180;
+      worst = std::max(worst, std::abs(WrapAngle((error - first) * degree)) / degree);
+    }
+    return worst;
+  }
+
+  SyntheticTurntable turntable;
+  ScanFeatures features;
+  ColmapModel object;
+  ColmapModel background;
+  int reads = 0;
+};
+
+std::vector<std::string> Tried(const ScanPlacement& placement) {
+  std::vector<std::string> names;
+  for (const auto& [name, seconds] : placement.durations) {
+    names.push_back(name);
+    EXPECT_GE(seconds, 0);
+  }
+  return names;
+}
+
+using Names = std::vector<std::string>;
+
+TEST(PlaceScan, FreeSfmThatPlacesAllPhotosStandsAlone) {
+  Scan scan(SmallScan());
+  const ScanPlacement placement = scan.Place();
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
+  EXPECT_EQ(placement.path, "free_sfm");
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "place_missing"}));
+  EXPECT_EQ(placement.findings, "free SfM placed 24 images, 24 on one turntable, 24 after mending");
+  EXPECT_TRUE(placement.guided.empty());
+  EXPECT_EQ(scan.reads, 0);
+  EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
+}
+
+TEST(PlaceScan, TheOtherWayIsTakenWhenItIsAskedFor) {
+  Scan scan(SmallScan());
+  PlacementOptions options;
+  options.path = PlacementPath::kSingleAxis;
+  const ScanPlacement placement = scan.Place(options);
+  EXPECT_EQ(placement.path, "single_axis");
+  EXPECT_EQ(Tried(placement), Names({"single_axis", "place_missing"}));
+  EXPECT_EQ(placement.best.aligned.scene.views.size(), 24U);
+  EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
+}
+
+TEST(PlaceScan, WithoutAModelOfTheObjectTheSingleAxisIsLeft) {
+  Scan scan(SmallScan());
+  PlacementOptions options;
+  ScanPlacement placement = scan.Place(options, false);
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
+  EXPECT_EQ(placement.path, "single_axis");
+  EXPECT_EQ(placement.findings,
+            "free SfM found no model of the object; the single axis placed 24 images, 24 after mending");
+  options.path = PlacementPath::kFreeSfm;
+  placement = scan.Place(options, false);
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kNoTurntable);
+  EXPECT_EQ(placement.findings, "free SfM found no model of the object");
+}
+
+// A background whose poses contradict the object's leaves no turntable; the object alone still makes one.
+TEST(PlaceScan, AWrongBackgroundDoesNotTakeTheObjectAlong) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.stations = 1;
+  Scan scan(options);
+  ModelFaults faults;
+  faults.wrong_share = 1;
+  DamageModel(faults, 3, &scan.background);
+  const ScanPlacement placement = scan.Place();
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
+  EXPECT_EQ(placement.best.aligned.scene.views.size(), 12U) << placement.findings;
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "place_missing"})) << placement.findings;
+  EXPECT_EQ(placement.path, "free_sfm_object");
+  EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
+}
+
+TEST(PlaceScan, ATableThatStandsStillIsOneBody) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.turning = false;
+  options.hand_held = true;
+  Scan scan(options);
+  PlacementOptions free_sfm;
+  free_sfm.path = PlacementPath::kFreeSfm;
+  const ScanPlacement placement = scan.Place(free_sfm);
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kNothingRotates) << placement.findings;
+  EXPECT_FALSE(placement.best.is_usable);
+}
+
+TEST(PlaceScan, PhotosWithoutMatchesComeByWhatThePointsLookLike) {
+  Scan scan(SmallScan());
+  scan.Lose({4, 17});
+  const ScanPlacement placement = scan.Place();
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "single_axis", "place_missing"}));
+  EXPECT_GT(scan.reads, 0);
+  EXPECT_EQ(placement.best.aligned.scene.views.size(), 24U);
+  std::set<std::string> names;
+  for (const GuidedPhoto& photo : placement.guided) names.insert(photo.name);
+  EXPECT_EQ(names, std::set<std::string>({scan.Name(4), scan.Name(17)}));
+  EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
+}
+
+// Keypoints that were found badly agree with the photo's angle, but not as well as those of the others.
+TEST(PlaceScan, PhotosThatTheAdjustmentDoesNotBearOutStayOut) {
+  Scan scan(SmallScan());
+  const std::set<int> lost = {2, 5, 8, 14, 17, 20};
+  scan.Lose(lost);
+  RandomNumbers random(3);
+  for (const int image : lost) {
+    for (Eigen::Vector2f& keypoint : scan.features.images[static_cast<size_t>(image)].keypoints) {
+      keypoint += Eigen::Vector2f(static_cast<float>(random.Uniform(-2, 2)),
+                                  static_cast<float>(random.Uniform(-2, 2)));
+    }
+  }
+  PlacementOptions options;
+  options.path = PlacementPath::kFreeSfm;
+  const ScanPlacement placement = scan.Place(options);
+  EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
+  EXPECT_TRUE(placement.guided.empty());
+  EXPECT_EQ(placement.best.aligned.scene.views.size(), 18U);
+  options.max_noise_growth = 100;
+  EXPECT_GT(scan.Place(options).guided.size(), 3U);
+}
+
+TEST(PlaceScan, OptionsNameWhatIsWrong) {
+  PlacementOptions options;
+  EXPECT_FALSE(options.Check());
+  options.enough_share = 1.5;
+  EXPECT_EQ(options.Check()->field, "enough_share");
+  options = {};
+  options.max_noise_growth = 0.9;
+  EXPECT_EQ(options.Check()->field, "max_noise_growth");
+  options = {};
+  options.least_noise_px = 0;
+  EXPECT_EQ(options.Check()->field, "least_noise_px");
+}
+
+}  // namespace
+}  // namespace s2gs
