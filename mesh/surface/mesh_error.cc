@@ -65,6 +65,24 @@ double ShareBelow(const std::vector<double>& values, double threshold) {
   return static_cast<double>(count) / static_cast<double>(values.size());
 }
 
+SurfaceErrors Summarise(const std::vector<double>& to_truth, const std::vector<double>& to_estimate,
+                        const std::vector<double>& thresholds) {
+  SurfaceErrors errors;
+  errors.accuracy = Mean(to_truth);
+  errors.completeness = Mean(to_estimate);
+  errors.chamfer_l1 = (errors.accuracy + errors.completeness) / 2;
+  for (const double threshold : thresholds) {
+    FScore score;
+    score.threshold = threshold;
+    score.precision = ShareBelow(to_truth, threshold);
+    score.recall = ShareBelow(to_estimate, threshold);
+    const double sum = score.precision + score.recall;
+    score.f_score = sum > 0 ? 2 * score.precision * score.recall / sum : 0;
+    errors.f_scores.push_back(score);
+  }
+  return errors;
+}
+
 }  // namespace
 
 SurfaceSamples SampleSurface(const TriangleMesh& mesh, int64_t count, uint64_t seed, uint64_t stream) {
@@ -122,6 +140,25 @@ std::vector<double> NearestDistances(const std::vector<Vector3d>& queries,
   return distances;
 }
 
+std::vector<TriangleCorners> TrianglesInside(const TriangleMesh& mesh, const Sim3& region_from_mesh,
+                                             const CropRegion& region) {
+  std::vector<TriangleCorners> inside;
+  for (const Triangle& triangle : mesh.triangles) {
+    const double area = TriangleArea(mesh, triangle);
+    if (!(std::isfinite(area) && area > 0)) continue;
+    TriangleCorners corners;
+    Eigen::AlignedBox3d box;
+    bool is_on_side = !region.plane.has_value();
+    for (int i = 0; i < 3; ++i) {
+      corners[i] = region_from_mesh * mesh.vertices[triangle[i]].cast<double>();
+      box.extend(corners[i]);
+      is_on_side = is_on_side || region.plane->signedDistance(corners[i]) > 0;
+    }
+    if (is_on_side && (!region.box || region.box->intersects(box))) inside.push_back(corners);
+  }
+  return inside;
+}
+
 std::vector<int> CountViewsSeen(const std::vector<Vector3d>& points, const std::vector<Vector3d>& occluders,
                                 const std::vector<ObjectView>& views, double depth_tolerance) {
   std::vector<int> counts(points.size());
@@ -158,6 +195,7 @@ TruthSurface MakeTruthSurface(const TriangleMesh& truth, const TriangleMesh& occ
         views, options.depth_tolerance_ratio * diagonal);
   }
   TruthSurface surface;
+  surface.triangles = TrianglesInside(truth, Sim3(), region);
   int64_t num_seen = 0;
   for (size_t i = 0; i < samples.size(); ++i) {
     if (!region.Contains(samples[i])) continue;
@@ -171,25 +209,19 @@ TruthSurface MakeTruthSurface(const TriangleMesh& truth, const TriangleMesh& occ
   return surface;
 }
 
-std::optional<SurfaceErrors> CompareSurfaces(const std::vector<Vector3d>& estimate, const TruthSurface& truth,
+std::optional<SurfaceErrors> CompareSurfaces(const EstimatedSurface& estimate, const TruthSurface& truth,
                                              const std::vector<double>& thresholds) {
+  if (estimate.points.empty() || estimate.triangles.empty()) return std::nullopt;
+  if (truth.triangles.empty() || truth.seen_points.empty()) return std::nullopt;
+  return Summarise(DistancesToTriangles(estimate.points, truth.triangles),
+                   DistancesToTriangles(truth.seen_points, estimate.triangles), thresholds);
+}
+
+std::optional<SurfaceErrors> CompareSamples(const std::vector<Vector3d>& estimate, const TruthSurface& truth,
+                                            const std::vector<double>& thresholds) {
   if (estimate.empty() || truth.points.empty() || truth.seen_points.empty()) return std::nullopt;
-  const std::vector<double> to_truth = NearestDistances(estimate, truth.points);
-  const std::vector<double> to_estimate = NearestDistances(truth.seen_points, estimate);
-  SurfaceErrors errors;
-  errors.accuracy = Mean(to_truth);
-  errors.completeness = Mean(to_estimate);
-  errors.chamfer_l1 = (errors.accuracy + errors.completeness) / 2;
-  for (const double threshold : thresholds) {
-    FScore score;
-    score.threshold = threshold;
-    score.precision = ShareBelow(to_truth, threshold);
-    score.recall = ShareBelow(to_estimate, threshold);
-    const double sum = score.precision + score.recall;
-    score.f_score = sum > 0 ? 2 * score.precision * score.recall / sum : 0;
-    errors.f_scores.push_back(score);
-  }
-  return errors;
+  return Summarise(NearestDistances(estimate, truth.points), NearestDistances(truth.seen_points, estimate),
+                   thresholds);
 }
 
 std::vector<Vector3d> Crop(const std::vector<Vector3d>& points, const CropRegion& region) {

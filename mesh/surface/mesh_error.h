@@ -8,6 +8,8 @@
 
 #include "mesh/surface/object_view.h"
 #include "mesh/surface/triangle_mesh.h"
+#include "mesh/surface/triangle_tree.h"
+#include "sfm_split/base/rigid3.h"
 
 namespace s2gs {
 
@@ -38,6 +40,11 @@ struct CropRegion {
   }
 };
 
+/// The triangles that count in a region: those with area of which a corner lies on the plane's side and whose
+/// bounding box overlaps the region's. They are taken whole.
+std::vector<TriangleCorners> TrianglesInside(const TriangleMesh& mesh, const Sim3& region_from_mesh,
+                                             const CropRegion& region);
+
 /// In how many views each point is seen: in a view, a point is hidden when some other point, of `points` or
 /// of `occluders`, falls into the same pixel and is nearer by more than `depth_tolerance`. The points must be
 /// dense enough to fill the pixels.
@@ -47,7 +54,8 @@ std::vector<int> CountViewsSeen(const std::vector<Eigen::Vector3d>& points,
 
 /// What an estimated mesh is compared with, in the truth's frame and unit.
 struct TruthSurface {
-  std::vector<Eigen::Vector3d> points;       ///< the whole surface inside the crop region.
+  std::vector<TriangleCorners> triangles;    ///< the whole surface inside the crop region.
+  std::vector<Eigen::Vector3d> points;       ///< samples of it.
   std::vector<Eigen::Vector3d> seen_points;  ///< the part of it that the estimate can be asked for.
   double seen_share = 0;                     ///< of the points inside the crop region, before any limit.
 };
@@ -76,7 +84,8 @@ struct FScore {
 };
 
 /// Distances between two surfaces, in the truth's unit. Unseen truth is not missed, but reconstructing it is
-/// not wrong either: accuracy is measured against the whole truth, completeness over the seen part.
+/// not wrong either: accuracy is measured against the whole truth, completeness over the seen part. Means are
+/// over samples of one surface.
 struct SurfaceErrors {
   double accuracy = 0;      ///< mean distance of the estimate's points to the truth.
   double completeness = 0;  ///< mean distance of the seen truth's points to the estimate.
@@ -84,12 +93,22 @@ struct SurfaceErrors {
   std::vector<FScore> f_scores;
 };
 
-/// Nothing when the estimate or the truth has no points.
-/// \param estimate    points on the estimated surface, in the truth's frame, cropped to the same region.
+/// An estimated surface, in the truth's frame, cropped to the same region.
+struct EstimatedSurface {
+  std::vector<TriangleCorners> triangles;
+  std::vector<Eigen::Vector3d> points;  ///< samples of it.
+};
+
+/// Distances of one surface's samples to the other's triangles: equal surfaces have none.
+/// Nothing when the estimate or the truth has no triangles or no points.
 /// \param thresholds  in the truth's unit, positive.
-std::optional<SurfaceErrors> CompareSurfaces(const std::vector<Eigen::Vector3d>& estimate,
-                                             const TruthSurface& truth,
+std::optional<SurfaceErrors> CompareSurfaces(const EstimatedSurface& estimate, const TruthSurface& truth,
                                              const std::vector<double>& thresholds);
+
+/// The same with distances to the other's samples: longer by what lies between these, .5 / sqrt(samples per
+/// area) where both surfaces are equal. Nothing when the estimate or the truth has no points.
+std::optional<SurfaceErrors> CompareSamples(const std::vector<Eigen::Vector3d>& estimate,
+                                            const TruthSurface& truth, const std::vector<double>& thresholds);
 
 /// The points inside a region, in order.
 std::vector<Eigen::Vector3d> Crop(const std::vector<Eigen::Vector3d>& points, const CropRegion& region);

@@ -60,7 +60,58 @@ std::vector<ObjectView> TrainViews(const SceneTruth& truth) {
   return views;
 }
 
+// The distances between the mesh and the true surface, measured in one way.
+struct SurfaceFigures {
+  Figure chamfer, accuracy, completeness;
+  std::vector<Figure> f_scores;
+
+  // \param infix  tells the figures' names from those of the other way; `how` ends their definitions.
+  SurfaceFigures(const std::string& infix, const std::string& how,
+                 const std::vector<double>& thresholds_pct) {
+    chamfer = Percent("chamfer" + infix,
+                      "Chamfer-L1, (accuracy + completeness) / 2, in % of the object's diameter" + how);
+    accuracy = Percent("accuracy" + infix,
+                       "mean distance of the mesh to the true surface, in % of the diameter" + how);
+    completeness = Percent("completeness" + infix,
+                           "mean distance of the seen true surface to the mesh, in % of the diameter" + how);
+    for (const double threshold : thresholds_pct) {
+      f_scores.push_back(
+          {fmt::format("f1{}_{}pct", infix, threshold),
+           "",
+           fmt::format("F-score, precision and recall at {} % of the object's diameter{}", threshold, how),
+           {},
+           ""});
+    }
+  }
+
+  void Fill(const SurfaceErrors& errors, double diameter) {
+    const double percent = 100 / diameter;
+    chamfer.values = {{"value", percent * errors.chamfer_l1}};
+    accuracy.values = {{"value", percent * errors.accuracy}};
+    completeness.values = {{"value", percent * errors.completeness}};
+    for (size_t i = 0; i < f_scores.size(); ++i) {
+      const FScore& score = errors.f_scores[i];
+      f_scores[i].values = {
+          {"value", score.f_score}, {"precision", score.precision}, {"recall", score.recall}};
+    }
+  }
+
+  void List(std::vector<Figure*>* all) {
+    for (Figure* figure : {&chamfer, &accuracy, &completeness}) all->push_back(figure);
+    for (Figure& figure : f_scores) all->push_back(&figure);
+  }
+
+ private:
+  static Figure Percent(const std::string& name, const std::string& definition) {
+    return {name + "_pct", "%", definition, {}, ""};
+  }
+};
+
 struct MeshFigures {
+  explicit MeshFigures(const std::vector<double>& thresholds_pct)
+      : exact("", "; over samples of one surface, to the triangles of the other", thresholds_pct),
+        sampled("_sampled", "; over samples of one surface, to samples of the other", thresholds_pct) {}
+
   Figure faces{"faces", "triangles", "triangles of the mesh", {}, ""};
   Figure unusable{"unusable_faces", "triangles", "triangles without area, which are never sampled", {}, ""};
   Figure outside{
@@ -75,25 +126,12 @@ struct MeshFigures {
               "share of the true surface above the disc that two train views or more see",
               {},
               ""};
-  Figure chamfer{
-      "chamfer_pct",
-      "%",
-      "Chamfer-L1, (accuracy + completeness) / 2, over uniformly sampled surfaces, in % of the object's "
-      "diameter",
-      {},
-      ""};
-  Figure accuracy{
-      "accuracy_pct", "%", "mean distance of the mesh to the true surface, in % of the diameter", {}, ""};
-  Figure completeness{"completeness_pct",
-                      "%",
-                      "mean distance of the seen true surface to the mesh, in % of the diameter",
-                      {},
-                      ""};
-  std::vector<Figure> f_scores;
+  SurfaceFigures exact, sampled;
 
   void Finish(const std::string& missing, Figures* figures) {
-    std::vector<Figure*> all = {&faces, &unusable, &outside, &seen, &chamfer, &accuracy, &completeness};
-    for (Figure& figure : f_scores) all.push_back(&figure);
+    std::vector<Figure*> all = {&faces, &unusable, &outside, &seen};
+    exact.List(&all);
+    sampled.List(&all);
     for (Figure* figure : all) {
       figure->missing = missing;
       figures->push_back(std::move(*figure));
@@ -120,13 +158,15 @@ std::string Measure(const fs::path& mesh_path, const ScanAlignment& alignment, c
   for (Vector3d& point : samples.points) point = *alignment.truth_from_object * point;
 
   const CropRegion region = MakeRegion(truth, options);
-  const std::vector<Vector3d> estimate = Crop(samples.points, region);
+  EstimatedSurface estimate;
+  estimate.points = Crop(samples.points, region);
+  estimate.triangles = TrianglesInside(mesh, *alignment.truth_from_object, region);
   const Eigen::AlignedBox3d box = ObjectBox(truth);
-  const auto num_outside = std::count_if(estimate.begin(), estimate.end(),
+  const auto num_outside = std::count_if(estimate.points.begin(), estimate.points.end(),
                                          [&](const Vector3d& point) { return !box.contains(point); });
   figures->outside.values = {
       {"value", 100.0 * static_cast<double>(num_outside) / static_cast<double>(samples.points.size())}};
-  if (estimate.empty()) return "the mesh has no surface in the region that counts";
+  if (estimate.points.empty()) return "the mesh has no surface in the region that counts";
 
   TruthSurfaceOptions truth_options;
   truth_options.num_samples = options.num_truth_samples;
@@ -140,15 +180,9 @@ std::string Measure(const fs::path& mesh_path, const ScanAlignment& alignment, c
   const std::optional<SurfaceErrors> errors = CompareSurfaces(estimate, surface, thresholds);
   if (!errors.has_value()) return "the true surface has no part that counts";
 
-  const double percent = 100 / truth.diameter;
-  figures->chamfer.values = {{"value", percent * errors->chamfer_l1}};
-  figures->accuracy.values = {{"value", percent * errors->accuracy}};
-  figures->completeness.values = {{"value", percent * errors->completeness}};
-  for (size_t i = 0; i < figures->f_scores.size(); ++i) {
-    const FScore& score = errors->f_scores[i];
-    figures->f_scores[i].values = {
-        {"value", score.f_score}, {"precision", score.precision}, {"recall", score.recall}};
-  }
+  figures->exact.Fill(*errors, truth.diameter);
+  // Where there are distances to triangles there are distances to samples.
+  figures->sampled.Fill(*CompareSamples(estimate.points, surface, thresholds), truth.diameter);
   return "";
 }
 
@@ -181,15 +215,7 @@ OptionCheck MeshEvaluationOptions::Check() const {
 
 void EvaluateMesh(const fs::path& mesh_path, const ScanAlignment& alignment, const ScanTruth& truth,
                   const MeshEvaluationOptions& options, uint64_t seed, Figures* figures) {
-  MeshFigures mesh_figures;
-  for (const double threshold : options.thresholds_pct) {
-    mesh_figures.f_scores.push_back(
-        {fmt::format("f1_{}pct", threshold),
-         "",
-         fmt::format("F-score, precision and recall at {} % of the object's diameter", threshold),
-         {},
-         ""});
-  }
+  MeshFigures mesh_figures(options.thresholds_pct);
   const std::string missing = Measure(mesh_path, alignment, truth, options, seed, &mesh_figures);
   mesh_figures.Finish(missing, figures);
 }

@@ -154,7 +154,7 @@ TruthSurface Everything(std::vector<Vector3d> points) {
   return truth;
 }
 
-TEST(CompareSurfaces, EqualsBruteForce) {
+TEST(CompareSamples, EqualsBruteForce) {
   const std::vector<Vector3d> a = RandomPoints(200, 3), b = RandomPoints(300, 4);
   TruthSurface truth = Everything(b);
   truth.seen_points.resize(100);
@@ -172,7 +172,7 @@ TEST(CompareSurfaces, EqualsBruteForce) {
     to_estimate += nearest / 100;
     num_recalled += nearest < 0.4;
   }
-  const SurfaceErrors errors = CompareSurfaces(a, truth, {0.4}).value();
+  const SurfaceErrors errors = CompareSamples(a, truth, {0.4}).value();
   EXPECT_NEAR(errors.accuracy, to_truth, 1e-13);
   EXPECT_NEAR(errors.completeness, to_estimate, 1e-13);
   EXPECT_NEAR(errors.chamfer_l1, (to_truth + to_estimate) / 2, 1e-13);
@@ -185,13 +185,13 @@ TEST(CompareSurfaces, EqualsBruteForce) {
 // Among points of density rho, the nearest one's squared distance within the plane is exponential with mean
 // 1 / (pi rho), so a plane at height h is sqrt(h^2 + that) away: h + 1 / (2 pi rho h) for large h, 1 / (2
 // sqrt(rho)) for h = 0. The borders of the square add little: the points there have half the neighbours.
-TEST(CompareSurfaces, ParallelPlanes) {
+TEST(CompareSamples, ParallelPlanes) {
   constexpr int kCount = 100'000;
   const std::vector<Vector3d> estimate = SampleSurface(Square(0), kCount, 1, 0).points;
   for (const double height : {0.0, 0.05}) {
     const std::vector<Vector3d> truth =
         SampleSurface(Square(static_cast<float>(height)), kCount, 1, 1).points;
-    const SurfaceErrors errors = CompareSurfaces(estimate, Everything(truth), {0.04, 0.06}).value();
+    const SurfaceErrors errors = CompareSamples(estimate, Everything(truth), {0.04, 0.06}).value();
     const double expected =
         height > 0 ? height + 1 / (2 * kPi * kCount * height) : 1 / (2 * std::sqrt(double{kCount}));
     // Measured: 0.4 % above for h = 0 (borders), 3e-7 otherwise.
@@ -204,11 +204,11 @@ TEST(CompareSurfaces, ParallelPlanes) {
   }
 }
 
-TEST(CompareSurfaces, ConcentricSpheres) {
+TEST(CompareSamples, ConcentricSpheres) {
   constexpr int kCount = 100'000;
   const std::vector<Vector3d> estimate = SampleSurface(Sphere(1.0, 200), kCount, 1, 0).points;
   const std::vector<Vector3d> truth = SampleSurface(Sphere(1.1, 200), kCount, 1, 1).points;
-  const SurfaceErrors errors = CompareSurfaces(estimate, Everything(truth), {0.05, 0.11}).value();
+  const SurfaceErrors errors = CompareSamples(estimate, Everything(truth), {0.05, 0.11}).value();
   // As between planes, with the density of the sphere that is measured against; seen from the other sphere,
   // whose normals diverge or converge, a step along it costs more or less height by the ratio of the radii.
   // Measured: both 5e-6 below.
@@ -218,13 +218,96 @@ TEST(CompareSurfaces, ConcentricSpheres) {
   EXPECT_EQ(errors.f_scores.at(1).f_score, 1);
 }
 
-TEST(CompareSurfaces, NothingToCompare) {
+TEST(CompareSamples, NothingToCompare) {
   const std::vector<Vector3d> some = RandomPoints(3, 5);
-  EXPECT_FALSE(CompareSurfaces({}, Everything(some), {1}).has_value());
-  EXPECT_FALSE(CompareSurfaces(some, TruthSurface(), {1}).has_value());
+  EXPECT_FALSE(CompareSamples({}, Everything(some), {1}).has_value());
+  EXPECT_FALSE(CompareSamples(some, TruthSurface(), {1}).has_value());
   TruthSurface unseen = Everything(some);
   unseen.seen_points.clear();
-  EXPECT_FALSE(CompareSurfaces(some, unseen, {1}).has_value());
+  EXPECT_FALSE(CompareSamples(some, unseen, {1}).has_value());
+}
+
+EstimatedSurface Estimated(const TriangleMesh& mesh, int count) {
+  return {TrianglesInside(mesh, Sim3(), {}), SampleSurface(mesh, count, 1, 0).points};
+}
+
+TruthSurface AllOf(const TriangleMesh& mesh, int count) {
+  TruthSurface truth = Everything(SampleSurface(mesh, count, 1, 1).points);
+  truth.triangles = TrianglesInside(mesh, Sim3(), {});
+  return truth;
+}
+
+TEST(CompareSurfaces, ParallelPlanesAreTheirHeightApart) {
+  for (const float height : {0.0f, 0.0625f}) {
+    const SurfaceErrors errors =
+        CompareSurfaces(Estimated(Square(0), 1000), AllOf(Square(height), 1000), {0.05, 0.07}).value();
+    // Measured: 1e-17.
+    EXPECT_NEAR(errors.accuracy, height, 1e-15);
+    EXPECT_NEAR(errors.completeness, height, 1e-15);
+    EXPECT_NEAR(errors.chamfer_l1, height, 1e-15);
+    EXPECT_EQ(errors.f_scores.at(0).f_score, height > 0.05 ? 0 : 1);
+    EXPECT_EQ(errors.f_scores.at(1).f_score, 1);
+  }
+}
+
+// The larger square reaches past the smaller one by 1 on two sides: its points there are max(x - 1, 0) and
+// max(y - 1, 0) away, whose mean length over [0, 2]^2 is (2 * 1/2 + J) / 4 with J the mean distance of the
+// unit square's points to a corner, (sqrt(2) + asinh(1)) / 3.
+TEST(CompareSurfaces, WhatReachesPast) {
+  constexpr int kCount = 200'000;
+  const SurfaceErrors errors =
+      CompareSurfaces(Estimated(Square(0, 2), kCount), AllOf(Square(0, 1), kCount), {0.5}).value();
+  const double expected = (1 + (std::sqrt(2.0) + std::asinh(1.0)) / 3) / 4;
+  // A point's distance has a standard deviation of .36: four standard errors of the mean.
+  EXPECT_NEAR(errors.accuracy, expected, 4 * 0.36 / std::sqrt(double{kCount}));
+  EXPECT_LT(errors.completeness, 1e-15);
+  EXPECT_NEAR(errors.chamfer_l1, errors.accuracy / 2, 1e-15);
+  // Nearer than .5: the unit square, two strips and a quarter of a disc.
+  const double precision = (1 + 2 * 0.5 + kPi / 16) / 4;
+  EXPECT_NEAR(errors.f_scores.at(0).precision, precision, 4 * 0.5 / std::sqrt(double{kCount}));
+  EXPECT_EQ(errors.f_scores.at(0).recall, 1);
+}
+
+TEST(CompareSurfaces, ConcentricSpheres) {
+  const SurfaceErrors errors =
+      CompareSurfaces(Estimated(Sphere(1.0, 200), 20'000), AllOf(Sphere(1.1, 200), 20'000), {}).value();
+  // Both meshes lie within 1 - cos(half a cell's diagonal) = 6e-5 of their spheres. Measured: .1000 + 1.0e-5,
+  // + 9e-6.
+  EXPECT_NEAR(errors.accuracy, 0.1, 7e-5);
+  EXPECT_NEAR(errors.completeness, 0.1, 7e-5);
+}
+
+TEST(CompareSurfaces, NothingToCompare) {
+  const EstimatedSurface estimate = Estimated(Square(0), 10);
+  const TruthSurface truth = AllOf(Square(1), 10);
+  EXPECT_TRUE(CompareSurfaces(estimate, truth, {}).has_value());
+  EXPECT_FALSE(CompareSurfaces({estimate.triangles, {}}, truth, {}).has_value());
+  EXPECT_FALSE(CompareSurfaces({{}, estimate.points}, truth, {}).has_value());
+  TruthSurface other = truth;
+  other.triangles.clear();
+  EXPECT_FALSE(CompareSurfaces(estimate, other, {}).has_value());
+  other = truth;
+  other.seen_points.clear();
+  EXPECT_FALSE(CompareSurfaces(estimate, other, {}).has_value());
+}
+
+TEST(TrianglesInside, WholeTrianglesThatReachIn) {
+  TriangleMesh mesh = Square(0);
+  mesh.vertices.insert(mesh.vertices.end(), {{0, 0, 5}, {9, 9, 9}});
+  mesh.triangles.insert(mesh.triangles.end(), {{0, 1, 4}, {1, 1, 4}, {5, 5, 5}});
+  EXPECT_EQ(TrianglesInside(mesh, Sim3(), {}).size(), 3u);  // without those that have no area.
+  CropRegion region;
+  region.plane = Eigen::Hyperplane<double, 3>(Vector3d(0, 0, 1), Vector3d(0, 0, 0.5));
+  const std::vector<TriangleCorners> above = TrianglesInside(mesh, Sim3(), region);
+  ASSERT_EQ(above.size(), 1u);
+  EXPECT_EQ(above[0], (TriangleCorners{Vector3d(0, 0, 0), Vector3d(1, 0, 0), Vector3d(0, 0, 5)}));
+  // Moved by 10 and doubled, the square lies above the plane too.
+  const Sim3 moved{2, Eigen::Quaterniond::Identity(), {0, 0, 10}};
+  EXPECT_EQ(TrianglesInside(mesh, moved, region).size(), 3u);
+  EXPECT_EQ(TrianglesInside(mesh, moved, region)[2][2], Vector3d(0, 0, 20));
+  region.box = Eigen::AlignedBox3d(Vector3d(0, 0, 15), Vector3d(1, 1, 16));
+  EXPECT_EQ(TrianglesInside(mesh, moved, region).size(), 1u);
+  EXPECT_TRUE(TrianglesInside(mesh, Sim3(), region).empty());
 }
 
 TEST(CropRegion, BoxAndPlane) {
@@ -289,6 +372,9 @@ TEST(MakeTruthSurface, HiddenAndCroppedPartsAreLeftOut) {
   const TruthSurface cropped = MakeTruthSurface(mesh, {}, {FrontView()}, region, options);
   ASSERT_FALSE(cropped.points.empty());
   for (const Vector3d& x : cropped.points) ASSERT_NEAR(x.z(), 0.5, 1e-15);
+  EXPECT_EQ(surface.triangles.size(), 4u);
+  ASSERT_EQ(cropped.triangles.size(), 2u);
+  EXPECT_EQ(cropped.triangles[0][1], Vector3d(1, 0, 0.5));
   EXPECT_EQ(cropped.seen_share, 0);
   EXPECT_TRUE(MakeTruthSurface({}, {}, {FrontView()}, {}, options).points.empty());
 }
