@@ -1,8 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <opencv2/calib3d.hpp>
-#include <opencv2/core.hpp>
 #include <optional>
 #include <set>
 
@@ -23,9 +21,7 @@ constexpr double kClearMargin = 1.5;
 // Support so far beyond that of any other angle stands whatever the share of outliers.
 constexpr double kOverwhelmingMargin = 4;
 constexpr int kOverwhelmingInliers = 4;  // times those that must agree anyway
-constexpr int kPoseSamples = 5000;       // of a camera's pose, at most
-constexpr double kPoseConfidence = 0.9999;
-constexpr double kStepsSupport = 0.85;  // of the best angle's, that the one by equal steps must have
+constexpr double kStepsSupport = 0.85;   // of the best angle's, that the one by equal steps must have
 
 }  // namespace
 
@@ -157,33 +153,19 @@ std::optional<PoseByPoints> ScanRefiner::PoseFromPoints(int image, double max_er
       if (pair.image1 == image || pair.image2 == image) of_image.push_back(pair);
     }
   }
-  std::vector<cv::Point3d> in_object;
-  std::vector<cv::Point2d> in_plane;  // z = 1, in pixels
+  std::vector<Eigen::Vector3d> in_object;
+  std::vector<Eigen::Vector2d> in_plane;  // z = 1, in pixels
   const double focal = FocalLengths(camera).mean();
   for (const PointInImage& point : PointsSeenBy(image, features_, of_image, object_points_)) {
     const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(camera, point.xy);
     if (!ray) continue;
-    in_object.emplace_back(point.x_in_object.x(), point.x_in_object.y(), point.x_in_object.z());
-    in_plane.emplace_back(focal * ray->x() / ray->z(), focal * ray->y() / ray->z());
+    in_object.push_back(point.x_in_object);
+    in_plane.push_back(focal * ray->hnormalized());
   }
-  const int least = kOverwhelmingInliers * options_.min_mend_inliers;
-  if (static_cast<int>(in_object.size()) < least) return std::nullopt;
-  const cv::Matx33d calibration(focal, 0, 0, 0, focal, 0, 0, 0, 1);
-  cv::Vec3d turn;
-  cv::Vec3d translation;
-  std::vector<int> inliers;
-  if (!cv::solvePnPRansac(in_object, in_plane, calibration, cv::noArray(), turn, translation, false,
-                          kPoseSamples, static_cast<float>(max_error_px), kPoseConfidence, inliers,
-                          cv::SOLVEPNP_SQPNP) ||
-      static_cast<int>(inliers.size()) < least ||
-      static_cast<double>(inliers.size()) < options_.min_mend_share * static_cast<double>(in_object.size())) {
+  const std::optional<PoseByPoints> pose = FitPoseByPoints(in_object, in_plane, focal, max_error_px,
+                                                           kOverwhelmingInliers * options_.min_mend_inliers);
+  if (pose && pose->inliers < options_.min_mend_share * static_cast<double>(in_object.size()))
     return std::nullopt;
-  }
-  PoseByPoints pose;
-  pose.cam_from_object = {Eigen::Quaterniond(ExpRotation<double>(Eigen::Vector3d(turn[0], turn[1], turn[2]))),
-                          {translation[0], translation[1], translation[2]}};
-  pose.inliers = static_cast<int>(inliers.size());
-  pose.candidates = static_cast<int>(in_object.size());
   return pose;
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/relocalise/pose_by_points.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/relocalise/station_ties.h"
 #include "sfm_split/turntable/table_angle.h"
@@ -18,13 +19,6 @@ constexpr float kLeastMovePx = 3;
 /// Of two reconstructions of one camera, the turn about the axis apart: share of its distance from the axis,
 /// and radians.
 constexpr double kMaxCameraMisfit = 0.03;
-
-/// A camera's pose against the object, as the object's points tell it.
-struct PoseByPoints {
-  Rigid3 cam_from_object;
-  int inliers = 0;
-  int candidates = 0;
-};
 
 /// RefineScan at work: scan_refinement.cc has the rounds and what they adjust, relocalise_images.cc brings
 /// single images back or drops them, relocalise_stations.cc places whole stations.

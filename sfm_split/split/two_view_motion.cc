@@ -27,6 +27,16 @@ double TransferError(const Eigen::Matrix3d& H, const Eigen::Vector2f& xy1, const
   return (mapped.hnormalized() - xy2.cast<double>()).norm();
 }
 
+// A robust fit of OpenCV's; empty when it refuses the matches: they lie on one spot or on one line.
+template <class Fit>
+cv::Mat FitOrNothing(const Fit& fit) {
+  try {
+    return fit();
+  } catch (const cv::Exception&) {
+    return {};
+  }
+}
+
 }  // namespace
 
 OptionCheck TwoViewMotionOptions::Check() const {
@@ -66,8 +76,10 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
   }
 
   cv::Mat mask;
-  const cv::Mat F = cv::findFundamentalMat(points1, points2, cv::USAC_MAGSAC, options.max_error_px,
-                                           options.confidence, options.max_iterations, mask);
+  const cv::Mat F = FitOrNothing([&] {
+    return cv::findFundamentalMat(points1, points2, cv::USAC_MAGSAC, options.max_error_px, options.confidence,
+                                  options.max_iterations, mask);
+  });
   if (F.rows != 3 || F.cols != 3) return motion;
   motion.F = ToEigen(F);
   for (const int m : subset) {
@@ -87,8 +99,10 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
     inliers1.emplace_back(keypoints1[matches[m].point2D_idx1].x(), keypoints1[matches[m].point2D_idx1].y());
     inliers2.emplace_back(keypoints2[matches[m].point2D_idx2].x(), keypoints2[matches[m].point2D_idx2].y());
   }
-  const cv::Mat H = cv::findHomography(inliers1, inliers2, cv::USAC_MAGSAC, options.max_error_px, mask,
-                                       options.max_iterations, options.confidence);
+  const cv::Mat H = FitOrNothing([&] {
+    return cv::findHomography(inliers1, inliers2, cv::USAC_MAGSAC, options.max_error_px, mask,
+                              options.max_iterations, options.confidence);
+  });
   if (H.rows == 3 && H.cols == 3) {
     const Eigen::Matrix3d homography = ToEigen(H);
     const auto num_planar = std::count_if(motion.inliers.begin(), motion.inliers.end(), [&](int m) {

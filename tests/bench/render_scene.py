@@ -5,7 +5,8 @@ usage: render_scene.py OUTPUT_FOLDER [--object vase|knot|rock|box|group] [option
 
 Everything is made from the seed: a displaced, lathed, knotted or assembled object with a solid or printed texture on a
 disc that turns, a room with pictures on its walls and things on its desk, lights that stand still (so that shadows and
-shading move over the object, the disc and the desk), ambient occlusion, sensor noise and JPEG. Written are images/,
+shading move over the object, the disc and the desk), ambient occlusion, sensor noise and JPEG. What real captures have
+can be asked for: exposure and white balance that jump, a plate that wobbles, hands and people. Written are images/,
 images_test/ (held-out angles), gt/masks/NAME.png (255 object, 128 disc, 0 static), gt/object.ply, gt/disc.ply and
 gt/scene.json, as `s2gs scan_evaluator` reads them. Units are metres.
 
@@ -374,11 +375,83 @@ def render(camera, pose, turn, room, table, bound, cache, options):
     return picture.reshape(-1, height, width, 3)[:-1].mean(0), label.reshape(-1, height, width)[-1]
 
 
-def develop(picture, exposure, rng, noise):
-    """Shot and read noise, tone curve, 8 bits."""
+def develop(picture, exposure, rng, noise, grey_noise=0):
+    """Shot and read noise, tone curve, 8 bits. `exposure`: a factor, or one a channel; `grey_noise` comes after the tone
+    curve [grey levels]."""
     picture = gaussian_filter(np.clip(picture * exposure, 0, 1), (0.45, 0.45, 0))
     picture = picture + rng.standard_normal(picture.shape) * noise * (0.3 + np.sqrt(picture))
-    return Image.fromarray((np.clip(picture, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8))
+    picture = np.clip(picture, 0, 1) ** (1 / 2.2) * 255
+    if grey_noise:
+        picture = picture + grey_noise * rng.standard_normal(picture.shape)
+    return Image.fromarray(np.clip(picture + 0.5, 0, 255).astype(np.uint8))
+
+
+# ---- what real captures have ----
+
+def jumps(rng, count, factor):
+    """Factors, one a photo, within `factor` of one another: each holds for a few photos, as automatic settings do."""
+    values, level = np.ones(count), 0.0
+    for k in range(count):
+        if k == 0 or rng.random() < 0.25:
+            level = rng.random() - 0.5
+        values[k] = factor ** level
+    return values
+
+
+def wobbled(turn, degrees, angle, phases):
+    """A pose of the table, tilted about the foot of its axis by up to so much: a plate that lies loose on its drive. The
+    tilt goes round with the table once and twice a turn, and a fifth of it is of each photo alone."""
+    a = np.radians(angle)
+    smooth = 0.5 * np.cos(a + phases[:2]) + 0.3 * np.cos(2 * a + phases[2:4])
+    tilt = np.radians(degrees) * (smooth + 0.2 * phases[4:6])
+    c, s = np.cos(tilt), np.sin(tilt)
+    about_x = np.array([[1, 0, 0], [0, c[0], -s[0]], [0, s[0], c[0]]])
+    about_y = np.array([[c[1], 0, s[1]], [0, 1, 0], [-s[1], 0, c[1]]])
+    pose = turn.copy()
+    pose[:3, :3] = about_y @ about_x @ turn[:3, :3]
+    pose[:3, 3] = AXIS - pose[:3, :3] @ AXIS
+    return pose
+
+
+def blob(rng, shape, points, radius, colour, volume):
+    """A soft body along a line of picture points [shares of the width]: where it is, and its colours, which go with it."""
+    height, width = shape
+    y, x = np.mgrid[0:height, 0:width] / width
+    distance = np.full(shape, np.inf)
+    for (ax, ay), (bx, by) in zip(points[:-1], points[1:]):
+        along = np.clip(((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / ((bx - ax) ** 2 + (by - ay) ** 2 + 1e-12), 0, 1)
+        distance = np.minimum(distance, np.hypot(x - ax - along * (bx - ax), y - ay - along * (by - ay)))
+    round_off = np.clip(1 - (distance / radius) ** 2, 0, 1)
+    side = volume.shape[1]
+    at = np.stack([np.full(shape, side * rng.random()), (y - points[0][1]) * side * 4, (x - points[0][0]) * side * 4])
+    noise = map_coordinates(volume[0], at.reshape(3, -1), order=1, mode='grid-wrap').reshape(shape)
+    shade = (0.35 + 0.65 * np.sqrt(round_off)) * np.clip(1 + 0.35 * noise, 0.2, 2)
+    return np.clip(round_off * 12, 0, 1), np.asarray(colour)[None, None] * shade[..., None]
+
+
+def add_hand(picture, label, rng, volume):
+    """A forearm and a hand that come in from a side of the picture, in front of everything."""
+    height, width = label.shape
+    tip = np.array([0.3 + 0.4 * rng.random(), height / width * (0.45 + 0.25 * rng.random())])
+    start = np.array([-0.05 if rng.random() < 0.5 else 1.05, height / width * (0.7 + 0.4 * rng.random())])
+    knuckle = start + 0.8 * (tip - start)
+    points = [tip, knuckle, start]
+    share, colour = blob(rng, label.shape, points, 0.035 + 0.02 * rng.random(), [0.55, 0.33, 0.24], volume)
+    label[share > 0.5] = 0
+    return picture * (1 - share[..., None]) + colour * share[..., None]
+
+
+def add_person(picture, behind, place, rng, volume):
+    """Someone in the room, only where the picture shows what is far; `place` is where they stand [share of the width]."""
+    height, width = behind.shape
+    x = place + 0.03 * rng.standard_normal()
+    top = height / width * (0.05 + 0.1 * rng.random())
+    parts = [([(x, top + 0.22), (x + 0.03, height / width * 1.1)], 0.13, [0.12, 0.2, 0.4]), ([(x, top), (x, top + 0.06)], 0.06, [0.5, 0.32, 0.25])]
+    for points, radius, colour in parts:
+        share, colours = blob(np.random.default_rng(7), behind.shape, points, radius, colour, volume)
+        share = (share * behind)[..., None]
+        picture = picture * (1 - share) + colours * share
+    return picture
 
 
 def write_ply(path, meshes):
@@ -422,6 +495,12 @@ def parse_options():
     p.add_argument('--fill', type=float, default=0.5, help="the disc's diameter as a share of the picture's width")
     p.add_argument('--samples', type=int, default=2, help='rays a pixel in each direction')
     p.add_argument('--noise', type=float, default=0.006)
+    p.add_argument('--grey_noise', type=float, default=0, help='noise besides, after the tone curve [grey levels]')
+    p.add_argument('--exposure_jumps', type=float, default=1, help='largest factor between the exposures of two photos')
+    p.add_argument('--balance_jumps', type=float, default=1, help='the same of the red and the blue channel alone')
+    p.add_argument('--wobble', type=float, default=0, help='largest tilt of the plate [degrees]')
+    p.add_argument('--hands', type=int, default=0, help='photos with a hand in them')
+    p.add_argument('--people', type=int, default=0, help='photos with a person in the background')
     p.add_argument('--quality', type=int, default=93, help='of JPEG')
     p.add_argument('--held_out', type=int, default=6, help='photos for images_test')
     p.add_argument('--seed', type=int, default=1)
@@ -490,16 +569,35 @@ def main():
     keep_occlusion(table, [room], rng)
     keep_occlusion(room, [table], rng)
 
+    # Of their own, so that a scene without them stays as it was.
+    real = np.random.default_rng([options.seed, 1])
+    gains = np.stack([jumps(real, len(shots), options.balance_jumps), np.ones(len(shots)), jumps(real, len(shots), options.balance_jumps)], 1)
+    gains *= jumps(real, len(shots), options.exposure_jumps)[:, None]
+    phases = real.random((len(stations), 4)) * 2 * np.pi
+    train = [k for k, (_, _, split) in enumerate(shots) if split == 'train']
+    hands = set(real.permutation(train)[:options.hands].tolist())
+    first = int(real.integers(max(1, len(train) - options.people + 1)))
+    people = set(train[first:first + options.people])  # one after another, as someone who walks by
+
     images, cache, cached, exposure = [], {}, None, None
     for index, ((station, angle, split), pose) in sorted(enumerate(zip(shots, poses)), key=lambda i: (i[1][0][0], i[0])):
         key = index if options.hand_held else station
         if key != cached:
             cache, cached = {}, key
         turn = turn_about_axis(angle)
+        if options.wobble:
+            turn = wobbled(turn, options.wobble, angle, np.concatenate([phases[station], 2 * real.random(2) - 1]))
         picture, label = render(camera, pose, turn, room, table, bound, cache, options)
         exposure = exposure or 0.5 / np.percentile(picture, 75)
+        if index in people:
+            o, d, _ = primary_rays(camera, pose, 1)
+            at = slice(-options.width * options.height, None)
+            behind = (room.cast(o[at], d[at])['t_hit'] > stations[station]['distance'] + 0.2).reshape(label.shape) & (label == 0)
+            picture = add_person(picture, behind, 0.1 + 0.8 * (index - train[first]) / max(1, options.people), real, volume)
+        if index in hands:
+            picture = add_hand(picture, label, real, volume)
         folder, name = 'images' if split == 'train' else 'images_test', f's{station}_{index:03d}'
-        develop(picture, exposure, rng, options.noise).save(os.path.join(options.folder, folder, name + '.jpg'), quality=options.quality)
+        develop(picture, exposure * gains[index], rng, options.noise, options.grey_noise).save(os.path.join(options.folder, folder, name + '.jpg'), quality=options.quality)
         Image.fromarray(label).save(os.path.join(options.folder, 'gt/masks', name + '.png'))
         images.append(dict(file=f'{folder}/{name}.jpg', mask=f'gt/masks/{name}.png', split=split,
                            station=index if options.hand_held else station, angle_deg=float(angle),

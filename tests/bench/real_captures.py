@@ -1,0 +1,171 @@
+#!/usr/bin/env python3
+"""Scans as real captures are: renders them, runs s2gs on their photos up to the poses, and says what came out.
+
+usage: real_captures.py render FOLDER [--only NAME...] [--python PYTHON]
+       real_captures.py run FOLDER WORKSPACES --s2gs S2GS [--colmap_path COLMAP] [--only NAME...]
+       real_captures.py score FOLDER WORKSPACES [--only NAME...] [--json FILE]
+
+FOLDER holds a folder for each scan of real_captures.txt beside this file, as render_scene.py leaves it; other scans of
+render_scene.py in it count too when --only names them. A scan that is there is not rendered again.
+
+The table: photos placed of all; the errors of cam_from_object's rotation and of the table's angle after the best common
+rotation of all photos, median / largest [degrees]; what the program says of the scan; and whether that is right: a scan is
+right when all photos are placed, at 0.3 degrees in the median and 1 degree at most, and `good` may be said of such
+alone. Where the plate wobbles the angle is that of the whole tilted pose. Needs numpy and scipy.
+"""
+import argparse, json, os, subprocess, sys, time
+import numpy as np
+
+COMMON = '--width 480 --height 360 --samples 2 --held_out 0 --things 24'.split()
+MEDIAN_DEG, MAX_DEG = 0.3, 1.0
+
+
+def scans(only):
+    path = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'real_captures.txt')
+    lines = [line.split() for line in open(path) if line.strip() and not line.startswith('#')]
+    known = {words[0]: words[1:] for words in lines}
+    return {name: known.get(name) for name in only} if only else known
+
+
+def render(options):
+    script = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'render_scene.py')
+    for name, words in scans(options.only).items():
+        folder = os.path.join(options.folder, name)
+        if os.path.exists(f'{folder}/gt/scene.json'):
+            continue
+        if words is None:
+            sys.exit(f'real_captures.txt has no scan {name}')
+        start = time.time()
+        subprocess.run([options.python, script, folder, *COMMON, *words], check=True)
+        print(f'{name}: {time.time() - start:.0f} s', flush=True)
+
+
+def run(options):
+    for name in scans(options.only):
+        workspace = os.path.join(options.workspaces, name)
+        os.makedirs(workspace, exist_ok=True)
+        command = [options.s2gs, 'automatic_scanner', '--workspace_path', workspace, '--image_path',
+                   f'{options.folder}/{name}/images', '--until', 'split']
+        if options.colmap_path:
+            command += ['--colmap_path', options.colmap_path]
+        start = time.time()
+        with open(f'{workspace}/log.txt', 'w') as log:
+            code = subprocess.run(command, stdout=log, stderr=subprocess.STDOUT).returncode
+        json.dump(dict(exit_code=code, seconds=time.time() - start), open(f'{workspace}/run.json', 'w'))
+        print(f'{name}: exit code {code}, {time.time() - start:.0f} s', flush=True)
+
+
+def read_poses(model):
+    """cam_from_object rotations by base name, of a COLMAP model's images.bin."""
+    import struct
+    path, out = f'{model}/images.bin', {}
+    if not os.path.exists(path):
+        return out
+    data, at = open(path, 'rb').read(), 8
+    for _ in range(struct.unpack_from('<Q', data, 0)[0]):
+        q = np.array(struct.unpack_from('<4d', data, at + 4))
+        end = data.index(b'\0', at + 64)
+        name = os.path.basename(data[at + 64:end].decode())
+        at = end + 9 + 24 * struct.unpack_from('<Q', data, end + 1)[0]
+        w, x, y, z = q / np.linalg.norm(q)
+        out[name] = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                              [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                              [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+    return out
+
+
+def degrees(rotations):
+    return np.degrees(np.arccos(np.clip((np.trace(rotations, axis1=-2, axis2=-1) - 1) / 2, -1, 1)))
+
+
+def common_rotation(of, to):
+    """The rotation Q for which `of` Q is nearest to `to`, robustly: reweighted by the errors."""
+    weights = np.ones(len(of))
+    for _ in range(20):
+        u, _, vt = np.linalg.svd(np.einsum('k,kji,kjl->il', weights, of, to))
+        q = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+        weights = 1 / np.maximum(degrees(np.einsum('kij,jl,kml->kim', of, q, to)), 0.02)
+    return q
+
+
+def read_json(path):
+    try:
+        return json.load(open(path))
+    except (OSError, ValueError):
+        return {}
+
+
+def score_scan(folder, workspace):
+    truth = {}
+    for image in json.load(open(f'{folder}/gt/scene.json'))['images']:
+        if image['split'] == 'train':
+            pose = np.array(image['world_to_camera']) @ np.array(image['object_to_world'])
+            truth[os.path.basename(image['file'])] = (pose[:3, :3], np.array(image['object_to_world'])[:3, :3])
+    estimate = read_poses(f'{workspace}/sparse/0')
+    names = sorted(set(truth) & set(estimate))
+    report = read_json(f'{workspace}/split/turntable_mapper.json')
+    verdict = report.get('verdict') or {}
+    out = dict(photos=[len(names), len(truth)], case=report.get('case'), verdict=verdict.get('verdict', 'none'),
+               reasons=verdict.get('reasons', []), **read_json(f'{workspace}/run.json'))
+    if len(names) >= 3:
+        R, T = np.array([estimate[n] for n in names]), np.array([truth[n][0] for n in names])
+        q = common_rotation(R, T)
+        rotation = degrees(np.einsum('kij,jl,kml->kim', R, q, T))
+        out['rotation_deg'] = [float(np.median(rotation)), float(rotation.max())]
+        turns = {os.path.basename(i['name']): np.array(i['object_to_world'])[:3, :3]
+                 for i in read_json(f'{workspace}/turntable.json').get('images', [])}
+        if all(n in turns for n in names):
+            # Frames differ by a rotation on either side: B turn = truth C.
+            E, W = np.array([turns[n] for n in names]), np.array([truth[n][1] for n in names])
+            B = np.eye(3)
+            for _ in range(30):
+                C = common_rotation(B @ E, W)
+                B = common_rotation(np.swapaxes(E @ C, 1, 2), np.swapaxes(W, 1, 2)).T
+            angle = degrees(np.einsum('ij,kjl,lm,knm->kin', B, E, C, W))
+            out['angle_deg'] = [float(np.median(angle)), float(angle.max())]
+    right = len(names) == len(truth) and 'rotation_deg' in out
+    for figure in ('rotation_deg', 'angle_deg'):
+        right = right and out.get(figure, [0, 0])[0] <= MEDIAN_DEG and out.get(figure, [0, 0])[1] <= MAX_DEG
+    out['right'] = bool(right)
+    return out
+
+
+def score(options):
+    names, table = scans(options.only), {}
+    print('| scan | photos | rotation | angle | verdict | right | exit | seconds |')
+    print('|---|---|---|---|---|---|---|---|')
+    for name in names:
+        folder, workspace = f'{options.folder}/{name}', f'{options.workspaces}/{name}'
+        if not (os.path.exists(f'{folder}/gt/scene.json') and os.path.isdir(workspace)):
+            continue
+        out = table[name] = score_scan(folder, workspace)
+        pair = lambda figure: '{:.3f} / {:.2f}'.format(*out[figure]) if figure in out else 'none'
+        wrong_good = out['verdict'] == 'good' and not out['right']
+        print(f"| {name} | {out['photos'][0]} of {out['photos'][1]} | {pair('rotation_deg')} | {pair('angle_deg')} | "
+              f"{out['verdict']}{' **of a wrong scan**' if wrong_good else ''} | {'yes' if out['right'] else 'no'} | "
+              f"{out.get('exit_code', '')} | {out.get('seconds', float('nan')):.0f} |")
+    rows = table.values()
+    print(f"\n{sum(r['right'] for r in rows)} of {len(rows)} right, {sum(r['verdict'] == 'good' for r in rows)} good, "
+          f"{sum(r['verdict'] == 'good' and not r['right'] for r in rows)} good of wrong scans")
+    if options.json:
+        json.dump(table, open(options.json, 'w'), indent=1)
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument('do', choices=['render', 'run', 'score'])
+    p.add_argument('folder')
+    p.add_argument('workspaces', nargs='?')
+    p.add_argument('--only', nargs='+', default=[])
+    p.add_argument('--python', default=sys.executable, help='with what render_scene.py needs')
+    p.add_argument('--s2gs', default='s2gs')
+    p.add_argument('--colmap_path', default='')
+    p.add_argument('--json', default='')
+    options = p.parse_args()
+    if options.do != 'render' and not options.workspaces:
+        p.error('the folder of workspaces is missing')
+    {'render': render, 'run': run, 'score': score}[options.do](options)
+
+
+if __name__ == '__main__':
+    main()
