@@ -38,6 +38,10 @@ def load_scorer(shared):
     # Figures with all their digits: the scorer rounds what it prints.
     module.med_max = lambda x: [float(np.median(x)), float(np.max(x))]
     module.round = lambda value, digits=0: value
+    # Of a rough surface, the triangles of the eight nearest samples do not always hold the nearest triangle: its
+    # distances come out 2 % long, with thirty-two samples .2 %. A fourth of the points costs the same.
+    distance = module.surface_distance
+    module.surface_distance = lambda points, *surface: distance(points[::4], *surface, k=32)
     return module
 
 
