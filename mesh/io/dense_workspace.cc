@@ -4,11 +4,13 @@
 #include <ostream>
 #include <string>
 #include <system_error>
+#include <vector>
 
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/undistort.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 
 namespace s2gs {
 namespace {
@@ -34,7 +36,6 @@ void CheckSize(const fs::path& path, const Camera& camera) {
 void WritePicture(const fs::path& from, const fs::path& to, const Camera& camera, const Camera& pinhole,
                   int channels) {
   CheckSize(from, camera);
-  CreateFolder(to.parent_path());
   if (IsDistortionFree(camera)) {
     const std::string bytes = ReadWholeFile(from, kMaxPhotoBytes);
     WriteFileAtomically(to, [&](std::ostream& stream) {
@@ -54,7 +55,12 @@ ColmapModel WriteDenseWorkspace(const fs::path& folder, const ColmapModel& model
   for (const char* name : {"depth_maps", "normal_maps", "consistency_graphs"}) CreateFolder(stereo / name);
   CreateFolder(folder / "images");
   std::map<std::string, const ColmapImage*> by_name;
-  for (const auto& [id, image] : model.images) by_name[image.name] = &image;
+  std::vector<std::string> all_names;
+  for (const auto& [id, image] : model.images) {
+    by_name[image.name] = &image;
+    all_names.push_back(image.name);
+  }
+  const ImageOutputs outputs(source.root.empty() ? folder : source.root, source.images, all_names);
   int64_t count = 0;
   std::string names;
   std::string patch_match;
@@ -62,13 +68,15 @@ ColmapModel WriteDenseWorkspace(const fs::path& folder, const ColmapModel& model
     if (reporter.StopRequested()) throw Interrupted();
     const Camera& camera = model.cameras.at(image->camera_id);
     const Camera& pinhole = dense.cameras.at(image->camera_id);
-    WritePicture(source.images / name, folder / "images" / name, camera, pinhole, 3);
+    const ImageName image_name(name, source.model);
+    WritePicture(source.images / name, outputs.Make(folder / "images", image_name, ""), camera, pinhole, 3);
     const fs::path mask = source.masks / (name + ".png");
     std::error_code ec;
     if (!source.masks.empty() && fs::exists(mask, ec)) {
-      WritePicture(mask, folder / "masks" / (name + ".png"), camera, pinhole, 1);
+      WritePicture(mask, outputs.Make(folder / "masks", image_name, ".png"), camera, pinhole, 1);
     }
-    for (const char* maps : {"depth_maps", "normal_maps"}) CreateFolder((stereo / maps / name).parent_path());
+    // For COLMAP, which writes there but makes no folders.
+    for (const char* maps : {"depth_maps", "normal_maps"}) outputs.Make(stereo / maps, image_name, "");
     names += name + "\n";
     // Twenty source images a view, chosen by COLMAP.
     patch_match += name + "\n__auto__, 20\n";

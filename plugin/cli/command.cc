@@ -13,6 +13,7 @@
 #include "plugin/cli/suggest.h"
 #include "plugin/cli/version.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/printable.h"
 
 namespace s2gs {
 namespace {
@@ -82,7 +83,7 @@ void Dispatch(const std::vector<Command>& commands, const std::vector<std::strin
 
 int Complain(const std::string& message, ExitCode code) {
   std::cout.flush();
-  std::cerr << "s2gs: error: " << message << std::endl;
+  std::cerr << "s2gs: error: " << Printable(message) << std::endl;
   return code;
 }
 

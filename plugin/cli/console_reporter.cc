@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "plugin/cli/interrupt.h"
+#include "sfm_split/base/printable.h"
 #include "sfm_split/base/stopwatch.h"
 
 namespace s2gs {
@@ -83,8 +84,9 @@ class ConsoleSink : public spdlog::sinks::base_sink<std::mutex> {
       default:
         break;
     }
+    // Names and other programs' output may hold what a terminal takes for a command.
     std::string line = fmt::format("[{:.1f}s] {}{}", seconds_() - start_, label,
-                                   std::string_view(message.payload.data(), message.payload.size()));
+                                   Printable({message.payload.data(), message.payload.size()}));
     if (style_.has_color && !color.empty()) line = color + line + "\x1b[0m";
     Write(EraseBar() + line + "\n" + bar_);
   }

@@ -44,7 +44,8 @@ std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace
     runner->Run(stage, [&] {
       // Its presence says that the folder is complete.
       fs::remove_all(workspace.DenseModel(), ec);
-      WriteDenseWorkspace(workspace.Dense(), model, {workspace.ObjectModel(), image_path, {}}, reporter);
+      WriteDenseWorkspace(workspace.Dense(), model, {workspace.ObjectModel(), image_path, {}, workspace.root},
+                          reporter);
     });
   }
   const ColmapModel dense = ReadColmapModel(workspace.DenseModel());

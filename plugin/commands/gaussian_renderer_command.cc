@@ -30,6 +30,7 @@
 #include "s2gs/rotating_mask.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 
 namespace s2gs {
@@ -38,6 +39,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
+constexpr char kMapSuffix[] = ".geometric.bin";
 constexpr int kNumOverviewPhotos = 4;
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
@@ -117,10 +119,11 @@ std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene)
   return names;
 }
 
-// Creates the folder of a file that may lie below the image folder's own folders.
-fs::path InFolder(const fs::path& path) {
-  CreateFolder(path.parent_path());
-  return path;
+std::vector<std::string> NamesOf(const TrainingScene& scene) {
+  std::vector<std::string> names;
+  names.reserve(scene.photos.size());
+  for (const ScenePhoto& photo : scene.photos) names.push_back(photo.name);
+  return names;
 }
 
 RenderRequest WholeScene(const PinholeView& view) {
@@ -150,38 +153,45 @@ RenderRequest ForegroundAlone(const PinholeView& view) {
 class Renderer {
  public:
   Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend)
-      : a_(arguments), workspace_(workspace), scene_(std::move(scene)), backend_(backend) {
-    output_ = a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path;
+      : a_(arguments),
+        workspace_(workspace),
+        scene_(std::move(scene)),
+        backend_(backend),
+        output_(a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path),
+        in_workspace_(workspace.root, a_.image_path, NamesOf(scene_)),
+        in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)) {
     if (scene_.mode == TrainMode::kS2gs) shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
   }
 
   // What other stages and COLMAP work on. \param dense_view  null: no maps.
   void RenderForWorkspace(const ScenePhoto& photo, const PinholeView* dense_view) {
     if (a_.masks) {
-      WriteImage(InFolder(workspace_.Mask(photo.name)), DistortedMask(photo, Mask(photo)));
+      WriteImage(in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
+                 DistortedMask(photo, Mask(photo)));
     }
-    if (dense_view != nullptr) WriteStereo(photo.name, *dense_view);
+    if (dense_view != nullptr) WriteStereo(NameOf(photo), *dense_view);
   }
 
   // Images to look at.
   void RenderPictures(const ScenePhoto& photo) {
-    const std::string file = photo.name + ".png";
+    const auto path = [&](const char* folder) {
+      return in_output_.Make(output_ / folder, NameOf(photo), ".png");
+    };
     if (a_.color || a_.foreground || a_.comparison) {
       const RenderedView view = backend_->Render(WholeScene(photo.view));
       const Image8 color = ToImage8(view);
-      if (a_.color) WriteImage(InFolder(output_ / "color" / file), color);
-      if (a_.foreground) WriteImage(InFolder(output_ / "foreground" / file), SoftForeground(photo));
+      if (a_.color) WriteImage(path("color"), color);
+      if (a_.foreground) WriteImage(path("foreground"), SoftForeground(photo));
       if (a_.comparison) {
-        WriteImage(InFolder(output_ / "comparison" / file),
-                   ComparisonPicture(Photo(photo), color, Mask(photo)));
+        WriteImage(path("comparison"), ComparisonPicture(Photo(photo), color, Mask(photo)));
       }
     }
     if (a_.pictures) {
       const RenderedView view = backend_->Render(ForegroundAlone(photo.view));
       const std::vector<float>& depth =
           a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
-      WriteImage(InFolder(output_ / "depth" / file), DepthPicture(depth, view.width, view.height));
-      WriteImage(InFolder(output_ / "normal" / file), NormalPicture(view));
+      WriteImage(path("depth"), DepthPicture(depth, view.width, view.height));
+      WriteImage(path("normal"), NormalPicture(view));
     }
   }
 
@@ -205,7 +215,8 @@ class Renderer {
     for (const Image8& row : rows) {
       overview.pixels.insert(overview.pixels.end(), row.pixels.begin(), row.pixels.end());
     }
-    WriteImage(InFolder(workspace_.Overview()), overview, kOverviewJpegQuality);
+    CreateFolder(workspace_.Overview().parent_path());
+    WriteImage(workspace_.Overview(), overview, kOverviewJpegQuality);
   }
 
   // One turn of the table before a camera that stands still.
@@ -217,12 +228,15 @@ class Renderer {
     PinholeView turned = view;
     turned.cam_from_object = view.cam_from_object * turn;
     const RenderedView rendered = backend_->Render(WholeScene(turned));
-    WriteImage(InFolder(output_ / "frames" / fmt::format("{:04}.png", frame)), ToImage8(rendered));
+    const ImageName name(fmt::format("{:04}", frame), output_);
+    WriteImage(in_output_.Make(output_ / "frames", name, ".png"), ToImage8(rendered));
   }
 
   const TrainingScene& scene() const { return scene_; }
 
  private:
+  ImageName NameOf(const ScenePhoto& photo) const { return {photo.name, workspace_.ObjectModel()}; }
+
   Image8 Mask(const ScenePhoto& photo) {
     return MaskImage(RotatingMask(backend_->Render(MaskRequest(scene_, shape_, photo.view))));
   }
@@ -254,10 +268,11 @@ class Renderer {
     return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole);
   }
 
-  void WriteStereo(const std::string& name, PinholeView view) {
+  void WriteStereo(const ImageName& name, PinholeView view) {
     RenderRequest silhouette = ForegroundAlone(view);
     silhouette.geometry = false;
-    WriteImage(InFolder(workspace_.DenseMask(name)), MaskImage(OpaqueMask(backend_->Render(silhouette))));
+    WriteImage(in_workspace_.Make(workspace_.DenseMasks(), name, ".png"),
+               MaskImage(OpaqueMask(backend_->Render(silhouette))));
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
@@ -278,8 +293,8 @@ class Renderer {
       depth_map.values[i] = static_cast<float>(depth[i] * scene_.size);
       for (int c = 0; c < 3; ++c) normal_map.values[c * count + i] = normal[c] / length;
     }
-    WriteColmapMap(InFolder(workspace_.DepthMap(name)), depth_map);
-    WriteColmapMap(InFolder(workspace_.NormalMap(name)), normal_map);
+    WriteColmapMap(in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix), depth_map);
+    WriteColmapMap(in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix), normal_map);
   }
 
   const Arguments& a_;
@@ -288,6 +303,8 @@ class Renderer {
   Backend* backend_;
   std::optional<RotatingShape> shape_;
   fs::path output_;
+  ImageOutputs in_workspace_;
+  ImageOutputs in_output_;
   std::map<std::string, Undistortion> plans_;
 };
 
@@ -398,7 +415,7 @@ void RunGaussianRenderer(CommandContext& context) {
   if (a.overview) stage.outputs.push_back(workspace.Overview());
   if (a.stereo) {
     stage.outputs.insert(stage.outputs.end(),
-                         {workspace.DepthMaps(), workspace.NormalMaps(), workspace.Dense() / "masks"});
+                         {workspace.DepthMaps(), workspace.NormalMaps(), workspace.DenseMasks()});
     stage.depends_on.emplace_back(kUndistorterStage);
   }
   if (!stage.outputs.empty() && !runner.Run(stage, [&] { RenderForWorkspace(a, dense_views, &lazy); })) {

@@ -9,7 +9,7 @@
 
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
-#include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 
 namespace s2gs {
 namespace {
@@ -48,10 +48,11 @@ void Dim(Image8* image) {
   for (uint8_t& value : image->pixels) value = static_cast<uint8_t>(value * 7 / 10);
 }
 
-fs::path OverlayPath(const fs::path& folder, const std::string& name) {
-  fs::path path = folder / name;
-  if (path.extension() != ".jpg") path += ".jpg";
-  return path;
+std::vector<std::string> NamesOf(const SplitFeatures& features) {
+  std::vector<std::string> names;
+  names.reserve(features.images.size());
+  for (const SplitImage& image : features.images) names.push_back(image.name);
+  return names;
 }
 
 }  // namespace
@@ -60,6 +61,7 @@ int WriteSplitOverlays(const fs::path& folder, const fs::path& image_path, const
                        const MotionSplit& split, int max_photos, Reporter& reporter) {
   const auto num = static_cast<int64_t>(features.images.size());
   const int64_t num_drawn = std::min<int64_t>(num, max_photos);
+  const ImageOutputs outputs(folder, image_path, NamesOf(features));
   int num_written = 0;
   for (int64_t d = 0; d < num_drawn; ++d) {
     if (reporter.StopRequested()) throw Interrupted();
@@ -75,9 +77,8 @@ int WriteSplitOverlays(const fs::path& folder, const fs::path& image_path, const
           if (split.labels[i][k] == label) Draw(of_image.keypoints[k], DotOf(label), &image);
         }
       }
-      const fs::path path = OverlayPath(folder, of_image.name);
-      CreateFolder(path.parent_path());
-      WriteImage(path, image, 88);
+      const std::string suffix = fs::path(of_image.name).extension() == ".jpg" ? "" : ".jpg";
+      WriteImage(outputs.Make(folder, ImageName(of_image.name, image_path), suffix), image, 88);
       ++num_written;
     } catch (const UserError& error) {
       reporter.Warn(std::string("no overlay of ") + of_image.name + ": " + error.what());

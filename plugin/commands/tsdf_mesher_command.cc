@@ -117,7 +117,7 @@ fs::path MaskFolder(const Workspace& workspace, const TsdfMesherOptions& options
     if (!Exists(options.mask_path)) throw UserError(options.mask_path, "no such folder", "Check --mask_path");
     return options.mask_path;
   }
-  if (Exists(workspace.Dense() / "masks")) return workspace.Dense() / "masks";
+  if (Exists(workspace.DenseMasks())) return workspace.Dense() / "masks";
   if (!Exists(workspace.Masks())) return {};
   if (Exists(workspace.ObjectModel())) {
     const ColmapModel photos = ReadColmapModel(workspace.ObjectModel());
@@ -351,7 +351,7 @@ void RunTsdfMesher(CommandContext& context) {
   Stage stage;
   stage.name = "tsdf_mesher";
   stage.inputs = {workspace.DenseModel(), workspace.DenseImages(), workspace.DepthMaps(),
-                  workspace.NormalMaps(), workspace.Dense() / "masks"};
+                  workspace.NormalMaps(), workspace.DenseMasks()};
   for (const fs::path& masks : {mesher.mask_path, workspace.Masks()}) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }

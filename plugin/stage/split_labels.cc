@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/image_name.h"
 
 namespace s2gs {
 namespace {
@@ -42,6 +43,9 @@ std::map<std::string, SplitLabels::Image> ReadImageLabels(const nlohmann::json& 
   std::map<std::string, SplitLabels::Image> of_name;
   for (const nlohmann::json& image : images) {
     const std::string name = image.at("name").get<std::string>();
+    if (const std::optional<std::string> fault = ImageName::FindFault(name)) {
+      throw UserError(path, "the image name " + DescribeNameFault(name, *fault), kRemedy);
+    }
     const nlohmann::json& station = image.at("station");
     // Each station has an image, so that there are no more of them.
     if (!station.is_number_integer() || station < 0 || station >= images.size()) {

@@ -41,8 +41,9 @@ struct Workspace {
   Path DenseModel() const { return Dense() / "sparse"; }
   Path DepthMaps() const { return Dense() / "stereo" / "depth_maps"; }
   Path NormalMaps() const { return Dense() / "stereo" / "normal_maps"; }
-  /// Silhouettes of the rotating part alone for DenseImages(), as if nothing stood in front of it.
-  Path DenseMask(const std::string& image_name) const { return Dense() / "masks" / (image_name + ".png"); }
+  /// Silhouettes of the rotating part alone for DenseImages(), as if nothing stood in front of it: NAME.png.
+  Path DenseMasks() const { return Dense() / "masks"; }
+  // To read; what is written goes through ImageOutputs.
   Path DepthMap(const std::string& image_name) const { return DepthMaps() / (image_name + ".geometric.bin"); }
   Path NormalMap(const std::string& image_name) const {
     return NormalMaps() / (image_name + ".geometric.bin");

@@ -12,6 +12,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 
 namespace s2gs {
 namespace {
@@ -109,12 +110,11 @@ class Entry {
 };
 
 std::string FileName(const Entry& entry) {
-  const fs::path file = entry.String();
-  if (file.is_absolute() || file.filename().empty()) entry.Fail("is not a file below the data set's folder");
-  for (const fs::path& part : file) {
-    if (part == "..") entry.Fail("is not a file below the data set's folder");
+  std::string file = entry.String();
+  if (const std::optional<std::string> fault = ImageName::FindFault(file)) {
+    entry.Fail("is not a file below the data set's folder: " + DescribeNameFault(file, *fault));
   }
-  return file.string();
+  return file;
 }
 
 // The parameters after focal lengths and principal point, by COLMAP's names ("k, p1"); a model's only "k" may

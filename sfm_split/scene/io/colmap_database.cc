@@ -13,6 +13,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_columns.h"
 #include "sfm_split/scene/io/sqlite_connection.h"
@@ -173,8 +174,8 @@ std::vector<DatabaseImage> ColmapDatabase::ReadImages() const {
       statement.FailContent("its rows are out of order");
     }
     image.name = statement.Text(1);
-    if (image.name.empty() || image.name.find('\0') != std::string::npos) {
-      statement.FailContent("image " + id + " has no usable name");
+    if (const std::optional<std::string> fault = ImageName::FindFault(image.name)) {
+      statement.FailContent("the name of image " + id + ", " + DescribeNameFault(image.name, *fault));
     }
     if (!names.insert(image.name).second) {
       statement.FailContent("two images have the name \"" + image.name + "\"");

@@ -3,6 +3,7 @@
 #include <string_view>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/image_name.h"
 #include "sfm_split/scene/io/colmap_model_files.h"
 
 namespace s2gs {
@@ -182,13 +183,8 @@ std::optional<std::string> FindFault(const Camera& camera) {
 
 std::optional<std::string> FindFault(const ColmapImage& image) {
   const std::string name = Name("image", image.image_id);
-  if (image.name.empty()) return name + " has no name";
-  if (image.name.front() == ' ' || image.name.back() == ' ') {
-    return name + " has a name that begins or ends with a space";
-  }
-  for (const char c : image.name) {
-    // Everything below the space but ASCII only: the name may be UTF-8.
-    if (static_cast<unsigned char>(c) < ' ') return name + " has a control character in its name";
+  if (const std::optional<std::string> fault = ImageName::FindFault(image.name)) {
+    return "the name of " + name + ", " + DescribeNameFault(image.name, *fault);
   }
   if (!image.cam_from_world.translation.allFinite() || !image.cam_from_world.rotation.coeffs().allFinite()) {
     return name + " has a pose that is not finite";

@@ -9,6 +9,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 
 namespace s2gs {
 namespace {
@@ -130,7 +131,9 @@ TurntableFile FromJson(const json& root, const std::filesystem::path& path) {
     const Value item = images.At(i);
     TurntableImage image;
     image.name = item["name"].Text();
-    if (image.name.empty()) item["name"].Fail("is empty");
+    if (const std::optional<std::string> fault = ImageName::FindFault(image.name)) {
+      item["name"].Fail("is no image's name: " + DescribeNameFault(image.name, *fault));
+    }
     if (!names.insert(image.name).second) item["name"].Fail("occurs twice: " + image.name);
     image.station = item["station"].Integer(0, turntable.num_stations - 1);
     image.angle_deg = item["angle_deg"].Number();

@@ -108,6 +108,12 @@ TEST(ConsoleReporter, ColoursOnlyWhenAsked) {
   EXPECT_THAT(plain.Text(), Not(HasSubstr("\x1b[3")));
 }
 
+TEST(ConsoleReporter, TerminalsGetNoCommandsFromMessages) {
+  Console console(LogLevel::kInfo, {false, true, 0});
+  console->Log(LogLevel::kInfo, "photo \x1b]0;title\a\x1b[2J.jpg\r");
+  EXPECT_THAT(console.Text(), HasSubstr("photo \\x1b]0;title\\x07\\x1b[2J.jpg\\x0d\n"));
+}
+
 TEST(ConsoleReporter, BarShowsRateAndTimeLeft) {
   Console console(LogLevel::kInfo, kBars);
   for (int i = 0; i <= 250; ++i) {

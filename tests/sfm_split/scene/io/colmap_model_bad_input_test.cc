@@ -143,7 +143,7 @@ TEST(ColmapModelBadInput, HostileText) {
            {"cameras.txt", "1 PINHOLE 10 4294967296 1 1 5 5", "4294967296 pixels"},
            {"images.txt", "1 0 0 0 0 0 0 0 1 a.jpg\n\n", "rotation zero"},
            {"images.txt", "1 1 0 0 0 0 inf 0 1 a.jpg\n\n", "not finite"},
-           {"images.txt", "1 1 0 0 0 0 0 0 1\n\n", "no name"},
+           {"images.txt", "1 1 0 0 0 0 0 0 1\n\n", "the name of image 1"},
            {"images.txt", "1 1 0 0 0 0 0 0 1 a.jpg\n1 2\n", "point id of a keypoint is missing, in line 2"},
            {"images.txt", "1 1 0 0 0 0 0 0 1 a.jpg\n1 2 -2\n", "point id of a keypoint"},
            {"images.txt", "1 1 0 0 0 0 0 0 1 a.jpg\n1 nan 2\n", "keypoint that is not finite"},

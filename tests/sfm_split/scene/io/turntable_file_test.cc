@@ -102,7 +102,7 @@ TEST(TurntableFile, FaultsAreNamed) {
            {R"("images": [)", R"("images": {}, "x": [)", "images is not a list"},
            {R"("images": [)", R"("images": [7, )", "images[0] is not an object"},
            {"sub/c.jpg", "a b.jpg", "images[1].name occurs twice: a b.jpg"},
-           {"sub/c.jpg", "", "images[1].name is empty"},
+           {"sub/c.jpg", "", "images[1].name is no image's name"},
            {R"("station": 1)", R"("station": -1)", "images[1].station"},
            {"90.0", "\"90\"", "images[1].angle_deg is not a number"},
            {"[0, -1, 0, 1.25]", "[0, -1.001, 0, 1.25]",
