@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 #include <sstream>
+#include <string>
 #include <system_error>
 #include <utility>
 
@@ -329,6 +330,18 @@ Rigid3 NormalisePose(const Rigid3& pose, const Eigen::Vector3d& origin, double s
   return {pose.rotation, (pose.rotation * origin + pose.translation) / size};
 }
 
+// Training itself is in normalised lengths, but the model's file has floats in the workspace's frame: far
+// from its origin they round positions by more than a hundred thousandth of the scene.
+void WarnFarFromOrigin(const TrainingScene& scene, const std::filesystem::path& path, Reporter& reporter) {
+  const double rounding = scene.origin.norm() * 0x1p-24 / scene.size;
+  if (rounding < 1e-5) return;
+  reporter.Warn(path.string() + ": the scene lies " +
+                std::to_string(std::llround(scene.origin.norm() / scene.size)) +
+                " times its size from its frame's origin, so that files round positions to " +
+                std::to_string(100 * rounding) +
+                " % of its size. Move the model nearer (colmap model_transformer) to keep them exact");
+}
+
 }  // namespace
 
 const char* TrainModeName(TrainMode mode) {
@@ -442,6 +455,7 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
     reporter.Progress("read photos", static_cast<int64_t>(i) + 1, static_cast<int64_t>(scene.photos.size()));
   }
   NormaliseScene(&scene);
+  WarnFarFromOrigin(scene, paths.object_model, reporter);
   return scene;
 }
 

@@ -71,7 +71,7 @@ class CpuBackend : public Backend {
     setup.hard_map = request.hard_foreground;
     const bool foreground = request.foreground || request.hard_foreground;
     view_.Prepare(request.view.width, request.view.height, request.geometry, foreground, false);
-    Forward(setup, request.geometry, foreground, nullptr);
+    Forward(setup, request.geometry, foreground, nullptr, 0);
     return Collect(request, foreground);
   }
 
@@ -85,7 +85,7 @@ class CpuBackend : public Backend {
     const bool has_hint = step.weights.mask > 0 && !photo.mask.empty();
     const bool foreground = learns_p && (step.weights.entropy_2d > 0 || has_hint);
     view_.Prepare(photo.view.width, photo.view.height, geometry, foreground, true);
-    Forward(setup, geometry, foreground, nullptr);
+    Forward(setup, geometry, foreground, nullptr, sizeof(SplatGradient));
 
     LossTerms terms;
     CompareToPhoto(step, photo, &terms);
@@ -134,7 +134,7 @@ class CpuBackend : public Backend {
     for (const PinholeView& view : views) {
       const ViewSetup setup = MakeViewSetup(view, bodies, true, 0);
       view_.Prepare(view.width, view.height, false, false, false);
-      Forward(setup, false, false, &by_slot);
+      Forward(setup, false, false, &by_slot, sizeof(float));
       for (size_t i = 0; i < peaks.size(); ++i) {
         for (size_t slot = lists_.SlotBegin(i); slot < lists_.SlotBegin(i + 1); ++slot) {
           peaks[i] = std::max(peaks[i], by_slot[slot]);
@@ -154,13 +154,15 @@ class CpuBackend : public Backend {
 
  private:
   // Projects, sorts and composites. \param peaks  when given, gets the largest weight of every slot.
-  void Forward(const ViewSetup& setup, bool geometry, bool foreground, std::vector<float>* peaks) {
+  // \param bytes_per_slot  of gradients or peaks that are kept for every slot.
+  void Forward(const ViewSetup& setup, bool geometry, bool foreground, std::vector<float>* peaks,
+               size_t bytes_per_slot) {
     const auto count = static_cast<int64_t>(state_.gaussians.size());
     rows_.resize(state_.gaussians.size());
     threads_.For(count, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) ProjectGaussian(state_.gaussians, i, setup, &rows_[i]);
     });
-    lists_.Build(rows_, setup.camera.width, setup.camera.height, &threads_);
+    lists_.Build(rows_, setup.camera.width, setup.camera.height, &threads_, bytes_per_slot);
     if (peaks != nullptr) peaks->assign(lists_.num_slots(), 0.0F);
     near_depth_ = setup.camera.near_depth;
     threads_.For(lists_.num_tiles(), 1, [&](int64_t tile, int64_t) {

@@ -4,12 +4,16 @@
 #include <array>
 #include <cstring>
 #include <limits>
+#include <string>
 
+#include "s2gs/core/available_memory.h"
 #include "s2gs/kernel/intersect.h"
 #include "sfm_split/base/error.h"
 
 namespace s2gs {
 namespace {
+
+constexpr uint64_t kBytesWorthAsking = uint64_t{1} << 30U;  // less is not worth the time that asking takes.
 
 struct TileRect {
   int x_begin, y_begin, x_end, y_end;
@@ -45,6 +49,21 @@ uint64_t Reached(const SplatRow& row, const TileRect& tiles, int width, int heig
 
 }  // namespace
 
+void TileLists::RefuseBeyondMemory(size_t bytes_per_slot) {
+  const uint64_t kept = num_slots() * (sizeof(TileEntry) + bytes_per_slot);
+  if (kept <= std::max(kept_bytes_, kBytesWorthAsking)) return;
+  // A list grows by doubling: for a moment the old one and one of twice its size are there.
+  const uint64_t needed = kept + num_slots() * 2 * sizeof(TileEntry);
+  const uint64_t available = AvailableMemoryBytes();
+  if (needed - kept_bytes_ > available) {
+    throw UserError("the Gaussians cover " + std::to_string(num_slots()) +
+                    " tiles of one image, which would take " + std::to_string(needed >> 20U) +
+                    " MiB of memory; " + std::to_string(available >> 20U) +
+                    " MiB are free. Use fewer Gaussians, or smaller images");
+  }
+  kept_bytes_ = kept;
+}
+
 void TileLists::SortByDepth(const std::vector<SplatRow>& rows) {
   keys_.clear();
   for (size_t i = 0; i < rows.size(); ++i) {
@@ -64,7 +83,8 @@ void TileLists::SortByDepth(const std::vector<SplatRow>& rows) {
   }
 }
 
-void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads) {
+void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads,
+                      size_t bytes_per_slot) {
   tiles_x_ = (width + kTileSize - 1) / kTileSize;
   const int tiles_y = (height + kTileSize - 1) / kTileSize;
   tiles_.resize(static_cast<size_t>(tiles_x_) * tiles_y);
@@ -87,6 +107,7 @@ void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, 
   if (num_slots() > std::numeric_limits<uint32_t>::max()) {
     throw UserError("the Gaussians cover more than 2^32 tiles of one image. Use fewer, or smaller images");
   }
+  RefuseBeyondMemory(bytes_per_slot);
   SortByDepth(rows);
 
   // Each row of tiles is filled by one thread, which goes through all splats in order.

@@ -13,8 +13,11 @@ namespace s2gs {
 class TileLists {
  public:
   /// \param rows  one per Gaussian; those with an empty rectangle are not drawn.
-  /// Splats of equal depth stay in the order of their rows.
-  void Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads);
+  /// \param bytes_per_slot  what the caller will keep of each slot, besides the list itself.
+  /// Splats of equal depth stay in the order of their rows. Throws UserError, before anything of that size is
+  /// allocated, when there are 2^32 slots or more memory would be needed than there is.
+  void Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads,
+             size_t bytes_per_slot = 0);
 
   int tiles_x() const { return tiles_x_; }
   int num_tiles() const { return static_cast<int>(tiles_.size()); }
@@ -26,12 +29,14 @@ class TileLists {
 
  private:
   void SortByDepth(const std::vector<SplatRow>& rows);
+  void RefuseBeyondMemory(size_t bytes_per_slot);
 
   int tiles_x_ = 0;
   std::vector<std::vector<TileEntry>> tiles_;
   std::vector<uint64_t> reached_;     // per splat: which tiles of its rectangle, when they are at most 64
   std::vector<uint32_t> tile_count_;  // per splat
   std::vector<size_t> slot_begin_;
+  uint64_t kept_bytes_ = 0;                // that large views before this one took, and that are still there
   std::vector<uint64_t> keys_, keys_out_;  // depth and row of the drawn ones
 };
 

@@ -15,6 +15,7 @@
 #include "tests/mesh/fusion/analytic_views.h"
 #include "tests/mesh/surface/mesh_topology.h"
 #include "tests/support/bad_input.h"
+#include "tests/support/measured_bound.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -63,6 +64,8 @@ class TsdfOnBackend : public testing::TestWithParam<TsdfBackend> {
 };
 
 TEST_P(TsdfOnBackend, SphereIsUnbiased) {
+  double bias = 0;
+  double worst = 0;
   for (const bool with_normals : {false, true}) {
     AnalyticViewOptions view_options;
     view_options.with_normals = with_normals;
@@ -82,6 +85,8 @@ TEST_P(TsdfOnBackend, SphereIsUnbiased) {
       EXPECT_LT(std::abs(deviation.mean), 0.02) << truncation;  // measured 0.0057, with normals 0.0039
       EXPECT_LT(deviation.rms, 0.02) << truncation;             // measured 0.0068
       EXPECT_LT(deviation.worst, 0.1) << truncation;            // measured 0.036
+      bias = std::max(bias, std::abs(deviation.mean));
+      worst = std::max(worst, deviation.worst);
       const MeshTopology topology = TopologyOf(mesh);
       EXPECT_EQ(topology.num_boundary_edges, 0);
       EXPECT_EQ(topology.num_bad_edges, 0);
@@ -91,6 +96,9 @@ TEST_P(TsdfOnBackend, SphereIsUnbiased) {
       EXPECT_NEAR(topology.volume, 4 * M_PI / 3 * 0.512, 0.005 * 4 * M_PI / 3 * 0.512);
     }
   }
+  const char* on = GetParam() == TsdfBackend::kCpu ? "cpu" : "cuda";
+  ExpectWithin(numerics::kTsdf, "bias, truncation 4 to 8 voxels [voxels]", on, bias, 0.1);
+  ExpectWithin(numerics::kTsdf, "farthest vertex, truncation 4 to 8 voxels [voxels]", on, worst, 0.1);
 }
 
 TEST_P(TsdfOnBackend, BoxIsUnbiased) {
@@ -229,8 +237,10 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
       worst = std::max(worst, distance);
       sum += distance * distance;
     }
-    // 1e-5 of the diameter.
-    EXPECT_LT(std::sqrt(sum / static_cast<double>(mesh.vertices.size())), 1.6e-5) << scale;
+    ExpectWithin(
+        numerics::kScaleAndPlace,
+        std::string("mesh, RMS of its vertices over its size, lengths x ") + (scale < 1 ? "1e-3" : "1e3"),
+        "cpu", std::sqrt(sum / static_cast<double>(mesh.vertices.size())) / 1.6, 1e-5);
     // Where a voxel falls on the border of two pixels, rounding decides which plane it meets:
     // measured 8.5e-5, 0.4 % of a voxel.
     EXPECT_LT(worst, 2e-4) << scale;
@@ -260,6 +270,33 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
   });
   EXPECT_LT(std::abs(deviation.mean), 0.02);
   EXPECT_EQ(TopologyOf(moved).euler_characteristic, 2);
+}
+
+// A million diameters from the frame's origin. A mesh's vertices are float, which are 6 % of the diameter
+// apart out there, so the field itself is compared: where its voxels are, and what they hold.
+TEST(Tsdf, FieldsFarFromTheOriginAreTheSame) {
+  const auto field = [](const Eigen::Vector3d& middle) {
+    AnalyticViewOptions view_options = SmallViews();
+    view_options.middle = middle;
+    Shape sphere = SphereShape(0.8);
+    sphere.frame_from_shape.translation = middle;
+    const DepthViewList views(AnalyticViews({sphere}, view_options));
+    Reporter silent;
+    TsdfFusion fusion(views, CpuOptions(), silent);
+    return fusion.Fuse();
+  };
+  const auto deviation = [&](const Eigen::Vector3d& middle) {
+    TsdfVolume volume = field(middle);
+    volume.origin -= middle;
+    const TriangleMesh mesh = MarchingCubes(volume, 2);
+    EXPECT_EQ(TopologyOf(mesh).euler_characteristic, 2);
+    return DeviationOf(mesh, 1.6, SphereDistance);
+  };
+  const Deviation here = deviation(Eigen::Vector3d::Zero());
+  const Deviation far = deviation(1e6 * Eigen::Vector3d(0.6, -0.7, 0.4));
+  ExpectWithin(numerics::kScaleAndPlace,
+               "field of a sphere moved by 1e6 sizes: change of its bias and RMS error over its size", "cpu",
+               std::max(std::abs(far.mean - here.mean), std::abs(far.rms - here.rms)), 1e-5);
 }
 
 TEST(Tsdf, ColorsAreThoseOfTheSurface) {

@@ -9,7 +9,9 @@
 #include <set>
 #include <string>
 
+#include "s2gs/training_scene.h"
 #include "tests/s2gs/backend/reference_render.h"
+#include "tests/support/measured_bound.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -34,6 +36,8 @@ class BackendTest : public testing::TestWithParam<BackendKind> {
     if (backend_ == nullptr) GTEST_SKIP() << "no GPU, so the CUDA backend was not tested: " << reason;
     ASSERT_EQ(backend_->Info().kind, GetParam());
   }
+
+  static std::string Name() { return GetParam() == BackendKind::kCpu ? "cpu" : "cuda"; }
 
   std::unique_ptr<Backend> backend_;
 };
@@ -185,6 +189,7 @@ TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
     neighbours.push_back((i + 5) % kCount);
   }
   backend_->SetPhotos({photo});
+  double worst = 0;
   for (const LossCase& one : LossCases()) {
     SCOPED_TRACE(one.name);
     TrainStep step;
@@ -237,8 +242,11 @@ TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
         }
       }
       EXPECT_LT(difference, 1e-3 * norm + 1e-9) << "parameters from " << firsts[kind] << ", largest " << norm;
+      worst = std::max(worst, std::max(0.0, difference - 1e-9) / std::max(norm, 1e-9));
     }
   }
+  ExpectWithin(numerics::kAdjoints, "a whole step's gradients against differences of the reference, relative",
+               Name(), worst, 1e-3);
 }
 
 TEST_P(BackendTest, HostileNumbersAreCulled) {
@@ -251,6 +259,8 @@ TEST_P(BackendTest, HostileNumbersAreCulled) {
   const auto base = RandomScene(8, 21, -1.5);
   const TrainingPhoto photo = RandomPhoto(TestView(33, 20), 6);
   backend_->SetPhotos({photo});
+  double not_finite = 0;
+  double not_counted = 0;
   for (int slot = 0; slot < kRefCount; slot += slot < kRefRest ? 1 : 7) {
     for (const float value : kHostile) {
       SCOPED_TRACE("slot " + std::to_string(slot) + " = " + std::to_string(value));
@@ -267,7 +277,8 @@ TEST_P(BackendTest, HostileNumbersAreCulled) {
       const RenderedView view = backend_->Render(request);
       for (const auto* map : {&view.color, &view.alpha, &view.expected_depth, &view.median_depth,
                               &view.normal, &view.distortion, &view.foreground}) {
-        ASSERT_TRUE(std::all_of(map->begin(), map->end(), [](float v) { return std::isfinite(v); }));
+        not_finite += static_cast<double>(
+            std::count_if(map->begin(), map->end(), [](float v) { return !std::isfinite(v); }));
       }
       TrainStep step;
       step.sh_degree = 3;
@@ -278,17 +289,170 @@ TEST_P(BackendTest, HostileNumbersAreCulled) {
       const auto after = ToReference(backend_->GetGaussians());
       for (size_t i = 0; i < after.size(); ++i) {
         for (int k = 0; k < kRefCount; ++k) {
-          ASSERT_TRUE(std::isfinite(after[i][k]) || i == 1) << "Gaussian " << i << " parameter " << k;
+          not_finite += std::isfinite(after[i][k]) || i == 1 ? 0 : 1;
         }
       }
       DensifyStep densify;
       densify.grow = false;
       densify.min_opacity = 0;
       const DensifyResult result = backend_->Densify(densify);
-      if (!std::isfinite(value)) EXPECT_EQ(result.not_finite, 1);
+      if (!std::isfinite(value) && result.not_finite != 1) ++not_counted;
       EXPECT_EQ(result.count, 8 - result.removed - result.not_finite);
     }
   }
+  ExpectWithin(numerics::kHostileInput, "numbers not finite in maps and in other Gaussians, every slot",
+               Name(), not_finite, 0);
+  ExpectWithin(numerics::kHostileInput, "Gaussians with NaN or infinity that are not counted", Name(),
+               not_counted, 0);
+}
+
+// A quaternion without length or of huge length, log-scales at and past the end, centres at the camera and on
+// the near plane, each twice: drawn or culled, never a number that is none.
+TEST_P(BackendTest, DegenerateGaussiansAreFiniteOrCulled) {
+  const auto base = RandomScene(1, 4, -1)[0];
+  const PinholeView view = TestView(40, 30);
+  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
+  std::vector<ReferenceGaussian> scene;
+  const auto add = [&](const auto& change) {
+    ReferenceGaussian g = base;
+    g[kRefForeground] = -8;
+    change(&g);
+    scene.push_back(g);
+    scene.push_back(g);
+  };
+  for (const double length : {0.0, 1e-30, 1e-20, 1e-10, 1e10, 1e14, 1e16, 1e30}) {
+    add([&](ReferenceGaussian* g) {
+      for (int k = 0; k < 4; ++k) (*g)[kRefRotation + k] = length * (k == 0 ? 0.8 : 0.3);
+    });
+  }
+  for (const double log_scale : {-1e4, -81.0, -80.0, 80.0, 81.0, 1e4}) {
+    add([&](ReferenceGaussian* g) { (*g)[kRefLogScale] = (*g)[kRefLogScale + 1] = log_scale; });
+  }
+  for (const double z : {0.0, 1e-30, -1e-6, 1e-6, view.near_depth, 1e11, 1e13}) {
+    add([&](ReferenceGaussian* g) {
+      const Eigen::Vector3d x = world_from_cam * Eigen::Vector3d(0, 0, z);
+      for (int k = 0; k < 3; ++k) (*g)[kRefCentre + k] = x[k];
+    });
+  }
+  const TrainingPhoto photo = RandomPhoto(view, 6);
+  TrainState state;
+  state.gaussians = FromReference(scene, 3);
+  backend_->SetState(state);
+  backend_->SetPhotos({photo});
+  RenderRequest request;
+  request.view = view;
+  request.geometry = request.foreground = true;
+  const RenderedView maps = backend_->Render(request);
+  double not_finite = 0;
+  for (const auto* map : {&maps.color, &maps.alpha, &maps.expected_depth, &maps.median_depth, &maps.normal,
+                          &maps.distortion, &maps.foreground}) {
+    not_finite += static_cast<double>(
+        std::count_if(map->begin(), map->end(), [](float v) { return !std::isfinite(v); }));
+  }
+  TrainStep step;
+  step.sh_degree = 3;
+  step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
+  step.weights.distortion = 1;
+  step.rates.centre = 1e-4F;
+  for (step.iteration = 1; step.iteration <= 5; ++step.iteration) backend_->Step(step);
+  for (const ReferenceGaussian& g : ToReference(backend_->GetGaussians())) {
+    not_finite +=
+        static_cast<double>(std::count_if(g.begin(), g.end(), [](double v) { return !std::isfinite(v); }));
+  }
+  ExpectWithin(numerics::kDegenerateGaussians,
+               "numbers not finite: quaternions 0 to 1e30, log-scales to 1e4, centres at the camera", Name(),
+               not_finite, 0);
+  // Undrawable whatever training does: quaternions shorter than 1e-15, centres past 1e12. Each stands twice.
+  DensifyStep densify;
+  densify.grow = false;
+  densify.min_opacity = 0;
+  EXPECT_GE(backend_->Densify(densify).not_finite, 2 * 5);
+}
+
+// Training and photos of a scene whose unit is another, and of one that lies far from its frame's origin.
+// Lengths are normalised in double before anything else (s2gs/training_scene.h).
+TEST_P(BackendTest, ScaleAndPlaceOfTheSceneDoNotMatter) {
+  const auto scene = RandomScene(120, 3, -2);
+  RenderRequest request;
+  request.view = TestView(75, 53);
+  TrainState state;
+  state.gaussians = FromReference(scene, 3);
+  backend_->SetState(state);
+  const RenderedView reference = backend_->Render(request);
+  // A few hits at the cut of alpha = 1/255 fall on its other side: they count by their mean.
+  const auto compare = [&](const std::string& what, const RenderedView& view) {
+    double sum = 0;
+    for (size_t i = 0; i < view.color.size(); ++i) {
+      sum += std::pow(static_cast<double>(view.color[i]) - static_cast<double>(reference.color[i]), 2);
+    }
+    ExpectWithin(numerics::kScaleAndPlace, what, Name(),
+                 std::sqrt(sum / static_cast<double>(view.color.size())), 1e-4);
+  };
+  const auto transformed = [](PinholeView view, double scale, const Eigen::Vector3d& move) {
+    for (Rigid3* pose : {&view.cam_from_world, &view.cam_from_object}) {
+      pose->translation = scale * pose->translation - pose->rotation * move;
+    }
+    return view;
+  };
+  for (const double scale : {1e-3, 1e3}) {
+    auto scaled = scene;
+    for (ReferenceGaussian& g : scaled) {
+      for (int k = 0; k < 3; ++k) g[kRefCentre + k] *= scale;
+      for (int k = 0; k < 2; ++k) g[kRefLogScale + k] += std::log(scale);
+    }
+    state.gaussians = FromReference(scaled, 3);
+    backend_->SetState(state);
+    RenderRequest other = request;
+    other.view = transformed(request.view, scale, Eigen::Vector3d::Zero());
+    other.view.near_depth *= scale;
+    compare(scale < 1 ? "image, RMS of colours, lengths x 1e-3" : "image, RMS of colours, lengths x 1e3",
+            backend_->Render(other));
+  }
+  // Poses 1e6 scene sizes away, brought back as the reader of scenes does.
+  const Eigen::Vector3d far = 1e6 * Eigen::Vector3d(0.6, -0.7, 0.4);
+  for (const double scale : {1e-3, 1.0, 1e3}) {
+    RenderRequest other = request;
+    other.view = NormaliseView(transformed(request.view, scale, scale * far), scale * far, scale);
+    other.view.near_depth = request.view.near_depth;
+    state.gaussians = FromReference(scene, 3);
+    backend_->SetState(state);
+    compare("image, RMS of colours, moved by 1e6 sizes, lengths x " + std::string(scale < 1   ? "1e-3"
+                                                                                  : scale > 1 ? "1e3"
+                                                                                              : "1"),
+            backend_->Render(other));
+  }
+}
+
+// The CPU gives the same bits; additions on a GPU come in another order every time.
+TEST_P(BackendTest, TheSameStepsTwice) {
+  const auto scene = RandomScene(2000, 12, -3);
+  const TrainingPhoto photo = RandomPhoto(TestView(96, 64), 6);
+  TrainState state;
+  state.gaussians = FromReference(scene, 2);
+  RenderRequest request;
+  request.view = photo.view;
+  std::vector<float> first;
+  double worst = 0;
+  for (int run = 0; run < 3; ++run) {
+    backend_->SetPhotos({photo});
+    backend_->SetState(state);
+    backend_->RefreshNeighbours(5);
+    TrainStep step;
+    step.sh_degree = 2;
+    step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
+    step.weights.local_consistency = 1;
+    step.rates.centre = 1e-4F;
+    for (step.iteration = 1; step.iteration <= 30; ++step.iteration) backend_->Step(step);
+    const RenderedView view = backend_->Render(request);
+    if (run == 0) first = view.color;
+    double sum = 0;
+    for (size_t i = 0; i < first.size(); ++i) {
+      sum += std::pow(static_cast<double>(view.color[i]) - static_cast<double>(first[i]), 2);
+    }
+    worst = std::max(worst, std::sqrt(sum / static_cast<double>(first.size())));
+  }
+  ExpectWithin(numerics::kRepeatability, "image after 30 steps, RMS of colours between three runs", Name(),
+               worst, GetParam() == BackendKind::kCpu ? 0 : 5e-3);
 }
 
 TEST_P(BackendTest, ExtremeShapesStayFinite) {
@@ -319,11 +483,13 @@ TEST_P(BackendTest, ExtremeShapesStayFinite) {
   step.weights.normal = step.weights.entropy_2d = 0.1F;
   step.rates.centre = 1e-4F;
   for (step.iteration = 1; step.iteration <= 10; ++step.iteration) backend_->Step(step);
-  const auto after = ToReference(backend_->GetGaussians());
-  for (const ReferenceGaussian& g : after) {
-    for (const double value : g) ASSERT_TRUE(std::isfinite(value));
+  double not_finite = std::isfinite(backend_->TakeLoss().total) ? 0 : 1;
+  for (const ReferenceGaussian& g : ToReference(backend_->GetGaussians())) {
+    not_finite +=
+        static_cast<double>(std::count_if(g.begin(), g.end(), [](double v) { return !std::isfinite(v); }));
   }
-  EXPECT_TRUE(std::isfinite(backend_->TakeLoss().total));
+  ExpectWithin(numerics::kEdgeOn, "numbers not finite after 10 steps, 0 to 90 degrees, log-scales +-80",
+               Name(), not_finite, 0);
 }
 
 // Discs that reach from before the image through the camera's plane, against the reference without bounds.
@@ -345,12 +511,17 @@ TEST_P(BackendTest, DiscsThroughTheCameraPlane) {
   const RenderedView actual = backend_->Render(request);
   ExpectMapNear(actual.color, expected.color, 1e-4, 2e-2, "color");
   ExpectMapNear(actual.alpha, expected.alpha, 1e-4, 2e-2, "alpha");
+  double sum = 0;
+  for (size_t i = 0; i < actual.color.size(); ++i) {
+    sum += std::pow(static_cast<double>(actual.color[i]) - expected.color[i], 2);
+  }
+  ExpectWithin(numerics::kEdgeOn, "discs through the camera's plane, RMS of colours against the reference",
+               Name(), std::sqrt(sum / static_cast<double>(actual.color.size())), 1e-4);
 }
 
 TEST_P(BackendTest, ManyLayersKeepTheirTransmittance) {
   constexpr int kLayers = 2000;
-  // Not .99: two such layers end on the transmittance 1e-4 that stops compositing, on either side of it.
-  for (const double opacity : {1.001 / 255, 0.5, 0.985}) {
+  for (const double opacity : {1.001 / 255, 0.5, 0.985, 0.99}) {
     std::vector<ReferenceGaussian> scene;
     for (int i = 0; i < kLayers; ++i) {
       ReferenceGaussian g{};
@@ -373,9 +544,17 @@ TEST_P(BackendTest, ManyLayersKeepTheirTransmittance) {
     double worst = 0;
     for (size_t i = 0; i < expected.alpha.size(); ++i) {
       const double transmittance = 1 - expected.alpha[i];
-      worst = std::max(worst, std::abs(1 - static_cast<double>(actual.alpha[i]) - transmittance));
+      double error = std::abs(1 - static_cast<double>(actual.alpha[i]) - transmittance);
+      // Two layers of .99 end on the transmittance 1e-4 that stops compositing, on either side of it.
+      if (opacity == 0.99) error = std::min(error, std::abs(1 - static_cast<double>(actual.alpha[i]) - 0.01));
+      worst = std::max(worst, error);
     }
-    EXPECT_LT(worst, kLayers * 4 * 1.19e-7);
+    const std::string name = opacity < 0.1    ? "1/255"
+                             : opacity == 0.5 ? ".5"
+                             : opacity < 0.99 ? ".985"
+                                              : ".99";
+    ExpectWithin(numerics::kManyLayers, "transmittance against double, alpha " + name, Name(), worst,
+                 kLayers * 4 * 1.19e-7);
   }
 }
 
@@ -398,6 +577,8 @@ TEST_P(BackendTest, CountsPairsIn64Bits) {
     EXPECT_THROW(backend_->Render(request), UserError);
     EXPECT_LT(backend_->Info().peak_memory_bytes, int64_t{2} << 30U);
   }
+  ExpectWithin(numerics::kCounts, "memory taken before 2^32 pairs of splat and tile are refused [GiB]",
+               Name(), static_cast<double>(backend_->Info().peak_memory_bytes) / (1U << 30U), 2);
 }
 
 TEST_P(BackendTest, NeighboursAreTheNearest) {

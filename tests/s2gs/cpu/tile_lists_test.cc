@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/error.h"
 #include "tests/support/bad_input.h"
+#include "tests/support/measured_bound.h"
 
 namespace s2gs {
 namespace {
@@ -34,6 +35,22 @@ TEST(TileLists, CountsPairsIn64Bits) {
     EXPECT_THAT(error.what(), testing::HasSubstr("2^32"));
   }
   EXPECT_EQ(lists.num_slots(), uint64_t{1} << 32U);
+  ExpectWithin(numerics::kCounts, "largest allocation before 2^32 pairs of splat and tile are refused [MiB]",
+               "cpu", static_cast<double>(ScopedAllocationLimit::LargestRequest()) / (1U << 20U), 32);
+}
+
+// 2^31 pairs whose gradients would take a terabyte and more: no machine has that.
+TEST(TileLists, PairsBeyondTheMemoryAreRefused) {
+  constexpr int kTiles = 256;
+  const std::vector<SplatRow> rows = CoveringRows(32'768, kTiles * kTileSize);
+  ThreadPool threads(1);
+  TileLists lists;
+  const ScopedAllocationLimit limit(32 << 20);
+  ExpectUserError(
+      [&] { lists.Build(rows, kTiles * kTileSize, kTiles * kTileSize, &threads, size_t{1} << 20U); },
+      {"2147483648 tiles", "MiB are free"});
+  ExpectWithin(numerics::kCounts, "largest allocation before 2^31 pairs are refused for their memory [MiB]",
+               "cpu", static_cast<double>(ScopedAllocationLimit::LargestRequest()) / (1U << 20U), 32);
 }
 
 TEST(TileLists, ListsGoFromNearToFar) {

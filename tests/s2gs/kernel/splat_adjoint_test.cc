@@ -11,6 +11,7 @@
 #include "s2gs/kernel/composite.h"
 #include "s2gs/kernel/surfel.h"
 #include "tests/s2gs/kernel/kernel_scene.h"
+#include "tests/support/measured_bound.h"
 
 namespace s2gs {
 namespace {
@@ -223,10 +224,18 @@ void CompareWithJets(const PixelScene& scene, ForegroundRule rule, Comparison* c
 
 class SplatAdjoint : public testing::TestWithParam<ForegroundRule> {
  protected:
-  void Record(const Comparison& comparison) {
-    RecordProperty("worst_double", std::to_string(comparison.worst_double));
-    RecordProperty("worst_float", std::to_string(comparison.worst_float));
-    RecordProperty("hits", comparison.total_hits);
+  static const char* RuleName(ForegroundRule rule) {
+    switch (rule) {
+      case ForegroundRule::kSoft:
+        return "p soft";
+      case ForegroundRule::kHard:
+        return "p hard";
+      case ForegroundRule::kObject:
+        return "object alone";
+      case ForegroundRule::kStatic:
+        return "static alone";
+    }
+    return "";
   }
 };
 
@@ -236,9 +245,10 @@ TEST_P(SplatAdjoint, EqualsJets) {
   for (uint64_t seed = 0; seed < 60; ++seed) {
     CompareWithJets(RandomPixelScene(seed), GetParam(), &comparison);
   }
-  Record(comparison);
-  EXPECT_LT(comparison.worst_double, 1e-6);
-  EXPECT_LT(comparison.worst_float, 5e-4);
+  const std::string what =
+      std::string("ten splats on a ray, against Jets, relative, ") + RuleName(GetParam());
+  ExpectWithin(numerics::kAdjoints, what, "double", comparison.worst_double, 1e-6);
+  ExpectWithin(numerics::kAdjoints, what, "float", comparison.worst_float, 1e-3);
   EXPECT_GT(comparison.total_hits, 300);  // 5 and more a pixel.
 }
 
@@ -259,9 +269,9 @@ TEST_P(SplatAdjoint, EqualsJetsWhereLittleIsDrawn) {
     }
     CompareWithJets(scene, GetParam(), &comparison);
   }
-  Record(comparison);
-  EXPECT_LT(comparison.worst_double, 1e-6);
-  EXPECT_LT(comparison.worst_float, 5e-3);
+  const std::string what = std::string("one faint splat, against Jets, relative, ") + RuleName(GetParam());
+  ExpectWithin(numerics::kAdjoints, what, "double", comparison.worst_double, 1e-6);
+  ExpectWithin(numerics::kAdjoints, what, "float", comparison.worst_float, 5e-3);
   EXPECT_GT(comparison.total_hits, 20);
 }
 

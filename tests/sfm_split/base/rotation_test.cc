@@ -6,6 +6,8 @@
 #include <Eigen/LU>
 #include <random>
 
+#include "tests/support/measured_bound.h"
+
 namespace s2gs {
 namespace {
 
@@ -37,15 +39,18 @@ std::vector<Vector3d> Directions() {
 Eigen::Matrix<Jet, 3, 1> Seeded(const Vector3d& w) { return {Jet(w.x(), 0), Jet(w.y(), 1), Jet(w.z(), 2)}; }
 
 TEST(Rotation, ExpEqualsEigensAngleAxis) {
+  double worst = 0;
   for (const Vector3d& u : Directions()) {
     for (const double angle : kAngles) {
       const Matrix3d expected = Eigen::AngleAxisd(angle, u).toRotationMatrix();
       const Matrix3d r = ExpRotation<double>(angle * u);
-      EXPECT_LT((r - expected).cwiseAbs().maxCoeff(), 1e-14) << angle;  // measured 1.1e-15
+      worst = std::max(worst, (r - expected).cwiseAbs().maxCoeff());
       EXPECT_LT((r * r.transpose() - Matrix3d::Identity()).norm(), 1e-14);
       EXPECT_LT((RotationAbout<double>(u, angle) - expected).cwiseAbs().maxCoeff(), 1e-14);
     }
   }
+  ExpectWithin(numerics::kGeometry, "exp of rotation vectors, 0 to pi, against Eigen's", "double", worst,
+               1e-14);
 }
 
 TEST(Rotation, LogInvertsExpFromZeroToPi) {
@@ -62,7 +67,7 @@ TEST(Rotation, LogInvertsExpFromZeroToPi) {
       }
     }
   }
-  EXPECT_LT(worst, 1e-13);  // measured 2e-15
+  ExpectWithin(numerics::kGeometry, "log after exp, 0 to pi", "double", worst, 1e-13);
 }
 
 TEST(Rotation, LogInvertsExpBeyondPiToTheShorterTurn) {
@@ -71,6 +76,7 @@ TEST(Rotation, LogInvertsExpBeyondPiToTheShorterTurn) {
 }
 
 TEST(Rotation, JacobiansOfExpAreFiniteAndEqualFiniteDifferences) {
+  double worst = 0;
   for (const Vector3d& u : Directions()) {
     for (const double angle : kAngles) {
       const Vector3d w = angle * u;
@@ -83,7 +89,7 @@ TEST(Rotation, JacobiansOfExpAreFiniteAndEqualFiniteDifferences) {
         ASSERT_TRUE(derivative.allFinite()) << angle;
         // d exp(w) = [J e_k]x exp(w)
         const Matrix3d expected = CrossMatrix<double>(left.col(k)) * value;
-        EXPECT_LT((derivative - expected).cwiseAbs().maxCoeff(), 1e-9) << angle;  // measured 4e-14
+        worst = std::max(worst, (derivative - expected).cwiseAbs().maxCoeff());
         const double h = 1e-5;
         const Matrix3d difference = (ExpRotation<double>(w + h * Vector3d::Unit(k)) -
                                      ExpRotation<double>(w - h * Vector3d::Unit(k))) /
@@ -92,9 +98,12 @@ TEST(Rotation, JacobiansOfExpAreFiniteAndEqualFiniteDifferences) {
       }
     }
   }
+  ExpectWithin(numerics::kGeometry, "derivative of exp, 0 to pi, against its Jacobian", "double", worst,
+               1e-9);
 }
 
 TEST(Rotation, JacobianOfLogIsFiniteAndTheInverseOfTheJacobianOfExp) {
+  double worst = 0;
   for (const Vector3d& u : Directions()) {
     for (const double angle : kAngles) {
       // Near pi the log jumps between +u and -u: the Jet has to give the derivative of the branch it is on.
@@ -107,10 +116,12 @@ TEST(Rotation, JacobianOfLogIsFiniteAndTheInverseOfTheJacobianOfExp) {
       for (int i = 0; i < 3; ++i) derivative.row(i) = log(i).v.transpose();
       ASSERT_TRUE(derivative.allFinite()) << angle;
       const Matrix3d inverse = InverseLeftJacobian<double>(w);
-      EXPECT_LT((derivative - inverse).cwiseAbs().maxCoeff(), 1e-9) << angle;  // measured 1e-13
+      worst = std::max(worst, (derivative - inverse).cwiseAbs().maxCoeff());
       EXPECT_LT((inverse * LeftJacobian<double>(w) - Matrix3d::Identity()).norm(), 1e-9) << angle;
     }
   }
+  ExpectWithin(numerics::kGeometry, "derivative of log, 0 to pi, against its Jacobian", "double", worst,
+               1e-9);
 }
 
 TEST(Rotation, SeriesAndClosedFormMeetWithoutAStep) {
