@@ -52,7 +52,7 @@ const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
 int MaxNumFeatures(Quality quality) { return quality == Quality::kExtreme ? 16384 : 8192; }
 
 // Depth maps of a trained model are noisier than a pixel: one and a half averages more of them
-// (BENCHMARK.md).
+// (tests/bench/notes/surfaces.md).
 constexpr char kMeshVoxelPixels[] = "1.5";
 
 std::string QualityName(Quality quality) {

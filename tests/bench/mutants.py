@@ -178,10 +178,10 @@ def stages_of_tests(path, tests):
 # --- Building and running -----------------------------------------------------------------------------------
 
 class Scratch:
-    """A worktree with a build folder, and the unbroken programs' times."""
+    """A worktree with a build folder as the preset cpu has it (ccache knows it), and the unbroken programs' times."""
 
     def __init__(self, repository, folder, jobs):
-        self.root, self.build, self.jobs = folder / 'tree', folder / 'build', jobs
+        self.root, self.build, self.jobs = folder / 'tree', folder / 'tree/build/cpu', jobs
         commit = run(['git', 'rev-parse', 'HEAD'], cwd=repository).strip()
         if not self.root.exists():
             folder.mkdir(parents=True, exist_ok=True)

@@ -52,7 +52,7 @@ TEST(Train, TellsTheBodiesApartAndExplainsPhotosNeverSeen) {
   const TrainOptions options = QuickOptions(600);
   const TrainResult result = Train(scene, options, 1, {}, backend.get(), silent);
   ASSERT_TRUE(result.held_out.has_value());
-  // Measured: see BENCHMARK.md; the bounds leave room for another compiler's rounding.
+  // Measured: tests/bench/notes/training.md; the bounds leave room for another compiler's rounding.
   EXPECT_GT(result.held_out->psnr, 20);
   EXPECT_GT(result.held_out->mask_iou, 0.78);
   EXPECT_GT(SettledShare(result.gaussians.foreground_logit), 0.99);

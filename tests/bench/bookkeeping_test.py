@@ -1,0 +1,308 @@
+#!/usr/bin/env python3
+"""Tests of run.py, report.py, compare.py and mutants.py on made-up results and sources. Needs the standard library only."""
+import argparse
+import contextlib
+import io
+import json
+import pathlib
+import stat
+import sys
+import tempfile
+import unittest
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+import compare
+import mutants
+import report
+import results
+import run
+import scenes
+
+
+def result(suite='poses', scene='example', variant='', seed=0, gpu=None, figures=None, **more):
+    machine = {'name': 'h200' if gpu else 'cpu2', 'cpu': 'x', 'cores': 2, 'gpu': gpu}
+    return {'suite': suite, 'scene': scene, 'variant': variant, 'seed': seed, 'commit': 'abcdef0123', 'machine': machine,
+            'command': ['s2gs x'], 'data_hash': '1', 'recorded': 'by run.py', 'exit_code': 0, 'figures': figures or {}, **more}
+
+
+def angles(*values, **more):
+    return [result(seed=i, figures={'angle_deg.median': v}, **more) for i, v in enumerate(values)]
+
+
+class Results(unittest.TestCase):
+    def test_written_and_read_again(self):
+        with tempfile.TemporaryDirectory() as folder:
+            one = result(variant='a b/c', figures={'x': 1.23456789012, 'n': 3})
+            path = results.write_result(folder, one)
+            self.assertEqual(path.relative_to(folder).as_posix(), 'poses/example.a-b-c.0.cpu2.json')
+            read = results.read_results(folder)
+            self.assertEqual(read, [{**one, 'figures': {'x': 1.234568, 'n': 3.0}}])
+            self.assertEqual(list(pathlib.Path(folder).rglob('*.unfinished')), [])
+
+    def test_what_is_wrong_is_named(self):
+        self.assertIsNone(results.check_result(result()))
+        for broken, words in (({'recorded': 'somehow'}, 'neither'), ({'figures': {'x': 'y'}}, 'x'), ({'figures': {'b': True}}, 'b'),
+                              ({'machine': {'name': 'cpu2'}}, 'gpu')):
+            self.assertIn(words, results.check_result({**result(), **broken}))
+        self.assertIn('command', results.check_result({k: v for k, v in result().items() if k != 'command'}))
+        with tempfile.TemporaryDirectory() as folder:
+            with self.assertRaises(ValueError):
+                results.write_result(folder, {**result(), 'figures': {'x': None}})
+
+    def test_what_is_better(self):
+        for name, sign in (('object_rot_deg.max', -1), ('chamfer_pct.value', -1), ('chamfer_sampled_pct.value', -1),
+                           ('f1_1pct.value', 1), ('f1_sampled_1pct.value', 1), ('registered.value', 1), ('psnr_db', 1),
+                           ('object_psnr_db', 1), ('mask_iou.mean', 1), ('cpu_seconds', -1), ('step_frozen_ms', -1), ('peak_mib', -1),
+                           ('faces.value', 0), ('count', 0), ('load', 0), ('angle_deg.median', -1)):
+            self.assertEqual(results.direction(name), sign, name)
+
+
+class Compare(unittest.TestCase):
+    def verdicts(self, a, b, **more):
+        return [(verdict, what.split(':')[0]) for verdict, _, what in compare.compare(a, b, **more)]
+
+    def test_beyond_the_spread(self):
+        before = angles(1.0, 1.1, 0.9)
+        self.assertEqual(self.verdicts(before, angles(1.05, 1.0, 1.1)), [])
+        self.assertEqual(self.verdicts(before, angles(1.5, 1.6, 1.4)), [('worse', 'angle_deg.median')])
+        self.assertEqual(self.verdicts(before, angles(0.5, 0.6, 0.4)), [('better', 'angle_deg.median')])
+        # Three standard errors, but within what seeds gave before.
+        self.assertEqual(self.verdicts(angles(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.2), angles(1.15, 1.15, 1.15)), [])
+        # Beyond the range, but with a spread that says nothing.
+        self.assertEqual(self.verdicts(before, angles(0.4, 2.2)), [])
+
+    def test_one_run_each(self):
+        self.assertEqual(self.verdicts(angles(1.0), angles(1.0)), [])
+        self.assertEqual(self.verdicts(angles(1.0), angles(1.001)), [('changed for worse', 'angle_deg.median')])
+        self.assertEqual(self.verdicts(angles(1.0), angles(0.9)), [('changed for better', 'angle_deg.median')])
+
+    def test_missing_failed_and_other_data(self):
+        self.assertEqual(self.verdicts(angles(1.0), []), [('worse', 'no longer measured')])
+        self.assertEqual(self.verdicts([], angles(1.0)), [])
+        self.assertEqual(self.verdicts(angles(1.0), [result(figures={'faces.value': 1})]), [('worse', 'angle_deg.median')])
+        failed = [{**angles(1.0)[0], 'exit_code': 1}]
+        self.assertEqual(self.verdicts(angles(1.0), failed), [('worse', 'seed 0')])
+        self.assertEqual(self.verdicts(angles(1.0), angles(2.0, data_hash='2')), [('other data', 'the photos are not the same')])
+        # Another machine, suite, scene or variant is another measurement.
+        self.assertEqual(self.verdicts(angles(1.0), angles(1.0) + angles(9.0, gpu='NVIDIA H200') + angles(9.0, variant='x')), [])
+
+    def test_costs_only_when_asked_for(self):
+        before, after = [result(figures={'cpu_seconds': 1.0})], [result(figures={'cpu_seconds': 2.0})]
+        self.assertEqual(self.verdicts(before, after), [])
+        self.assertEqual(self.verdicts(before, after, with_cost=True), [('changed for worse', 'cpu_seconds')])
+
+    def test_exit_code_and_folders(self):
+        with tempfile.TemporaryDirectory() as a, tempfile.TemporaryDirectory() as b:
+            for folder, values in ((a, (1.0, 1.1, 0.9)), (b, (2.0, 2.1, 1.9))):
+                for one in angles(*values):
+                    results.write_result(folder, one)
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                self.assertEqual(compare.main([a, b]), 1)
+                self.assertEqual(compare.main([b, a]), 0)
+                self.assertEqual(compare.main([a, a]), 0)
+            self.assertIn('worse               poses / example / cpu2: angle_deg.median: 1 > 2 (3 and 3 runs)', out.getvalue())
+            with self.assertRaises(FileNotFoundError):
+                results.read_results(a + '/not there')
+
+
+class Report(unittest.TestCase):
+    def test_numbers(self):
+        for value, text in ((0, '0'), (0.01234, '0.0123'), (0.999, '0.999'), (1.5, '1.5'), (4, '4'), (300.4, '300'), (0.0400, '0.04'), (31.46, '31.5'), (60, '60'),
+                            (636773, '636,773'), (457.4, '457'), (1234.5, '1,234')):
+            self.assertEqual(report.digits(value), text)
+
+    def test_medians_ranges_and_marks(self):
+        runs = angles(0.02, 0.04, 0.03)
+        self.assertEqual(report.cell(runs, 'angle_deg.median'), '0.03 (0.02 to 0.04)')
+        self.assertEqual(report.cell(runs[:1], 'angle_deg.median', 'angle_deg.max'), '')
+        self.assertEqual(report.cell([result(figures={'a': 1.0, 'b': 2.0})], 'a', 'b'), '1 / 2')
+        self.assertEqual(report.counts([result(figures={'registered.value': n, 'registered.of': 60}) for n in (60, 58)], 'registered'), '58 of 60')
+        page = report.page(report.Results([{**angles(1.0)[0], 'recorded': 'by hand'}, {**angles(1.0, scene='box')[0], 'exit_code': 1}]), [])
+        self.assertIn('| example † |', page)
+        self.assertIn('| box (FAILED: 1 of 1) |', page)
+        self.assertIn('Not measured yet.', page)
+
+    def test_readme_block_is_replaced_and_checked(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            (root / 'results').mkdir()
+            results.write_result(root / 'results', result(scene='falcon_desk', figures={
+                'registered.value': 100, 'registered.of': 100, 'object_rot_deg.median': 0.0106, 'object_rot_deg.max': 0.0338}))
+            (root / 'README.md').write_text(f'before\n{report.BEGIN}\nold\n{report.END}\nafter\n')
+            arguments = ['--results', str(root / 'results'), '--output', folder]
+            out = io.StringIO()
+            with contextlib.redirect_stdout(out):
+                self.assertEqual(report.main([*arguments, '--check']), 1)
+                self.assertEqual((root / 'README.md').read_text().split('\n')[2], 'old')
+                self.assertEqual(report.main(arguments), 0)
+                self.assertEqual(report.main([*arguments, '--check']), 0)
+            text = (root / 'README.md').read_text()
+            self.assertTrue(text.startswith('before\n') and text.endswith('\nafter\n') and '\nold\n' not in text)
+            self.assertIn('| camera rotation, median / max [°] | 0.0106 / 0.0338 |', text)
+            self.assertIn('| images placed | 100 of 100 |', text)
+            self.assertIn('not measured', text)
+            (root / 'README.md').write_text(text.replace('0.0106', '0.0105'))
+            with contextlib.redirect_stdout(out):
+                self.assertEqual(report.main([*arguments, '--check']), 1)
+            with self.assertRaises(ValueError):
+                report.with_block('no comments', 'x')
+
+    def test_plot_is_inside_its_frame(self):
+        drawn = report.plot([('a', [[1, 20.0], [100, 31.5]]), ('b', [[10, 25.0]])], 's', 'dB')
+        self.assertIn('M50.0 ', drawn)
+        self.assertEqual(drawn.count('<path d="M50'), 7 + 1 + 1)  # 20, 22 ... 32 dB, one second, the first curve
+        self.assertTrue(drawn.endswith('</svg>\n'))
+
+
+class FakeProgram:
+    """A program that does what s2gs's commands leave behind, and counts its calls."""
+
+    def __init__(self, root, code=0):
+        self.path, self.calls = root / 's2gs', root / 'calls'
+        report_json = json.dumps({'stages': [{'name': 'split', 'run': True, 'seconds': 1.25}, {'name': 'old', 'run': False, 'seconds': 9}]})
+        figures = json.dumps({'figures': {'angle_deg': {'unit': 'degrees', 'median': 0.5, 'max': 1, 'note': 'x'}}})
+        self.path.write_text(f'''#!/bin/sh
+echo "$@" >> {self.calls}
+workspace=$3
+case $1 in
+  automatic_scanner) echo '{report_json}' > $workspace/report.json; exit {code};;
+  scan_evaluator) echo '{figures}' > $7;;
+esac
+''')
+        self.path.chmod(self.path.stat().st_mode | stat.S_IEXEC)
+
+    def count(self):
+        return len(self.calls.read_text().splitlines()) if self.calls.exists() else 0
+
+
+class Run(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.root = pathlib.Path(folder.name)
+        for name in ('data/example/images', 'data/example/gt', 'work'):
+            (self.root / name).mkdir(parents=True)
+        (self.root / 'data/example/images/a.jpg').write_text('photo')
+        (self.root / 'data/example/gt/scene.json').write_text('{}')
+
+    def session(self, program, commit='1234567'):
+        return run.Session(argparse.Namespace(program=program.path, tools=self.root, data=self.root / 'data', work=self.root / 'work',
+                                              results=self.root / 'results', gpu=False, machine='test', commit=commit, again=False,
+                                              render_python=None, score_python=sys.executable))
+
+    def suite(self, session, names=('example',), seeds=(0,)):
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out):
+            failures = run.run_suite(session, 'poses', names, seeds)
+        return failures, out.getvalue()
+
+    def test_measures_once_and_goes_on(self):
+        program = FakeProgram(self.root)
+        failures, out = self.suite(self.session(program))
+        self.assertEqual(failures, 0)
+        self.assertIn('differs from the recorded scene', out)
+        self.assertEqual(program.count(), 2)
+        read = results.read_results(self.root / 'results')
+        self.assertEqual(len(read), 1)
+        figures = read[0]['figures']
+        self.assertEqual((figures['angle_deg.median'], figures['angle_deg.max'], figures['stage_seconds.split']), (0.5, 1, 1.2))
+        self.assertNotIn('stage_seconds.old', figures)
+        self.assertEqual(read[0]['command'], ['s2gs automatic_scanner --workspace_path WORK/poses-example-0 --image_path '
+                                              'DATA/example/images --until split --random_seed 0 --use_gpu 0'])
+        self.assertEqual(read[0]['data_hash'], scenes.folder_hash(self.root / 'data/example'))
+        _, out = self.suite(self.session(program), seeds=(0, 1))
+        self.assertIn('done already: poses/example.0.test.json', out)
+        self.assertEqual(program.count(), 4)
+        # Another program, or other photos: measured again.
+        self.suite(self.session(program, commit='7654321'))
+        self.assertEqual(program.count(), 6)
+        (self.root / 'data/example/images/a.jpg').write_text('another')
+        self.suite(self.session(program, commit='7654321'))
+        self.assertEqual(program.count(), 8)
+
+    def test_failures_are_recorded_and_run_again(self):
+        program = FakeProgram(self.root, code=3)
+        self.assertEqual(self.suite(self.session(program))[0], 1)
+        read = results.read_results(self.root / 'results')
+        self.assertEqual((read[0]['exit_code'], set(read[0]['figures'])), (3, {'cpu_seconds', 'wall_seconds', 'load'}))
+        FakeProgram(self.root)
+        self.assertEqual(self.suite(self.session(program))[0], 0)
+        self.assertEqual(results.read_results(self.root / 'results')[0]['exit_code'], 0)
+
+    def test_a_scene_that_is_missing_is_said_loudly(self):
+        failures, out = self.suite(self.session(FakeProgram(self.root)), names=('vase',))
+        self.assertEqual(failures, 0)
+        self.assertIn('LEFT OUT poses vase', out)
+
+    def test_hash_of_names_and_bytes(self):
+        folder = self.root / 'data/example'
+        before = scenes.folder_hash(folder)
+        (folder / 'notes.txt').write_text('not part of it')
+        self.assertEqual(scenes.folder_hash(folder), before)
+        (folder / 'images/a.jpg').rename(folder / 'images/b.jpg')
+        self.assertNotEqual(scenes.folder_hash(folder), before)
+
+    def test_training_log(self):
+        log = self.root / 'log.jsonl'
+        line = {'event': 'held_out', 'iteration': 10, 'count': 5, 'wall_seconds': 2.5, 'cpu_seconds': 4, 'psnr_db': 30.0, 'ssim': 0.9,
+                'object_psnr_db': 28.0, 'object_ssim': None, 'mask_iou': 0.99}
+        log.write_text('\n'.join(json.dumps(x) for x in ({'event': 'loss', 'iteration': 1}, {**line, 'iteration': 5, 'wall_seconds': 1.0}, line)))
+        found = run.training_figures(log)
+        self.assertEqual((found['iteration'], found['psnr_db'], found['train_wall_seconds']), (10, 30.0, 2.5))
+        self.assertNotIn('object_ssim', found)
+        self.assertEqual(found['curve'], [[1.0, 28.0], [2.5, 28.0]])
+
+    def test_output_of_the_timers(self):
+        self.assertEqual(run.numbers_of(r'a ([\d.]+) b (\d+)', 'x a 1.5 b 2 y', ['a', 'b']), {'a': 1.5, 'b': 2})
+        with self.assertRaises(ValueError):
+            run.numbers_of('a', 'b', [])
+
+    def test_scenes_have_an_entry_each_suite_knows(self):
+        known = scenes.read_scenes()
+        for pair in run.SUITES.values():
+            for names in pair:
+                self.assertLessEqual(set(names), set(known))
+
+
+class Mutants(unittest.TestCase):
+    def breaks(self, line):
+        return [(kind, broken.strip()) for kind, broken in mutants.breaks_of_line(line)]
+
+    def test_one_place_at_a_time(self):
+        self.assertEqual(self.breaks('  x = a + b * c;'), [('sign', 'x = a - b * c;'), ('factor', 'x = a + b / c;')])
+        self.assertEqual(self.breaks('  x = -a;'), [('sign', 'x = a;')])
+        self.assertEqual(self.breaks('  double x = 0.5;'), [('constant', 'double x = 1.0;')])
+        self.assertIn(('bound', 'if (a <= b) return;'), self.breaks('  if (a < b) return;'))
+        self.assertIn(('condition', 'if ((a < b) && false) return;'), self.breaks('  if (a < b) return;'))
+        self.assertIn(('condition', 'if ((f(a)) || true) g(")");'), self.breaks('  if (f(a)) g(")");'))
+
+    def test_what_is_no_code_stays(self):
+        for line in ('// a + b', '#include <a + b>', 'static_assert(a < b);', 'out << "a + b";', 'std::vector<int> x;',
+                     'template <typename T = A>', 'const int& operator+(int);', 'a = "x" + b;'):
+            self.assertEqual(self.breaks(line), [], line)
+        self.assertEqual(mutants.breaks_of_text('/* a + b\n a + b\n*/\nx = a + b;')[0][0], 4)
+
+    def test_tests_of_a_file_nearest_first(self):
+        tests = {'tests/mesh/surface/decimate_test.cc': ('mesh_tests', ['Decimate']), 'tests/mesh/surface/other_test.cc': ('mesh_tests', ['Other']),
+                 'tests/mesh/io/files_test.cc': ('file_tests', ['Files']), 'tests/plugin/x_test.cc': ('p', ['X'])}
+        self.assertEqual(mutants.stages_of_tests('mesh/surface/decimate.cc', tests),
+                         [{'mesh_tests': ['Decimate']}, {'mesh_tests': ['Other']}, {'file_tests': ['Files']}])
+
+    def test_the_repositorys_own_tests_are_found(self):
+        found = mutants.test_programs(scenes.REPOSITORY)
+        self.assertIn('Freeze', found['tests/s2gs/freeze_test.cc'][1])
+        self.assertGreater(len(found), 80)
+
+    def test_report_counts(self):
+        one = {'file': 'mesh/a.cc', 'line': 3, 'kind': 'sign', 'before': 'a + b', 'after': 'a - b', 'outcome': 'killed'}
+        text = mutants.report([one, {**one, 'line': 4, 'outcome': 'survived'}, {**one, 'line': 5, 'outcome': 'equal'},
+                               {**one, 'line': 6, 'outcome': 'does not compile'}])
+        self.assertIn('mesh       1 of 2 killed (50 %)', text)
+        self.assertIn('mesh/a.cc:4: sign', text)
+        self.assertNotIn('mesh/a.cc:3', text)
+
+
+if __name__ == '__main__':
+    unittest.main()

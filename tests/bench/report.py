@@ -1,0 +1,268 @@
+#!/usr/bin/env python3
+"""Writes BENCHMARK.md, its plots and the figures of README.md from the result files.
+
+usage: report.py [--check] [--results FOLDER] [--output FOLDER]
+
+--check writes nothing and fails when a file is not what would be written. Where a run was repeated with several seeds,
+the median stands in the table and the range behind it.
+"""
+import argparse
+import math
+import pathlib
+import statistics
+import sys
+
+import results
+import scenes
+
+BEGIN, END = '<!-- figures: begin (tests/bench/report.py writes what stands here) -->', '<!-- figures: end -->'
+
+
+# --- Numbers ------------------------------------------------------------------------------------------------
+
+def digits(value):
+    """Three figures that count, whole numbers in full."""
+    if value == int(value) or abs(value) >= 1000:
+        return f'{value:,.0f}'
+    text = f'{value:.{max(0, 2 - math.floor(math.log10(abs(value))))}f}'
+    return text.rstrip('0').rstrip('.') if '.' in text else text
+
+
+def cell(runs, *names, scale=1):
+    """Medians over the runs of one or two figures, joined by a slash; the range where there are several runs."""
+    parts = []
+    for name in names:
+        values = [scale * run['figures'][name] for run in runs if name in run['figures']]
+        if not values:
+            return ''
+        text = digits(statistics.median(values))
+        if len(values) > 1 and digits(min(values)) != digits(max(values)):
+            text += f' ({digits(min(values))} to {digits(max(values))})'
+        parts.append(text)
+    return ' / '.join(parts)
+
+
+def counts(runs, name):
+    """"60 of 60", the fewest of all runs."""
+    pairs = [(r['figures'][f'{name}.value'], r['figures'].get(f'{name}.of')) for r in runs if f'{name}.value' in r['figures']]
+    if not pairs:
+        return ''
+    value, of = min(pairs, key=lambda p: p[0])
+    return digits(value) + (f' of {digits(of)}' if of else '')
+
+
+def mark(runs):
+    return ' †' if any(run['recorded'] == 'by hand' for run in runs) else ''
+
+
+def provenance(runs):
+    return f'{runs[0]["machine"]["name"]}, {", ".join(sorted({run["commit"][:7] for run in runs}))}'
+
+
+def table(header, rows):
+    if not rows:
+        return ['Not measured yet.', '']
+    return ['| ' + ' | '.join(header) + ' |', '|' + '---|' * len(header),
+            *('| ' + ' | '.join(row) + ' |' for row in rows), '']
+
+
+class Results:
+    def __init__(self, all_results):
+        self.order = {name: i for i, name in enumerate(scenes.read_scenes())}
+        self.groups = {}
+        for result in sorted(all_results, key=lambda r: (r['suite'], self.order.get(r['scene'], 99), r['variant'],
+                                                         r['machine']['name'], r['seed'])):
+            self.groups.setdefault(results.key_of(result), []).append(result)
+
+    def of(self, suite, scene=None, variant=None, gpu=None):
+        """[(scene, variant, runs)]"""
+        return [(key[1], key[2], runs) for key, runs in self.groups.items()
+                if key[0] == suite and scene in (None, key[1]) and variant in (None, key[2])
+                and gpu in (None, runs[0]['machine']['gpu'] is not None)]
+
+    def one(self, suite, scene, variant='', gpu=False):
+        found = self.of(suite, scene, variant, gpu)
+        return found[-1][2] if found else []
+
+
+def name_cell(scene, variant, runs):
+    failed = sum(run['exit_code'] != 0 for run in runs)
+    text = scene + (f', {variant}' if variant else '') + mark(runs)
+    return text + (f' (FAILED: {failed} of {len(runs)})' if failed else '')
+
+
+def time_cell(runs, prefix=''):
+    """Wall seconds on a GPU, CPU seconds otherwise: what a loaded machine does not change."""
+    if not runs[0]['machine']['gpu'] and (seconds := cell(runs, prefix + 'cpu_seconds')):
+        return seconds + ' CPU s'
+    seconds = cell(runs, prefix + 'wall_seconds')
+    return seconds + ' s' if seconds else ''
+
+
+# --- The page -----------------------------------------------------------------------------------------------
+
+def poses_table(r):
+    return table(['scene', 'placed', 'rotation, median / max [°]', 'centre [%]', 'table angle [°]', 'scale [%]', 'time', 'machine, commit'],
+                 [[name_cell(s, v, runs), counts(runs, 'registered'), cell(runs, 'object_rot_deg.median', 'object_rot_deg.max'),
+                   cell(runs, 'object_centre_pct.median', 'object_centre_pct.max'),
+                   cell(runs, 'angle_deg.median', 'angle_deg.max'), cell(runs, 'scale_err_pct.value'), time_cell(runs),
+                   provenance(runs)] for s, v, runs in r.of('poses')])
+
+
+def surface_cells(runs):
+    return [cell(runs, 'mask_iou.mean'), cell(runs, 'chamfer_pct.value'), cell(runs, 'f1_1pct.value'),
+            cell(runs, 'chamfer_sampled_pct.value'), cell(runs, 'f1_sampled_1pct.value')]
+
+
+SURFACE_HEADER = ['masks IoU', 'Chamfer [%]', 'F1 at 1 %', 'to samples: Chamfer [%]', 'F1']
+
+
+def scan_table(r, suite):
+    return table(['scene', *SURFACE_HEADER, 'time', 'machine, commit'],
+                 [[name_cell(s, v, runs), *surface_cells(runs), time_cell(runs), provenance(runs)] for s, v, runs in r.of(suite)])
+
+
+def train_table(r):
+    return table(['scene', 'iterations', 'Gaussians', 'PSNR [dB]', 'on object pixels', 'SSIM', 'masks IoU', 'training', 'machine, commit'],
+                 [[name_cell(s, v, runs), cell(runs, 'iteration'), cell(runs, 'count'), cell(runs, 'psnr_db'), cell(runs, 'object_psnr_db'),
+                   cell(runs, 'ssim'), cell(runs, 'mask_iou'),
+                   time_cell(runs, 'train_'), provenance(runs)] for s, v, runs in r.of('train')])
+
+
+def kernels_table(r):
+    rows = []
+    for scene, variant, runs in r.of('kernels'):
+        names = sorted({n for run in runs for n in run['figures'] if n not in ('cpu_seconds', 'wall_seconds', 'load')})
+        rows.append([name_cell(scene, variant, runs), '; '.join(f'{n} {cell(runs, n)}' for n in names), provenance(runs)])
+    return table(['', 'measured', 'machine, commit'], rows)
+
+
+def page(r, notes):
+    lines = ['# Measurements', '',
+             'This page is made: `tests/bench/run.py SUITE` measures and leaves one file a run in `tests/bench/results` (command, commit,',
+             'machine, seed, hash of the photos, all figures), `tests/bench/report.py` writes this page and the figures of README.md from',
+             'them, `tests/bench/compare.py A B` names what got worse between two folders or commits.', '',
+             '    tests/bench/run.py poses scan train mesh kernels --render_python PYTHON       # the CPU half, small scenes',
+             '    tests/bench/run.py train mesh kernels --gpu --program s2gs --data FOLDER      # the GPU half, on a bare node', '',
+             'Scenes and how the made-up ones are rendered: `tests/bench/scenes.json`. Lengths are in % of the object\'s diameter. Chamfer-L1 =',
+             '(mean accuracy + mean completeness) / 2, exact distances of samples of one surface to the triangles of the other; "to samples" is',
+             'the older figure, which has a floor of about .1 %. Several seeds: median (range). † recorded by hand when the figure was measured,',
+             'not by run.py; its file says from where. CPU seconds are of all threads.', '',
+             '## Photos to poses', '', *poses_table(r),
+             '## Photos to mesh', '', *scan_table(r, 'scan'),
+             '## Training with exact poses: photos never seen', '', *train_table(r)]
+    if curves(r):
+        lines += ['![PSNR on object pixels over seconds of training](tests/bench/plots/train.svg)', '']
+    lines += ['## Mesh of these models', '', *scan_table(r, 'mesh'), '## Kernels', '', *kernels_table(r),
+              '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
+              '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
+              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.', '',
+              '## Notes', '', 'What was tried, with what it gave, also where it did not pay:', '']
+    return '\n'.join(lines + [f'- [{title}]({path})' for title, path in notes]) + '\n'
+
+
+def note_titles(folder):
+    return [(path.read_text().split('\n')[0].lstrip('# '), f'tests/bench/notes/{path.name}') for path in sorted(folder.glob('*.md'))]
+
+
+# --- A plot -------------------------------------------------------------------------------------------------
+
+def curves(r):
+    return [(f'{scene}, {variant}' if variant else scene, runs[0]['curve']) for scene, variant, runs in r.of('train', gpu=True)
+            if runs[0].get('curve')]
+
+
+def plot(named, x_title, y_title, width=640, height=300):
+    """Lines over a logarithmic x, as SVG. `named`: [(name, [[x, y], ...])]"""
+    xs = [math.log10(x) for _, points in named for x, _ in points]
+    ys = [y for _, points in named for _, y in points]
+    x0, x1, y0, y1 = min(xs), max(xs), math.floor(min(ys)), math.ceil(max(ys))
+    at = lambda x, y: (50 + (math.log10(x) - x0) / max(x1 - x0, 1e-9) * (width - 240), height - 40 - (y - y0) / max(y1 - y0, 1e-9) * (height - 60))
+    colours = ('#1f5fa8', '#c0392b', '#2e8b57', '#8e6b23', '#6c3483')
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">',
+           f'<rect width="{width}" height="{height}" fill="white"/>']
+    for y in range(y0, y1 + 1, max(1, (y1 - y0) // 6)):
+        left, top = at(10 ** x0, y)
+        out.append(f'<path d="M{left:.0f} {top:.1f}H{width - 190}" stroke="#ddd"/><text x="{left - 6:.0f}" y="{top + 4:.1f}" text-anchor="end">{y}</text>')
+    for x in (1, 3, 10, 30, 100, 300, 1000, 3000):
+        if x0 <= math.log10(x) <= x1:
+            left, top = at(x, y0)
+            out.append(f'<path d="M{left:.1f} 20V{top:.0f}" stroke="#ddd"/><text x="{left:.1f}" y="{top + 16:.0f}" text-anchor="middle">{x}</text>')
+    for i, (name, points) in enumerate(named):
+        path = 'M' + 'L'.join(f'{a:.1f} {b:.1f}' for a, b in (at(x, y) for x, y in points))
+        out.append(f'<path d="{path}" fill="none" stroke="{colours[i % 5]}" stroke-width="2"/>')
+        out.append(f'<text x="{width - 180}" y="{34 + 18 * i}" fill="{colours[i % 5]}">{name}</text>')
+    out.append(f'<text x="{(width - 190) / 2:.0f}" y="{height - 6}" text-anchor="middle">{x_title}</text><text x="50" y="14">{y_title}</text></svg>')
+    return '\n'.join(out) + '\n'
+
+
+# --- README.md ----------------------------------------------------------------------------------------------
+
+def readme_block(r):
+    """The table of README.md; what is not measured says so."""
+    known = lambda text: text or 'not measured'
+    poses, other = r.one('poses', 'falcon_desk'), r.one('poses', 'falcon_desk', 'COLMAP 3.8, perfect masks')
+    gpu, cpu, example = r.one('scan', 'falcon_desk', gpu=True), r.one('scan', 'falcon_desk'), r.one('scan', 'example')
+    example_poses = r.one('poses', 'example')
+    rows = [['images placed', known(counts(poses, 'registered')), '']]
+    for title, name in (('camera rotation, median / max [°]', 'object_rot_deg'), ('camera centre, median / max, % of the object', 'object_centre_pct')):
+        theirs = cell(other, f'{name}.median', f'{name}.max')
+        rows.append([title, known(cell(poses, f'{name}.median', f'{name}.max')), f'COLMAP with perfect masks: {theirs}' if theirs else ''])
+    theirs = cell(other, 'wall_seconds')
+    rows.append(['photos to poses, 2 CPU cores', known(time_cell(poses) if poses else ''), f'COLMAP with perfect masks: {theirs} s' if theirs else ''])
+    for title, runs in (('one H200 and 16 CPU cores', gpu), ('2 CPU cores, `--quality low`', cpu),
+                        ('the shipped 60 photos of 400 × 400, 2 CPU cores', example)):
+        surface = ', '.join(f'{label} {text}' for label, text in (
+            ('masks IoU', cell(runs, 'mask_iou.mean')), ('Chamfer', cell(runs, 'chamfer_pct.value')), ('F1 at 1 %', cell(runs, 'f1_1pct.value')),
+            ('Chamfer to samples', '' if cell(runs, 'chamfer_pct.value') else cell(runs, 'chamfer_sampled_pct.value')),
+            ('F1', '' if cell(runs, 'f1_1pct.value') else cell(runs, 'f1_sampled_1pct.value'))) if text)
+        rows.append([f'photos to mesh, {title}', known(f'{time_cell(runs)}; {surface}' if runs else ''), ''])
+    rows.append(['its poses: rotation, median / max [°]', known(cell(example_poses or example, 'object_rot_deg.median', 'object_rot_deg.max')), ''])
+    trained, baseline = r.one('train', 'falcon_desk', 's2gs', True), r.one('train', 'falcon_desk', 'masks', True)
+    theirs = cell(baseline, 'object_psnr_db')
+    rows.append(['photos never seen, exact poses, one H200: training, PSNR, on the rotating part',
+                 known(f'{cell(trained, "train_wall_seconds")} s, {cell(trained, "psnr_db")} dB, {cell(trained, "object_psnr_db")} dB' if trained else ''),
+                 f'2DGS with perfect masks: {theirs} dB' if theirs else ''])
+    return '\n'.join(table(['', 's2gs', 'for comparison'], rows)[:-1])
+
+
+def with_block(text, block):
+    """README.md with the block between its two comments replaced."""
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise ValueError(f'README.md must hold once, in this order: {BEGIN} and {END}')
+    return text[:text.index(BEGIN)] + BEGIN + '\n' + block + '\n' + text[text.index(END):]
+
+
+def files(all_results, output):
+    """{path: text} of all that is written."""
+    r = Results(all_results)
+    out = {output / 'BENCHMARK.md': page(r, note_titles(output / 'tests/bench/notes'))}
+    if curves(r):
+        out[output / 'tests/bench/plots/train.svg'] = plot(curves(r), 'seconds of training', 'PSNR on object pixels [dB]')
+    readme = output / 'README.md'
+    if readme.exists():
+        out[readme] = with_block(readme.read_text(), readme_block(r))
+    return out
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--check', action='store_true')
+    parser.add_argument('--results', default=results.RESULTS)
+    parser.add_argument('--output', type=pathlib.Path, default=scenes.REPOSITORY)
+    args = parser.parse_args(arguments)
+    stale = []
+    for path, text in files(results.read_results(args.results), args.output).items():
+        if args.check:
+            if not path.exists() or path.read_text() != text:
+                stale.append(path)
+            continue
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    for path in stale:
+        print(f'{path} is not what the results say: run tests/bench/report.py')
+    return 1 if stale else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

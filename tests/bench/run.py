@@ -1,0 +1,366 @@
+#!/usr/bin/env python3
+"""Measures: runs suites over scenes and seeds, and leaves one small JSON a run.
+
+usage: run.py SUITE [SUITE ...] [--scenes NAME ...] [--seeds N ...] [--gpu] [--program S2GS] [--tools FOLDER]
+              [--data FOLDER] [--results FOLDER] [--work FOLDER] [--again] [--commit TEXT] [--render_python PYTHON]
+
+  poses    photos to poses: automatic_scanner --until split, scored against the truth
+  scan     photos to mesh: automatic_scanner, scored against the truth
+  train    exact poses to a model, photos never seen: in mode s2gs, and in mode masks with perfect masks
+  mesh     the models of `train` to masks, depth and mesh, scored against the truth
+  kernels  times of a training step and of fusion (step_bench or gpu_step_bench, tsdf_bench; in --tools)
+Without suite names or scenes those of SUITES run that are there. A scene is looked for in DATA/NAME, then where
+scenes.json says. train, mesh and kernels need this folder, Python with numpy, and the static trainer (preset
+`trainer`): a bare GPU node does. Points to start from are DATA/NAME/points/{object,static} (COLMAP text models of free
+SfM), where they are; else training starts at random.
+
+A run whose result is there from the same commit and data is skipped, so that the same command goes on where it was.
+Results hold CPU and wall seconds; on a machine that other work shares (`load` is that before the run) neither is a
+measurement.
+"""
+import argparse
+import json
+import os
+import pathlib
+import platform
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+
+import results
+import scenes
+
+# What each suite runs when no scenes are named: small ones on the CPU.
+SUITES = {
+    'poses': (['example', 'box_small', 'rock_small', 'falcon_desk', 'ogre_fixed', 'rubik_cube', 'green_apple', 'vase',
+               'knot', 'box', 'rock', 'large', 'hand', 'dome', 'shiny'],) * 2,
+    'scan': (['example', 'box_small'], ['falcon_desk', 'knot', 'box', 'rock', 'vase', 'flowerpot']),
+    'train': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
+    'mesh': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
+    'kernels': (['example'], ['falcon_desk']),
+}
+# Courses that a CPU ends in minutes; a GPU runs the trainer's own defaults.
+CPU_COURSE = ['--max_image_size', '160', '--Train.num_iterations', '1500', '--Train.max_gaussians', '25000']
+
+
+class Failed(Exception):
+    """A command ended with another code than 0."""
+
+    def __init__(self, code):
+        super().__init__(f'exit code {code}')
+        self.code = code
+
+
+def first_line(command):
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip().split('\n')[0]
+    except (OSError, subprocess.CalledProcessError):
+        return ''
+
+
+def machine(gpu, named=None):
+    cpu = platform.machine()
+    if os.path.exists('/proc/cpuinfo'):
+        found = re.search(r'model name\s*: (.*)', pathlib.Path('/proc/cpuinfo').read_text())
+        cpu = found[1] if found else cpu
+    cores = len(os.sched_getaffinity(0))
+    card = first_line(['nvidia-smi', '--query-gpu=name', '--format=csv,noheader']) if gpu else None
+    name = named or (card.replace('NVIDIA ', '').replace(' ', '-').lower() if card else f'cpu{cores}')
+    return {'name': name, 'cpu': cpu, 'cores': cores, 'gpu': card}
+
+
+def commit_of(repository):
+    commit = first_line(['git', '-C', str(repository), 'rev-parse', '--short=10', 'HEAD'])
+    changed = first_line(['git', '-C', str(repository), 'status', '--porcelain', '--', 'plugin', 'sfm_split', 's2gs', 'mesh'])
+    return commit + ('+changes' if changed else '')
+
+
+class Session:
+    """What all runs share, and the commands of one run."""
+
+    def __init__(self, args):
+        self.args, self.work, self.data = args, args.work.resolve(), args.data.resolve()
+        self.machine = machine(args.gpu, args.machine)
+        self.commit = args.commit or commit_of(scenes.REPOSITORY)
+        if not self.commit:
+            sys.exit('run.py: no git here: --commit says which program is measured')
+        self.hashes = {}
+        self.begin()
+
+    def begin(self):
+        self.commands, self.cpu, self.wall, self.load = [], 0.0, 0.0, os.getloadavg()[0]
+
+    def call(self, *command, timed=True, log=None):
+        """Runs a command; its times count when `timed`. Raises Failed."""
+        command = [str(word) for word in command]
+        if timed:
+            self.commands.append(' '.join(self.shown(word) for word in command))
+        before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+        with open(log or os.devnull, 'a') as out:
+            code = subprocess.run(command, stdout=out, stderr=subprocess.STDOUT).returncode
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        if timed:
+            self.wall += time.monotonic() - started
+            self.cpu += after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        if code != 0:
+            raise Failed(code)
+
+    def shown(self, word):
+        """Without the paths of this machine."""
+        for path, name in ((str(self.args.program), 's2gs'), (str(self.work), 'WORK'), (str(self.data), 'DATA'),
+                           (str(scenes.REPOSITORY), '.'), (str(scenes.REPOSITORY.parent), '..')):
+            word = word.replace(path, name)
+        return re.sub(r'^/.*/(?=shared/data)', '../', word)
+
+    def gpu(self):
+        return ['--use_gpu', '1' if self.args.gpu else '0']
+
+    def folder(self, suite, scene, seed, variant=''):
+        return self.work / f'{suite}-{scene}{"-" + variant if variant else ""}-{seed}'
+
+
+# --- Figures ------------------------------------------------------------------------------------------------
+
+def evaluator_figures(path):
+    """Of scan_evaluator's JSON: {"object_rot_deg.median": number}."""
+    read = json.loads(path.read_text())['figures']
+    return {f'{name}.{statistic}': value for name, values in read.items() for statistic, value in values.items()
+            if isinstance(value, (int, float)) and not isinstance(value, bool)}
+
+
+def score(session, workspace, scene):
+    """Against the truth where there is one; the real sets' markers by the shared scorer."""
+    path = workspace / 'figures.json'
+    if (scene / 'gt/scene.json').exists():
+        session.call(session.args.program, 'scan_evaluator', '--workspace_path', workspace, '--ground_truth_path', scene,
+                     '--json_path', path, timed=False)
+        return evaluator_figures(path)
+    scorer = scene.parent.parent / 'tools/score_real.py'
+    if (scene / 'reference.json').exists() and scorer.exists():
+        python = session.args.score_python
+        done = subprocess.run([python, scorer, workspace, scene, '--json'], capture_output=True, text=True)
+        if done.returncode != 0:
+            raise Failed(done.returncode)
+        out = {}
+        for name, value in json.loads(done.stdout).items():
+            parts = dict(zip(('median', 'max'), value)) if isinstance(value, list) else {'value': value}
+            if name == 'registered':
+                parts = dict(zip(('value', 'of'), value))
+            out.update({f'{name}.{k}': v for k, v in parts.items() if isinstance(v, (int, float))})
+        return out
+    return {}
+
+
+def training_figures(log):
+    """Of log.jsonl: the last measurement on photos never seen."""
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    held_out = [line for line in lines if line.get('event') == 'held_out']
+    if not held_out:
+        return {}
+    last = held_out[-1]
+    out = {name: last[name] for name in ('iteration', 'count', 'psnr_db', 'ssim', 'object_psnr_db', 'object_ssim', 'mask_iou')
+           if isinstance(last.get(name), (int, float))}
+    # Not a number, and so no figure: measure_one moves it beside them.
+    curve = [[round(line['wall_seconds'], 2), round(line['object_psnr_db'], 3)] for line in held_out
+             if line['wall_seconds'] > 0 and isinstance(line.get('object_psnr_db'), (int, float))]
+    return {**out, 'train_wall_seconds': round(last['wall_seconds'], 2), 'train_cpu_seconds': round(last['cpu_seconds'], 1),
+            'curve': curve}
+
+
+def scan_figures(report):
+    """Of report.json: seconds of each stage, Gaussians."""
+    read = json.loads(report.read_text())
+    return {f'stage_seconds.{s["name"]}': round(s['seconds'], 1) for s in read.get('stages', []) if s.get('run')}
+
+
+# --- Suites: each yields (variant, function that measures and returns figures) -------------------------------
+
+def scan(session, suite, name, scene, seed, until):
+    workspace = session.folder(suite, name, seed)
+    shutil.rmtree(workspace, ignore_errors=True)
+    workspace.mkdir(parents=True)
+    session.call(session.args.program, 'automatic_scanner', '--workspace_path', workspace, '--image_path', scene / 'images',
+                 '--until', until, '--random_seed', seed, *session.gpu(), log=workspace / 'log.txt')
+    figures = score(session, workspace, scene)
+    return {**figures, **scan_figures(workspace / 'report.json')}
+
+
+def poses(session, name, scene, seed):
+    yield '', lambda: scan(session, 'poses', name, scene, seed, 'split')
+
+
+def whole_scan(session, name, scene, seed):
+    yield '', lambda: scan(session, 'scan', name, scene, seed, 'mesh')
+
+
+def exact_workspace(session, name, scene, mode):
+    workspace = session.folder('exact', name, 0, mode)
+    if not (workspace / 'turntable.json').exists():
+        points = [w for kind, option in (('object', '--object_model'), ('static', '--static_model'))
+                  if (scene / 'points' / kind).exists() for w in (option, scene / 'points' / kind)]
+        session.call(sys.executable, scenes.HERE / 'exact_workspace.py', scene, workspace, *points,
+                     *(['--masks'] if mode == 'masks' else []), timed=False)
+    return workspace
+
+
+def train_model(session, name, scene, seed, mode):
+    """Trains, unless the model is there; returns its workspace."""
+    workspace, model = exact_workspace(session, name, scene, mode), session.folder('train', name, seed, mode)
+    if (model / 'point_cloud.ply').exists():
+        return workspace, model
+    course = [] if session.args.gpu else CPU_COURSE
+    session.call(session.args.program, 'gaussian_trainer', '--workspace_path', workspace, '--output_path', model, '--mode', mode,
+                 '--test_list', workspace / 'test_list.txt', '--truth_mask_path', workspace / 'truth_masks', '--random_seed',
+                 seed, *course, *session.gpu(), log=workspace / f'train-{seed}.txt')
+    return workspace, model
+
+
+def train(session, name, scene, seed):
+    def measure(mode):
+        shutil.rmtree(session.folder('train', name, seed, mode), ignore_errors=True)
+        _, model = train_model(session, name, scene, seed, mode)
+        return training_figures(model / 'log.jsonl')
+    for mode in ('s2gs', 'masks'):
+        yield mode, lambda mode=mode: measure(mode)
+
+
+def mesh(session, name, scene, seed):
+    def measure(mode):
+        exact, model = train_model(session, name, scene, seed, mode)
+        session.begin()
+        workspace = session.folder('mesh', name, seed, mode)
+        shutil.rmtree(workspace, ignore_errors=True)
+        shutil.copytree(exact, workspace, symlinks=True, ignore=shutil.ignore_patterns('s2gs', 'masks', 'dense', '*.txt'))
+        shutil.copytree(exact / 'sparse', workspace / 'sparse', dirs_exist_ok=True)
+        (workspace / 's2gs').mkdir(exist_ok=True)
+        shutil.copy(model / 'point_cloud.ply', workspace / 's2gs/point_cloud.ply')
+        for command in ('gaussian_renderer', 'tsdf_mesher'):
+            session.call(session.args.program, command, '--workspace_path', workspace, *session.gpu(),
+                         *(['--Cleanup.remove_disc', '1'] if command == 'tsdf_mesher' else []), log=workspace / 'log.txt')
+        return score(session, workspace, scene)
+    for mode in ('s2gs', 'masks'):
+        yield mode, lambda mode=mode: measure(mode)
+
+
+def numbers_of(pattern, text, names):
+    """{name: number} of each group of a pattern that must match."""
+    match = re.search(pattern, text)
+    if match is None:
+        raise ValueError(f'this output has not the expected form: {text[-300:]}')
+    return {name: float(value) for name, value in zip(names, match.groups())}
+
+
+def kernels(session, name, scene, seed):
+    def bench(program, *arguments):
+        log = session.work / f'{program}.txt'
+        log.unlink(missing_ok=True)
+        session.call(session.args.tools / program, *arguments, log=log)
+        return log.read_text()
+
+    def fusion():
+        text = bench('tsdf_bench', 100, 640, session.machine['cores'], *(['cuda'] if session.args.gpu else []))
+        return numbers_of(r': ([\d.]+) s \(median of 3, CPU ([\d.]+);.*peak (\d+) MiB.*error mean (-?[\d.]+) rms ([\d.]+)', text,
+                          ['fusion_seconds', 'fusion_cpu_seconds', 'peak_mib', 'mean_error_voxels', 'rms_error_voxels'])
+
+    def step():
+        workspace, model = train_model(session, name, scene, seed, 's2gs')
+        session.begin()
+        ply = model / 'point_cloud.ply'
+        if session.args.gpu:
+            text = bench('gpu_step_bench', workspace, ply, 640, 0, 45, 3)
+            return numbers_of(r'\| (\d+) \| \d+ x \d+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \| (\d+) \|', text,
+                              ['count', 'step_learning_ms', 'step_frozen_ms', 'step_plain_ms', 'peak_mib'])
+        text = bench('step_bench', workspace, ply, 200, 20000, 20)
+        return {**numbers_of(r'1 thread\(s\), without normals: ([\d.]+) ms', text, ['step_1_thread_ms']),
+                **numbers_of(r'1 thread\(s\), with normals: ([\d.]+) ms', text, ['step_1_thread_normals_ms'])}
+    yield 'fusion of a sphere', fusion
+    yield 'step', step
+
+
+RUNNERS = {'poses': poses, 'scan': whole_scan, 'train': train, 'mesh': mesh, 'kernels': kernels}
+
+
+# --- Bookkeeping --------------------------------------------------------------------------------------------
+
+def is_done(folder, stub):
+    """Whether the result of this run is there, from the same commit and data."""
+    path = pathlib.Path(folder) / results.file_name(stub)
+    if not path.exists():
+        return False
+    there = results.parse(path.read_text(), path)
+    return there['exit_code'] == 0 and all(there[key] == stub[key] for key in ('commit', 'data_hash'))
+
+
+def measure_one(session, stub, measure):
+    """Runs, and writes the result also when it fails: then with the exit code and no figures."""
+    session.begin()
+    code, figures = 0, {}
+    try:
+        figures = measure()
+    except Failed as failure:
+        code = failure.code
+    curve = {'curve': figures.pop('curve')} if figures.get('curve') else {}
+    figures = {**figures, 'cpu_seconds': round(session.cpu, 1), 'wall_seconds': round(session.wall, 1),
+               'load': round(session.load, 1)}
+    result = {**stub, 'command': session.commands, 'recorded': 'by run.py', 'exit_code': code, 'figures': figures, **curve}
+    return results.write_result(session.args.results, result), code
+
+
+def run_suite(session, suite, names, seeds):
+    """The number of runs that failed."""
+    all_scenes, failures = scenes.read_scenes(), 0
+    for name in names:
+        try:
+            scene = scenes.find_scene(name, all_scenes[name], session.data, session.args.render_python)
+        except FileNotFoundError as error:
+            print(f'LEFT OUT {suite} {error}', flush=True)
+            continue
+        if name not in session.hashes:
+            session.hashes[name] = scenes.folder_hash(scene)
+            if note := scenes.check_hash(name, all_scenes[name], session.hashes[name]):
+                print(note, flush=True)
+        for seed in seeds:
+            for variant, measure in RUNNERS[suite](session, name, scene, seed):
+                stub = {'suite': suite, 'scene': name, 'variant': variant, 'seed': seed, 'commit': session.commit,
+                        'machine': session.machine, 'data_hash': session.hashes[name]}
+                if not session.args.again and is_done(session.args.results, stub):
+                    print(f'done already: {results.file_name(stub)}', flush=True)
+                    continue
+                path, code = measure_one(session, stub, measure)
+                failures += code != 0
+                print(f'{"FAILED " if code else ""}{path}', flush=True)
+    return failures
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('suites', nargs='+', choices=sorted(RUNNERS))
+    parser.add_argument('--scenes', nargs='+', choices=sorted(scenes.read_scenes()))
+    parser.add_argument('--seeds', nargs='+', type=int, default=[0])
+    parser.add_argument('--gpu', action='store_true')
+    parser.add_argument('--program', type=pathlib.Path, default=scenes.REPOSITORY / 'build/cpu/s2gs')
+    parser.add_argument('--tools', type=pathlib.Path, default=scenes.REPOSITORY / 'build/cpu/tests')
+    parser.add_argument('--data', type=pathlib.Path, default=scenes.REPOSITORY / 'build/bench/data')
+    parser.add_argument('--work', type=pathlib.Path, default=scenes.REPOSITORY / 'build/bench/work')
+    parser.add_argument('--results', type=pathlib.Path, default=results.RESULTS)
+    parser.add_argument('--again', action='store_true', help='also what is done')
+    parser.add_argument('--commit', help='of the program, where there is no git')
+    parser.add_argument('--machine', help="the machine's name in the results")
+    parser.add_argument('--render_python', help='a Python with open3d, scipy and Pillow, to render scenes that are missing')
+    parser.add_argument('--score_python', default=sys.executable, help='a Python with numpy and OpenCV, for the real sets')
+    args = parser.parse_args()
+    args.program = args.program.resolve()
+    session = Session(args)
+    session.work.mkdir(parents=True, exist_ok=True)
+    session.data.mkdir(parents=True, exist_ok=True)
+    failures = 0
+    for suite in args.suites:
+        failures += run_suite(session, suite, args.scenes or SUITES[suite][bool(args.gpu)], args.seeds)
+    return 1 if failures else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
