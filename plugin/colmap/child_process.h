@@ -16,8 +16,9 @@ struct ChildCommand {
 
 /// How a program ended: with an exit code, or by a signal.
 struct ChildExit {
-  int exit_code = -1;  ///< -1 when it was ended by a signal.
-  int signal = 0;      ///< 0 when it exited by itself.
+  int exit_code = -1;      ///< -1 when it was ended by a signal.
+  int signal = 0;          ///< 0 when it exited by itself.
+  double cpu_seconds = 0;  ///< of the program and of those that it waited for.
   bool Succeeded() const { return exit_code == 0; }
 };
 

@@ -4,6 +4,7 @@
 #include "plugin/commands/gaussian_trainer_command.h"
 #include "plugin/commands/scan_evaluator_command.h"
 #include "plugin/commands/tsdf_mesher_command.h"
+#include "plugin/commands/work_precision_command.h"
 #include "plugin/commands/workspace_info_command.h"
 
 #if S2GS_WITH_SFM
@@ -38,6 +39,9 @@ std::vector<Command> MakeCommands() {
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
   commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});
+  commands.push_back({"work_precision",
+                      "sweeps a knob of one stage: error against run time, as CSV, JSON and HTML",
+                      RunWorkPrecision});
   commands.push_back({"workspace_info",
                       "lists the stages of a workspace, which are done and why not, and its files",
                       RunWorkspaceInfo});

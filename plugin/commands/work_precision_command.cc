@@ -1,0 +1,121 @@
+#include "plugin/commands/work_precision_command.h"
+
+#include <fmt/format.h>
+
+#include <filesystem>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "plugin/curves/sweep.h"
+#include "plugin/curves/work_curve_files.h"
+#include "plugin/curves/work_curve_page.h"
+#include "plugin/stage/workspace.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Paths {
+  std::vector<std::string> workspaces, images, truths;
+  fs::path output;
+};
+
+std::string KnobList() {
+  std::string list;
+  for (const Knob& knob : AllKnobs()) list += (list.empty() ? "" : ", ") + knob.name;
+  return list;
+}
+
+// One for each workspace, or none.
+std::vector<std::string> Matched(const std::vector<std::string>& given, size_t count, const char* name) {
+  if (given.empty()) return std::vector<std::string>(count);
+  if (given.size() != count) {
+    throw CommandLineError(
+        fmt::format("--{} has {} folders, --workspace_path has {}: give one for each, or none.", name,
+                    given.size(), count));
+  }
+  return given;
+}
+
+void PrintCurve(const WorkCurve& curve, std::ostream& out) {
+  const std::vector<WorkSetting> settings = SumUp(curve);
+  out << fmt::format("{}; error: {}, against {}\n", curve.what, curve.error_text, curve.reference);
+  for (size_t scene = 0; scene < curve.scenes.size(); ++scene) {
+    out << fmt::format("\n{}\n{:>12} {:>12} {:>12} {:>12} {:>10}  Pareto\n", curve.scenes[scene], "value",
+                       "CPU [s]", "wall [s]", "error", "reached");
+    for (const WorkSetting& setting : settings) {
+      if (setting.scene != static_cast<int>(scene)) continue;
+      out << fmt::format("{:>12} {:>12.4g} {:>12.4g} {:>12} {:>10}  {}\n", setting.value,
+                         setting.cpu_seconds.median, setting.wall_seconds.median,
+                         setting.reached > 0 ? fmt::format("{:.4g}", setting.error.median) : "-",
+                         fmt::format("{} of {}", setting.reached, setting.runs),
+                         setting.is_pareto ? "yes" : "");
+    }
+  }
+}
+
+}  // namespace
+
+void RunWorkPrecision(CommandContext& context) {
+  Paths paths;
+  SweepOptions sweep;
+  std::string knob;
+  Options& options = context.Declare(
+      "Error against run time of one stage of finished scans: runs it again with every value of one knob and "
+      "every "
+      "seed, each in a workspace of its own that takes the stages before from the scan. Runs that are done "
+      "are not "
+      "made again. Writes CSV, JSON and an HTML page of diagrams, and names the settings that nothing beats "
+      "in both.",
+      "--workspace_path scan --knob joint_tolerance --seeds 0,1,2 --ground_truth_path data/falcon_desk");
+  options.Add("workspace_path", &paths.workspaces, "the scans; several give performance profiles").Required();
+  options
+      .Add("knob", &knob, "one of " + KnobList() + ", or any option of a stage's command as COMMAND.OPTION")
+      .Required();
+  options.Add("values", &sweep.values, "of the knob, from cheap to costly; empty: the knob's own");
+  options.Add("seeds", &sweep.seeds, "random seeds; stages before the knob's stay as they are");
+  options.Add("image_path", &paths.images,
+              "the photos, one folder for each scan; empty: images in the workspaces");
+  options.Add(
+      "ground_truth_path", &paths.truths,
+      "data sets as scan_evaluator takes them, one for each scan; empty: poses and meshes are measured "
+      "against the run of the last value");
+  options.Add("arguments", &sweep.arguments,
+              "more words for the knob's command, e.g. --test_every,8,--quality,low (training needs photos "
+              "held out)");
+  options.Add("use_gpu", &sweep.use_gpu, "auto, 0 or 1");
+  options.Add("jobs", &sweep.jobs, "runs at a time; wall times mean something with 1 alone");
+  options.Add("keep_files", &sweep.keep_files,
+              "keep all files of every run, not those alone that comparisons need");
+  options.Add("program_path", &sweep.program, "the s2gs that runs the stages; empty: this one");
+  options.Add("output_path", &paths.output,
+              "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
+              "first scan");
+  Reporter& reporter = context.Parse();
+  if (sweep.jobs < 1) throw CommandLineError("--jobs is below 1.");
+  sweep.knob = FindKnob(knob);
+  const size_t count = paths.workspaces.size();
+  paths.images = Matched(paths.images, count, "image_path");
+  paths.truths = Matched(paths.truths, count, "ground_truth_path");
+  for (size_t i = 0; i < count; ++i) {
+    sweep.scenes.push_back({paths.workspaces[i], paths.images[i], paths.truths[i]});
+  }
+  if (paths.output.empty()) paths.output = sweep.scenes[0].workspace / "work_precision" / sweep.knob.name;
+
+  const WorkCurve curve = RunSweep(sweep, reporter);
+  if (paths.output.has_parent_path()) CreateFolder(paths.output.parent_path());
+  const auto write = [&](const char* extension, void (*writer)(const WorkCurve&, std::ostream&)) {
+    WriteFileAtomically(paths.output.string() + extension, [&](std::ostream& out) { writer(curve, out); });
+  };
+  write(".csv", WriteCurveCsv);
+  write(".json", WriteCurveJson);
+  write(".html", WriteCurvePage);
+  PrintCurve(curve, context.out());
+  context.out() << "\n" << paths.output.string() << ".html, .csv and .json\n";
+}
+
+}  // namespace s2gs

@@ -1,0 +1,105 @@
+#include "plugin/curves/work_curve.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+Spread SpreadOf(const std::vector<double>& values) {
+  if (values.empty()) return {kInfinity, kInfinity, kInfinity};
+  const Summary summary = Summarize(values);
+  return {summary.min, summary.median, summary.max};
+}
+
+// Whether every run came to a result.
+bool IsReached(const WorkSetting& setting) { return setting.runs > 0 && setting.reached == setting.runs; }
+
+bool Dominates(const WorkSetting& a, const WorkSetting& b) {
+  const double time = a.cpu_seconds.median - b.cpu_seconds.median;
+  const double error = a.error.median - b.error.median;
+  return time <= 0 && error <= 0 && (time < 0 || error < 0);
+}
+
+double LeastError(const std::vector<WorkSetting>& settings, int scene) {
+  double least = kInfinity;
+  for (const WorkSetting& setting : settings) {
+    if (setting.scene == scene && IsReached(setting)) least = std::min(least, setting.error.median);
+  }
+  return least;
+}
+
+}  // namespace
+
+std::optional<double> WorkPoint::Figure(const std::string& name) const {
+  const auto found = figures.find(name);
+  if (!failure.empty() || found == figures.end() || !std::isfinite(found->second)) return std::nullopt;
+  return found->second;
+}
+
+std::vector<WorkSetting> SumUp(const WorkCurve& curve) {
+  std::vector<WorkSetting> settings;
+  for (int scene = 0; scene < static_cast<int>(curve.scenes.size()); ++scene) {
+    for (const std::string& value : curve.values) {
+      WorkSetting setting;
+      setting.scene = scene;
+      setting.value = value;
+      std::vector<double> cpu, wall, errors;
+      for (const WorkPoint& point : curve.points) {
+        if (point.scene != scene || point.value != value) continue;
+        ++setting.runs;
+        cpu.push_back(point.cpu_seconds);
+        wall.push_back(point.wall_seconds);
+        if (const std::optional<double> error = point.Figure(curve.error)) errors.push_back(*error);
+      }
+      if (setting.runs == 0) continue;
+      setting.reached = static_cast<int>(errors.size());
+      setting.cpu_seconds = SpreadOf(cpu);
+      setting.wall_seconds = SpreadOf(wall);
+      setting.error = SpreadOf(errors);
+      settings.push_back(setting);
+    }
+  }
+  for (WorkSetting& setting : settings) {
+    setting.is_pareto =
+        IsReached(setting) && std::none_of(settings.begin(), settings.end(), [&](const WorkSetting& other) {
+          return other.scene == setting.scene && IsReached(other) && Dominates(other, setting);
+        });
+  }
+  return settings;
+}
+
+std::optional<double> TimeToShare(const std::vector<WorkSetting>& settings, int scene, double share) {
+  const double target = LeastError(settings, scene) / share;
+  if (!std::isfinite(target)) return std::nullopt;
+  std::optional<double> time;
+  for (const WorkSetting& setting : settings) {
+    if (setting.scene != scene || !IsReached(setting) || setting.error.median > target) continue;
+    time = std::min(time.value_or(kInfinity), setting.cpu_seconds.median);
+  }
+  return time;
+}
+
+double ProfileAt(const std::vector<WorkSetting>& settings, int num_scenes, const std::string& value,
+                 double ratio, double tolerance) {
+  int within = 0;
+  for (int scene = 0; scene < num_scenes; ++scene) {
+    const double bound = (1 + tolerance) * LeastError(settings, scene);
+    double fastest = kInfinity;
+    double own = kInfinity;
+    for (const WorkSetting& setting : settings) {
+      if (setting.scene != scene || !IsReached(setting) || !(setting.error.median <= bound)) continue;
+      fastest = std::min(fastest, setting.cpu_seconds.median);
+      if (setting.value == value) own = setting.cpu_seconds.median;
+    }
+    within += std::isfinite(own) && own <= ratio * fastest ? 1 : 0;
+  }
+  return num_scenes == 0 ? 0 : static_cast<double>(within) / num_scenes;
+}
+
+}  // namespace s2gs

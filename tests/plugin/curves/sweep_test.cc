@@ -1,0 +1,128 @@
+#include "plugin/curves/sweep.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <string>
+
+#include "mesh/surface/triangle_mesh.h"
+#include "plugin/stage/workspace.h"
+#include "tests/support/bad_input.h"
+#include "tests/support/temporary_folder.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A square of side 1 at a height.
+TriangleMesh Square(float height) {
+  TriangleMesh mesh;
+  mesh.vertices = {{0, 0, height}, {1, 0, height}, {1, 1, height}, {0, 1, height}};
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  return mesh;
+}
+
+// A scan with a mesh, a database and a stage that counts as done; and a program that stands for s2gs: its
+// mesher takes the mesh of its value, fails for the value "bad", and notes every run.
+class SweepTest : public testing::Test {
+ protected:
+  void SetUp() override {
+    scan_.root = folder_ / "scan";
+    WriteAll(scan_.Database(), "features");
+    WriteAll(scan_.DepthMap("a.jpg"), "depths");
+    WriteAll(scan_.TsdfMesh(), "of another run");
+    WriteAll(scan_.Images() / "a.jpg", "photo");
+    for (const char* value : {"1", "2", "4"}) {
+      const fs::path path = folder_ / ("mesh_" + std::string(value) + ".ply");
+      WritePlyMesh(path, Square(0.1F / std::stof(value)));
+    }
+    folder_.Write("program",
+                  "#!/bin/sh\n"
+                  "echo \"$*\" >> " +
+                      (folder_ / "calls").string() +
+                      "\n"
+                      "while [ $# -gt 0 ]; do case $1 in\n"
+                      "--workspace_path) workspace=$2;; --knob) value=$2;; esac; shift; done\n"
+                      "test -e \"$workspace/dense/0/meshed-tsdf.ply\" && { echo left over; exit 1; }\n"
+                      "test -e \"$workspace/images/a.jpg\" || { echo no photos; exit 1; }\n"
+                      "[ $value = bad ] && { echo it broke; exit 1; }\n"
+                      "cp " +
+                      folder_.path().string() +
+                      "/mesh_$value.ply "
+                      "\"$workspace/dense/0/meshed-tsdf.ply\"\n");
+    fs::permissions(folder_ / "program", fs::perms::owner_all);
+    options_.knob = FindKnob("tsdf_mesher.knob");
+    options_.scenes = {{scan_.root, "", ""}};
+    options_.values = {"1", "bad", "2", "4"};
+    options_.seeds = {0, 5};
+    options_.program = folder_ / "program";
+  }
+
+  int Calls() const {
+    const std::string calls = folder_.Read("calls");
+    return static_cast<int>(std::count(calls.begin(), calls.end(), '\n'));
+  }
+
+  TemporaryFolder folder_;
+  Workspace scan_;
+  SweepOptions options_;
+  Reporter silent_;
+};
+
+TEST_F(SweepTest, MeasuresEveryValueAgainstTheLongestRun) {
+  for (const int jobs : {2, 1}) {  // the second time everything is done
+    options_.jobs = jobs;
+    const WorkCurve curve = RunSweep(options_, silent_);
+    EXPECT_EQ(Calls(), 8);
+    EXPECT_EQ(curve.values, std::vector<std::string>({"1", "bad", "2"}));
+    EXPECT_THAT(curve.reference, testing::HasSubstr("longest run"));
+    ASSERT_EQ(curve.points.size(), 6U);
+    for (const WorkPoint& point : curve.points) {
+      if (point.value == "bad") {
+        EXPECT_EQ(point.failure, "tsdf_mesher: it broke");
+        continue;
+      }
+      EXPECT_EQ(point.failure, "");
+      // Parallel squares: Chamfer distance is what lies between them, over the ruler's diagonal.
+      const double between = 0.1 / std::stod(point.value) - 0.1 / 4;
+      EXPECT_NEAR(point.Figure("own_chamfer_pct").value_or(-1), 100 * between / std::sqrt(2.0), 1e-4);
+    }
+  }
+  // The scan is as it was, and of the runs only what comparisons need is left.
+  EXPECT_EQ(ReadAll(scan_.TsdfMesh()), "of another run");
+  const Workspace run{scan_.root / "work_precision" / "tsdf_mesher.knob" / "2_seed5"};
+  EXPECT_TRUE(fs::exists(run.TsdfMesh()));
+  EXPECT_FALSE(fs::exists(run.Database()));
+  EXPECT_FALSE(fs::exists(run.Images()));
+  EXPECT_TRUE(fs::exists(scan_.Images() / "a.jpg"));
+}
+
+TEST_F(SweepTest, OtherSettingsRunAgain) {
+  RunSweep(options_, silent_);
+  EXPECT_EQ(Calls(), 8);
+  options_.arguments = {"--more", "1"};
+  RunSweep(options_, silent_);
+  EXPECT_EQ(Calls(), 16);
+  options_.values.insert(options_.values.begin(), "3");  // one new value: its two runs alone, which fail
+  RunSweep(options_, silent_);
+  EXPECT_EQ(Calls(), 18);
+}
+
+TEST_F(SweepTest, RefusesWhatCannotBeSwept) {
+  const auto refused = [&](const auto& change, const std::string& message) {
+    SweepOptions options = options_;
+    change(&options);
+    ExpectUserError([&] { RunSweep(options, silent_); }, {message});
+  };
+  refused([](SweepOptions* o) { o->values = {"1"}; }, "two values");
+  refused([](SweepOptions* o) { o->values = {"1", "2", "1"}; }, "twice");
+  refused([](SweepOptions* o) { o->seeds.clear(); }, "seed");
+  refused([](SweepOptions* o) { o->scenes[0].workspace = "/nowhere"; }, "no such folder");
+}
+
+}  // namespace
+}  // namespace s2gs
