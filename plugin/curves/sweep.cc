@@ -86,6 +86,11 @@ class Sweep {
     if (std::set<std::string>(o_.values.begin(), o_.values.end()).size() != o_.values.size()) {
       throw UserError("--values has one value twice. Give each once");
     }
+    for (const std::string& argument : o_.arguments) {
+      if (argument.find('=') == std::string::npos) {
+        throw UserError("--arguments: " + argument + " is no NAME=VALUE. Write for example quality=low");
+      }
+    }
     if (o_.seeds.empty()) throw UserError("a sweep needs at least one seed. Give them as --seeds");
     for (const SweptScene& scene : o_.scenes) {
       const Workspace base{scene.workspace};
@@ -172,7 +177,10 @@ class Sweep {
     }
     add("random_seed", std::to_string(seed));
     if (command == o_.knob.command) {
-      words.insert(words.end(), o_.arguments.begin(), o_.arguments.end());
+      for (const std::string& argument : o_.arguments) {
+        const size_t equals = argument.find('=');
+        add(argument.substr(0, equals), argument.substr(equals + 1));
+      }
       if (value != nullptr) add(o_.knob.option, *value);
     }
     words.insert(words.end(), more.begin(), more.end());

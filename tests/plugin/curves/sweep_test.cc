@@ -104,7 +104,7 @@ TEST_F(SweepTest, MeasuresEveryValueAgainstTheLongestRun) {
 TEST_F(SweepTest, OtherSettingsRunAgain) {
   RunSweep(options_, silent_);
   EXPECT_EQ(Calls(), 8);
-  options_.arguments = {"--more", "1"};
+  options_.arguments = {"more=1"};
   RunSweep(options_, silent_);
   EXPECT_EQ(Calls(), 16);
   options_.values.insert(options_.values.begin(), "3");  // one new value: its two runs alone, which fail
@@ -120,6 +120,7 @@ TEST_F(SweepTest, RefusesWhatCannotBeSwept) {
   };
   refused([](SweepOptions* o) { o->values = {"1"}; }, "two values");
   refused([](SweepOptions* o) { o->values = {"1", "2", "1"}; }, "twice");
+  refused([](SweepOptions* o) { o->arguments = {"more"}; }, "NAME=VALUE");
   refused([](SweepOptions* o) { o->seeds.clear(); }, "seed");
   refused([](SweepOptions* o) { o->scenes[0].workspace = "/nowhere"; }, "no such folder");
 }
