@@ -23,6 +23,8 @@ constexpr char kExitCodes[] =
     "    0  done: the promised output exists\n"
     "    1  a file, the disk or the data is at fault: the message names it and says what to do\n"
     "    2  unknown command, or an option that is unknown, missing or out of bounds\n"
+    "    3  automatic_scanner stopped before training: the poses are doubtful or have failed (--force 1 goes "
+    "on)\n"
     "  130  stopped by Ctrl-C or SIGTERM: the same command goes on where it stopped\n"
     "  134  a defect in s2gs\n";
 
@@ -117,6 +119,8 @@ int RunProgram(const std::vector<Command>& commands, const std::vector<std::stri
     return Complain(error.what(), kExitCommandLine);
   } catch (const UserError& error) {
     return Complain(error.what(), kExitUserError);
+  } catch (const DoubtfulResult& result) {
+    return Complain(result.what(), kExitDoubtful);
   } catch (const Interrupted&) {
     return Complain("stopped as asked. What was finished is kept: the same command goes on from there.",
                     kExitInterrupted);

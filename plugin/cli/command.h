@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <ostream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -47,11 +48,18 @@ class CommandContext {
 };
 
 /// One line of the command table. `run` returns when the promised output exists, else it throws UserError,
-/// CommandLineError or Interrupted.
+/// CommandLineError, DoubtfulResult or Interrupted.
 struct Command {
   std::string name;
   std::string summary;  ///< one line for `s2gs help`.
   void (*run)(CommandContext& context);
+};
+
+/// Thrown where going on would spend minutes on what is doubtful or has failed; the message says why, and how
+/// to go on all the same.
+class DoubtfulResult : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
 };
 
 /// Exit codes of the program.
@@ -59,6 +67,7 @@ enum ExitCode : int {
   kExitDone = 0,           ///< the promised output exists.
   kExitUserError = 1,      ///< something the user can mend: a file, the disk, the data.
   kExitCommandLine = 2,    ///< an unknown command or a wrong option.
+  kExitDoubtful = 3,       ///< what was done is kept, but it is not worth going on from without a look.
   kExitInterrupted = 130,  ///< stopped by Ctrl-C or SIGTERM; the same command goes on.
                            ///< 134 (abort) is a defect in s2gs.
 };

@@ -40,6 +40,7 @@ struct Settings {
   std::optional<int64_t> num_iterations;
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
+  bool force = false;
 };
 
 const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
@@ -246,6 +247,10 @@ void RunAutomaticScanner(CommandContext& context) {
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
+  options.Add(
+      "force", &settings.force,
+      "go on to training when the poses are doubtful or have failed; without it the scan stops there, "
+      "with exit code 3");
   options.Add("colmap_path", &settings.colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
   Reporter& reporter = context.Parse();
@@ -261,16 +266,27 @@ void RunAutomaticScanner(CommandContext& context) {
   CreateFolder(workspace.root);
 
   ScanSummary summary;
+  const auto finish = [&] {
+    CollectFigures(workspace, &summary);
+    WriteScanSummary(workspace.ReportJson(), summary);
+    PrintScanSummary(summary, context.out());
+  };
   const std::vector<Step> steps = MakeSteps(settings, options);
   for (size_t i = 0; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
     const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
     summary.steps.push_back(RunStep(steps[i], i + 1, steps.size(), context.out()));
     AddStages(workspace, steps[i].command, before, &summary);
+    if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() && !settings.force) {
+      const std::string verdict = ReadPoseVerdict(workspace).verdict;
+      if (verdict.empty() || verdict == "good") continue;
+      finish();
+      throw DoubtfulResult("the poses " + std::string(verdict == "failed" ? "have failed" : "are doubtful") +
+                           ", so that training on them was not begun. They are kept in " +
+                           workspace.root.string() + "; --force 1 goes on with them.");
+    }
   }
-  CollectFigures(workspace, &summary);
-  WriteScanSummary(workspace.ReportJson(), summary);
-  PrintScanSummary(summary, context.out());
+  finish();
 }
 
 }  // namespace s2gs

@@ -16,9 +16,11 @@
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/colmap/point_colors.h"
 #include "plugin/commands/turntable_report.h"
+#include "plugin/report/verdict_json.h"
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
+#include "sfm_split/adjust/scan_evidence.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/stopwatch.h"
@@ -252,6 +254,10 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   WriteTopView(workspace_.TopView(), aligned.scene, aligned.object, aligned.background);
   WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
   report.update(DescribeScene(aligned, candidate->refined));
+  const RefineReport& refined = candidate->refined;
+  const ScanEvidence evidence = GatherEvidence(input_.features, aligned.scene, refined.joint,
+                                               refined.held_back, settings_.placement.refine.max_error_px);
+  report["verdict"] = ToJson(JudgeScan(evidence), evidence);
   seconds_["write"] = watch.Lap();
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
@@ -284,6 +290,11 @@ void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json 
     if (!std::binary_search(names.begin(), names.end(), image.name)) report["missing"].push_back(image.name);
   }
   report["object"] = DescribePoints(model);
+  std::vector<Camera> cameras;
+  for (const auto& [id, camera] : model.cameras) cameras.push_back(camera);
+  const ScanEvidence evidence =
+      GatherOneBodyEvidence(input_.features, cameras, static_cast<int>(model.images.size()));
+  report["verdict"] = ToJson(JudgeScan(evidence), evidence);
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
 }

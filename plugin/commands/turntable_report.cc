@@ -7,6 +7,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "plugin/report/verdict_json.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -165,6 +166,7 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
     row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
                                 report.at("untied").size()));
   }
+  PrintVerdict(report.value("verdict", json()), out);
   if (!report.contains("sigma")) return;
   std::map<std::string, std::vector<std::string>> mended;
   for (const auto& image : report.at("mended")) {

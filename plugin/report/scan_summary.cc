@@ -112,7 +112,24 @@ void AddFiles(const Workspace& workspace, ScanSummary* summary) {
 
 }  // namespace
 
+ScanSummary::PoseVerdict ReadPoseVerdict(const Workspace& workspace) {
+  ScanSummary::PoseVerdict result;
+  const Json report = ReadJson(workspace.ObjectDatabase().parent_path() / "turntable_mapper.json");
+  if (!report.is_object() || !report.contains("verdict") || !report["verdict"].is_object()) return result;
+  const Json& verdict = report["verdict"];
+  const auto strings = [&](const char* key, std::vector<std::string>* out) {
+    for (const Json& line : verdict.value(key, Json::array())) {
+      if (line.is_string()) out->push_back(line.get<std::string>());
+    }
+  };
+  if (verdict.contains("verdict") && verdict["verdict"].is_string()) result.verdict = verdict["verdict"];
+  strings("reasons", &result.reasons);
+  strings("advice", &result.advice);
+  return result;
+}
+
 void CollectFigures(const Workspace& workspace, ScanSummary* summary) {
+  summary->verdict = ReadPoseVerdict(workspace);
   for (const auto add : {AddSplit, AddPoses, AddTraining, AddMesh, AddFiles}) {
     try {
       add(workspace, summary);
@@ -135,6 +152,12 @@ void WriteScanSummary(const fs::path& path, const ScanSummary& summary) {
   for (const ScanSummary::Stage& stage : summary.stages) {
     json["stages"].push_back(
         {{"name", stage.name}, {"run", stage.has_run}, {"reason", stage.reason}, {"seconds", stage.seconds}});
+  }
+  json["verdict"] = nullptr;
+  if (!summary.verdict.verdict.empty()) {
+    json["verdict"] = {{"verdict", summary.verdict.verdict},
+                       {"reasons", summary.verdict.reasons},
+                       {"advice", summary.verdict.advice}};
   }
   json["left_out"] = Json::array();
   for (const auto& [what, why] : summary.left_out) json["left_out"].push_back({{"what", what}, {"why", why}});
@@ -162,6 +185,12 @@ void PrintScanSummary(const ScanSummary& summary, std::ostream& out) {
   double total = 0;
   for (const ScanSummary::Step& step : summary.steps) total += step.wall_seconds;
   line("this run", FormatDuration(total));
+  if (!summary.verdict.verdict.empty()) {
+    out << "\nThe poses are " << summary.verdict.verdict << "\n";
+    for (const std::string& reason : summary.verdict.reasons) out << "  " << reason << "\n";
+    if (!summary.verdict.advice.empty()) out << "What to photograph differently\n";
+    for (const std::string& advice : summary.verdict.advice) out << "  " << advice << "\n";
+  }
   if (!summary.left_out.empty()) out << "\nWhat was left out, and why\n";
   for (const auto& [what, why] : summary.left_out) line(what, why);
   out << "\nWhat came out\n";

@@ -28,16 +28,29 @@ struct ScanSummary {
     double seconds = 0;    ///< that it took, now or then.
   };
   std::vector<Stage> stages;
+  /// What the poses are worth: "good", "doubtful" or "failed", why, and what to photograph differently. Empty
+  /// before they are there.
+  struct PoseVerdict {
+    std::string verdict;
+    std::vector<std::string> reasons;
+    std::vector<std::string> advice;
+  };
+  PoseVerdict verdict;
   std::vector<std::pair<std::string, std::string>> left_out;         ///< what, and the measured reason.
   std::vector<std::pair<std::string, std::string>> figures;          ///< name and value with its unit.
   std::vector<std::pair<std::string, std::filesystem::path>> files;  ///< what, where; those that exist.
 };
 
-/// Fills in what was left out, the figures and the files from what the steps left in the workspace. What
-/// cannot be read is missing from the summary.
+/// What turntable_mapper says of its poses; empty where it has not run, or where what it wrote cannot be
+/// read.
+ScanSummary::PoseVerdict ReadPoseVerdict(const Workspace& workspace);
+
+/// Fills in the verdict, what was left out, the figures and the files from what the steps left in the
+/// workspace. What cannot be read is missing from the summary.
 void CollectFigures(const Workspace& workspace, ScanSummary* summary);
 
-/// report.json: {"steps": [...], "stages": [...], "left_out": [...], "figures": {...}, "files": {...}}.
+/// report.json: {"steps": [...], "stages": [...], "verdict": {"verdict",
+/// "reasons": [...], "advice": [...]} or null, "left_out": [...], "figures": {...}, "files": {...}}.
 /// Throws UserError.
 void WriteScanSummary(const std::filesystem::path& path, const ScanSummary& summary);
 

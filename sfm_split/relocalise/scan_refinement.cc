@@ -209,7 +209,7 @@ void ScanRefiner::AddView(int image, int station, const Rigid3& cam_from_world,
   aligned_->scene.views.push_back(view);
 }
 
-// The points with the longest tracks, and more where an image would have few.
+// The points with the longest tracks, and more where an image would have few; none that are held back.
 std::vector<size_t> ScanRefiner::PointsToAdjust(const std::vector<TrackPoint>& points, int max_observations,
                                                 int max_points) const {
   std::vector<size_t> order(points.size());
@@ -219,7 +219,11 @@ std::vector<size_t> ScanRefiner::PointsToAdjust(const std::vector<TrackPoint>& p
   std::vector<size_t> chosen;
   std::vector<int> seen(features_.images.size(), 0);
   int64_t observations = 0;
+  const auto is_held_back = [&](const TrackElement& e) {
+    return report_.held_back[static_cast<size_t>(e.image)][e.keypoint];
+  };
   for (const size_t p : order) {
+    if (std::any_of(points[p].track.begin(), points[p].track.end(), is_held_back)) continue;
     const bool has_room = observations < max_observations && static_cast<int>(chosen.size()) < max_points;
     const bool is_wanted = std::any_of(
         points[p].track.begin(), points[p].track.end(),

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/scan_evidence.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/scan_features.h"
@@ -56,6 +57,7 @@ struct RefineReport {
   bool is_stable = false;                          ///< false: the last round still changed something.
   std::vector<std::vector<KeypointLabel>> labels;  ///< per image of the features, by reprojection.
   int relabelled_keypoints = 0;
+  HeldBackKeypoints held_back;  ///< that no adjustment saw; the models have them.
 };
 
 /// From an aligned scene (which may lack images) to the jointly adjusted one: triangulates both bodies anew

@@ -38,6 +38,7 @@ class ScanRefiner {
       keypoints_.push_back(features.images[i].keypoints);
       image_of_name_[features.images[i].name] = static_cast<int>(i);
     }
+    report_.held_back = HoldBack(features);
     has_background_ = !aligned->background.images.empty();
     for (const auto& [id, image] : aligned->background.images) {
       const auto found = image_of_name_.find(image.name);

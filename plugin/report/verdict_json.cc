@@ -1,0 +1,73 @@
+#include "plugin/report/verdict_json.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <string>
+
+namespace s2gs {
+namespace {
+
+using nlohmann::json;
+
+json Number(const std::optional<double>& value) {
+  return value && std::isfinite(*value) ? json(*value) : json(nullptr);
+}
+
+json ToJson(const AgreeingMatches& matches) {
+  return {{"all", matches.all},
+          {"agreeing", matches.agreeing},
+          {"by_chance", matches.by_chance},
+          {"share", Number(matches.Share())}};
+}
+
+}  // namespace
+
+json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
+  json measured = {{"photos", evidence.photos},
+                   {"placed", evidence.placed},
+                   {"unsupported", evidence.unsupported},
+                   {"one_body", evidence.is_one_body},
+                   {"unmoved_photos", evidence.unmoved_photos},
+                   {"bound_px", evidence.bound_px},
+                   {"verified", ToJson(evidence.verified)},
+                   {"held_back", ToJson(evidence.held_back)},
+                   {"adjusted_noise_px", Number(evidence.adjusted_noise_px)},
+                   {"held_back_noise_px", Number(evidence.held_back_noise_px)},
+                   {"across_stations", ToJson(evidence.across_stations)},
+                   {"neighbours", ToJson(evidence.neighbours)},
+                   {"neighbour_pairs", evidence.neighbour_pairs},
+                   {"contradicted_neighbours", evidence.contradicted_neighbours},
+                   {"seam", ToJson(evidence.seam)},
+                   {"seam_pairs", evidence.seam_pairs},
+                   {"contradicted_seams", evidence.contradicted_seams},
+                   {"median_step_deg", Number(evidence.median_step_deg)},
+                   {"least_step_deg", Number(evidence.least_step_deg)},
+                   {"focal_widths", evidence.focal_widths},
+                   {"focal_sigma_rel", Number(evidence.focal_sigma_rel)},
+                   {"focal_prior_share", Number(evidence.focal_prior_share)},
+                   {"angle_sigma_median_deg", Number(evidence.angle_sigma_median_deg)},
+                   {"angle_sigma_max_deg", Number(evidence.angle_sigma_max_deg)},
+                   {"scale_sigma_rel", Number(evidence.scale_sigma_rel)},
+                   {"free_object", evidence.is_object_free}};
+  return {{"verdict", VerdictName(verdict.verdict)},
+          {"reasons", verdict.reasons},
+          {"advice", verdict.advice},
+          {"measured", std::move(measured)}};
+}
+
+void PrintVerdict(const json& verdict, std::ostream& out) {
+  if (!verdict.is_object() || !verdict.contains("verdict")) return;
+  out << fmt::format("{:<24}{}\n", "verdict", verdict.value("verdict", ""));
+  const auto lines = [&](const char* key, const char* title) {
+    const json list = verdict.value(key, json::array());
+    for (const json& line : list) {
+      if (line.is_string()) out << fmt::format("{:<24}{}\n", title, line.get<std::string>());
+      title = "";
+    }
+  };
+  lines("reasons", "  because");
+  lines("advice", "  next time");
+}
+
+}  // namespace s2gs

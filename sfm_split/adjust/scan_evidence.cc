@@ -1,0 +1,326 @@
+#include "sfm_split/adjust/scan_evidence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "sfm_split/adjust/match_noise.h"
+#include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/base/statistics.h"
+#include "sfm_split/split/two_view_motion.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kDegree = 3.14159265358979323846 / 180;
+constexpr uint64_t kHeldBackOneIn = 10;
+constexpr float kLeastMovePx = 3;       // less may be the background's
+constexpr int kNextInOrder = 2;         // photos so far apart in order are neighbours
+constexpr int kLeastOfTurn = 6;         // photos of a station that can be a turn
+constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their robust fits take
+constexpr double kNoiseRange = 6;       // of the bound, over which errors are looked at
+constexpr int kLeastSupport = 15;       // COLMAP's least motion between two photos
+constexpr double kMagnification = 2;    // of what is near over what is far, on a turntable, at most
+constexpr double kOutlying = 0.02;      // of keypoints, left out on either side of what the object sweeps
+
+uint64_t Mix(uint64_t x) {  // SplitMix64's
+  x += 0x9e3779b97f4a7c15ULL;
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
+  return x ^ (x >> 31);
+}
+
+class Gatherer {
+ public:
+  Gatherer(const ScanFeatures& features, const TurntableScene& scene, double bound_px)
+      : features_(features),
+        bound_px_(bound_px),
+        posed_(features.images.size()),
+        view_of_(features.images.size()) {
+    std::map<uint32_t, const Camera*> cameras;
+    for (const Camera& camera : scene.cameras) cameras[camera.camera_id] = &camera;
+    std::map<std::string, const View*> views;
+    for (const View& view : scene.views) views[view.name] = &view;
+    for (size_t i = 0; i < features.images.size(); ++i) {
+      order_[features.images[i].station].push_back(static_cast<int>(i));
+      const auto found = views.find(features.images[i].name);
+      if (found == views.end()) continue;
+      view_of_[i] = found->second;
+      posed_[i] = {true, cameras.at(found->second->camera_id), found->second->CamFromObject()};
+    }
+  }
+
+  void VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence);
+  void ProvenPairs(ScanEvidence* evidence);
+  void Steps(ScanEvidence* evidence);
+
+ private:
+  const Keypoints& KeypointsOf(int image) const {
+    return features_.images[static_cast<size_t>(image)].keypoints;
+  }
+  int StationOf(int image) const { return features_.images[static_cast<size_t>(image)].station; }
+  bool IsPosed(int image) const { return posed_[static_cast<size_t>(image)].is_posed; }
+  double Error(const ImagePairMatches& pair, const FeatureMatch& match) const {
+    return MatchErrorPx(posed_[static_cast<size_t>(pair.image1)], posed_[static_cast<size_t>(pair.image2)],
+                        KeypointsOf(pair.image1)[match.point2D_idx1].cast<double>(),
+                        KeypointsOf(pair.image2)[match.point2D_idx2].cast<double>());
+  }
+  // Against the same matches with their second keypoints exchanged among them.
+  AgreeingMatches Compare(const ImagePairMatches& pair, const FeatureMatches& matches) const {
+    AgreeingMatches result;
+    result.all = static_cast<int64_t>(matches.size());
+    const size_t away = matches.size() / 2;
+    for (size_t m = 0; m < matches.size(); ++m) {
+      result.agreeing += Error(pair, matches[m]) <= bound_px_ ? 1 : 0;
+      if (away == 0) continue;
+      const FeatureMatch other = {matches[m].point2D_idx1, matches[(m + away) % matches.size()].point2D_idx2};
+      result.by_chance += Error(pair, other) <= bound_px_ ? 1 : 0;
+    }
+    return result;
+  }
+  bool IsStatic(int image, uint32_t keypoint) const {
+    const std::vector<KeypointLabel>& labels = features_.images[static_cast<size_t>(image)].labels;
+    return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
+  }
+  FeatureMatches Proven(const ImagePairMatches& pair) const;
+
+  const ScanFeatures& features_;
+  double bound_px_;
+  std::vector<PosedImage> posed_;
+  std::vector<const View*> view_of_;
+  std::map<int, std::vector<int>> order_;  // images of a station, by name
+};
+
+void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence) {
+  std::vector<double> held_errors;
+  std::vector<double> adjusted_errors;
+  std::vector<int> support(posed_.size(), 0);
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
+    const AgreeingMatches compared = Compare(pair, pair.matches);
+    evidence->verified.Add(compared);
+    if (StationOf(pair.image1) != StationOf(pair.image2)) evidence->across_stations.Add(compared);
+    FeatureMatches held;
+    for (const FeatureMatch& match : pair.matches) {
+      const double error = Error(pair, match);
+      const bool is_held = held_back[static_cast<size_t>(pair.image1)][match.point2D_idx1] ||
+                           held_back[static_cast<size_t>(pair.image2)][match.point2D_idx2];
+      (is_held ? held_errors : adjusted_errors).push_back(error);
+      if (is_held) held.push_back(match);
+      if (error > bound_px_) continue;
+      ++support[static_cast<size_t>(pair.image1)];
+      ++support[static_cast<size_t>(pair.image2)];
+    }
+    evidence->held_back.Add(Compare(pair, held));
+  }
+  if (static_cast<int>(adjusted_errors.size()) >= kLeastSupport) {
+    evidence->adjusted_noise_px = FitNoise(adjusted_errors, kNoiseRange * bound_px_).sigma;
+  }
+  if (static_cast<int>(held_errors.size()) >= kLeastSupport) {
+    evidence->held_back_noise_px = FitNoise(held_errors, kNoiseRange * bound_px_).sigma;
+  }
+  for (size_t i = 0; i < posed_.size(); ++i) {
+    if (posed_[i].is_posed && support[i] < kLeastSupport)
+      evidence->unsupported.push_back(features_.images[i].name);
+  }
+}
+
+// Matches that move and follow one epipolar geometry of their own.
+FeatureMatches Gatherer::Proven(const ImagePairMatches& pair) const {
+  const bool same_place = StationOf(pair.image1) == StationOf(pair.image2);
+  FeatureMatches moving;
+  for (const FeatureMatch& match : pair.matches) {
+    if (IsStatic(pair.image1, match.point2D_idx1) || IsStatic(pair.image2, match.point2D_idx2)) continue;
+    const float moved =
+        (KeypointsOf(pair.image1)[match.point2D_idx1] - KeypointsOf(pair.image2)[match.point2D_idx2]).norm();
+    if (same_place && moved <= kLeastMovePx) continue;
+    moving.push_back(match);
+  }
+  std::vector<int> all(moving.size());
+  for (size_t m = 0; m < all.size(); ++m) all[m] = static_cast<int>(m);
+  FeatureMatches proven;
+  for (const int m : FitMotion(KeypointsOf(pair.image1), KeypointsOf(pair.image2), moving, all, {}).inliers) {
+    proven.push_back(moving[static_cast<size_t>(m)]);
+  }
+  return proven;
+}
+
+void Gatherer::ProvenPairs(ScanEvidence* evidence) {
+  std::map<int, int> place;
+  for (const auto& [station, images] : order_) {
+    for (size_t k = 0; k < images.size(); ++k) place[images[k]] = static_cast<int>(k);
+  }
+  enum Kind { kNeighbours, kSeam };
+  std::vector<const ImagePairMatches*> pairs[2];
+  for (const ImagePairMatches& pair : features_.raw_pairs) {
+    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
+    const int station = StationOf(pair.image1);
+    if (station != StationOf(pair.image2)) continue;
+    const int apart = std::abs(place[pair.image1] - place[pair.image2]);
+    const int count = static_cast<int>(order_[station].size());
+    if (apart <= kNextInOrder) {
+      pairs[kNeighbours].push_back(&pair);
+    } else if (count >= kLeastOfTurn && count - apart <= kNextInOrder) {
+      pairs[kSeam].push_back(&pair);
+    }
+  }
+  for (const Kind kind : {kNeighbours, kSeam}) {
+    const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
+    AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
+    for (size_t p = 0; p < pairs[kind].size(); p += stride) {
+      const FeatureMatches proven = Proven(*pairs[kind][p]);
+      if (proven.empty()) continue;
+      const AgreeingMatches compared = Compare(*pairs[kind][p], proven);
+      sum.Add(compared);
+      const bool is_contradicted = compared.agreeing * 2 < compared.all;
+      evidence->neighbour_pairs += kind == kNeighbours ? 1 : 0;
+      evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
+      evidence->seam_pairs += kind == kSeam ? 1 : 0;
+      evidence->contradicted_seams += kind == kSeam && is_contradicted ? 1 : 0;
+    }
+  }
+}
+
+// A point that turns by an angle moves no farther than its distance from the axis times the angle; what the
+// object sweeps over a station's photos is at least that wide.
+void Gatherer::Steps(ScanEvidence* evidence) {
+  std::map<std::pair<int, int>, const ImagePairMatches*> pair_of;
+  std::map<int, std::vector<float>> x_of;
+  std::map<int, std::vector<float>> y_of;
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    pair_of[std::minmax(pair.image1, pair.image2)] = &pair;
+    const int station = StationOf(pair.image1);
+    for (const FeatureMatch& match : pair.matches) {
+      x_of[station].push_back(KeypointsOf(pair.image1)[match.point2D_idx1].x());
+      y_of[station].push_back(KeypointsOf(pair.image1)[match.point2D_idx1].y());
+    }
+  }
+  const auto extent = [](std::vector<float>* values) {
+    std::sort(values->begin(), values->end());
+    const auto out = static_cast<size_t>(kOutlying * static_cast<double>(values->size()));
+    return values->empty() ? 0.0 : static_cast<double>((*values)[values->size() - 1 - out] - (*values)[out]);
+  };
+  std::vector<double> steps;
+  std::vector<double> least;
+  for (const auto& [station, images] : order_) {
+    const double swept = std::hypot(extent(&x_of[station]), extent(&y_of[station]));
+    for (size_t k = 1; k < images.size(); ++k) {
+      const int before = images[k - 1];
+      const int after = images[k];
+      if (!IsPosed(before) || !IsPosed(after)) continue;
+      const View& one = *view_of_[static_cast<size_t>(before)];
+      const View& two = *view_of_[static_cast<size_t>(after)];
+      steps.push_back(WrapAngle((two.angle_deg - one.angle_deg) * kDegree) / kDegree);
+      const auto found = pair_of.find(std::minmax(before, after));
+      if (found == pair_of.end() || found->second->matches.size() < static_cast<size_t>(kLeastSupport))
+        continue;
+      std::vector<double> moved;
+      for (const FeatureMatch& match : found->second->matches) {
+        moved.push_back((KeypointsOf(found->second->image1)[match.point2D_idx1] -
+                         KeypointsOf(found->second->image2)[match.point2D_idx2])
+                            .norm());
+      }
+      if (swept > 0) least.push_back(UpperMedian(moved) / (kMagnification * swept) / kDegree);
+    }
+  }
+  if (!steps.empty()) evidence->median_step_deg = UpperMedian(steps);
+  if (!least.empty()) evidence->least_step_deg = UpperMedian(least);
+}
+
+void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& cameras, ScanEvidence* evidence) {
+  evidence->photos = static_cast<int>(features.images.size());
+  std::map<int, int> photos_of_station;
+  for (const ScanImage& image : features.images) {
+    evidence->unmoved_photos = std::max(evidence->unmoved_photos, ++photos_of_station[image.station]);
+  }
+  for (const Camera& camera : cameras) {
+    evidence->focal_widths.push_back(FocalLengths(camera).x() / static_cast<double>(camera.width));
+  }
+}
+
+}  // namespace
+
+HeldBackKeypoints HoldBack(const ScanFeatures& features) {
+  const size_t num = features.images.size();
+  std::vector<size_t> first(num + 1, 0);
+  for (size_t i = 0; i < num; ++i) first[i + 1] = first[i] + features.images[i].keypoints.size();
+  std::vector<std::vector<size_t>> matched(first.back());
+  for (const ImagePairMatches& pair : features.object_pairs) {
+    for (const FeatureMatch& match : pair.matches) {
+      const size_t a = first[static_cast<size_t>(pair.image1)] + match.point2D_idx1;
+      const size_t b = first[static_cast<size_t>(pair.image2)] + match.point2D_idx2;
+      matched[a].push_back(b);
+      matched[b].push_back(a);
+    }
+  }
+  const auto image_of = [&](size_t k) {
+    return std::upper_bound(first.begin(), first.end(), k) - first.begin() - 1;
+  };
+  std::vector<bool> seen(first.back(), false);
+  std::vector<bool> held(first.back(), false);
+  for (size_t start = 0; start < matched.size(); ++start) {
+    if (seen[start] || matched[start].empty()) continue;
+    std::vector<size_t> set = {start};
+    seen[start] = true;
+    for (size_t at = 0; at < set.size(); ++at) {
+      for (const size_t next : matched[set[at]]) {
+        if (!seen[next]) set.push_back(next);
+        seen[next] = true;
+      }
+    }
+    if (Mix(start) % kHeldBackOneIn != 0) continue;
+    std::set<std::ptrdiff_t> images;
+    for (const size_t k : set) images.insert(image_of(k));
+    if (images.size() != set.size()) continue;
+    for (const size_t k : set) held[k] = true;
+  }
+  HeldBackKeypoints result(num);
+  for (size_t i = 0; i < num; ++i) {
+    result[i].assign(held.begin() + static_cast<std::ptrdiff_t>(first[i]),
+                     held.begin() + static_cast<std::ptrdiff_t>(first[i + 1]));
+  }
+  return result;
+}
+
+ScanEvidence GatherEvidence(const ScanFeatures& features, const TurntableScene& scene,
+                            const JointReport& joint, const HeldBackKeypoints& held_back,
+                            double max_error_px) {
+  ScanEvidence evidence;
+  evidence.bound_px = max_error_px;
+  evidence.placed = static_cast<int>(scene.views.size());
+  evidence.is_object_free = joint.model == JointModel::kFreeObject;
+  RecordCameras(features, scene.cameras, &evidence);
+  Gatherer gatherer(features, scene, max_error_px);
+  gatherer.VerifiedMatches(held_back, &evidence);
+  gatherer.ProvenPairs(&evidence);
+  gatherer.Steps(&evidence);
+
+  if (!joint.observability.computed) return evidence;
+  std::vector<double> sigmas;
+  for (const double sigma : joint.angle_sigma_deg) {
+    if (sigma > 0) sigmas.push_back(sigma);
+  }
+  if (!sigmas.empty()) {
+    evidence.angle_sigma_median_deg = UpperMedian(sigmas);
+    evidence.angle_sigma_max_deg = *std::max_element(sigmas.begin(), sigmas.end());
+  }
+  for (size_t c = 0; c < joint.focal_sigma_px.size() && c < scene.cameras.size(); ++c) {
+    const double relative = joint.focal_sigma_px[c] / FocalLengths(scene.cameras[c]).x();
+    if (relative > 0) evidence.focal_sigma_rel = std::max(evidence.focal_sigma_rel.value_or(0), relative);
+  }
+  if (joint.scale_sigma_rel >= 0) evidence.scale_sigma_rel = joint.scale_sigma_rel;
+  return evidence;
+}
+
+ScanEvidence GatherOneBodyEvidence(const ScanFeatures& features, const std::vector<Camera>& cameras,
+                                   int placed) {
+  ScanEvidence evidence;
+  evidence.is_one_body = true;
+  evidence.placed = placed;
+  RecordCameras(features, cameras, &evidence);
+  return evidence;
+}
+
+}  // namespace s2gs

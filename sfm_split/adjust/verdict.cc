@@ -1,0 +1,253 @@
+#include "sfm_split/adjust/verdict.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+namespace s2gs {
+namespace {
+
+// What is asked of a scan: table angles to a degree with two standard deviations, and nine photos in ten.
+constexpr double kMaxAngleDeg = 1;
+constexpr double kSigmas = 2;
+constexpr double kEnoughPlaced = 0.9;
+// The more common of two answers: of photos, of matches, of pairs.
+constexpr double kHalf = 0.5;
+// Cameras of photogrammetry, from fisheye to long telephoto.
+constexpr double kLeastFocalWidths = 0.3;
+constexpr double kMostFocalWidths = 10;
+// Fewer matches than COLMAP asks of a motion between two photos tell nothing.
+constexpr int64_t kLeastMatches = 15;
+// Excess of the held-back noise over the adjusted one, in its standard deviations: three are one in 700.
+constexpr double kNoiseSigmas = 3;
+// Noise that the adjustment cannot have seen grows with the parameters a match pays for; doubled, the poses
+// follow the noise of the matches that they were fitted to.
+constexpr double kMaxNoiseGrowth = 2;
+// A prior that gives most of what is known of the focal length is not checked by the photos.
+constexpr double kMaxPriorShare = 0.5;
+
+template <class... Values>
+std::string Text(const char* format, Values... values) {
+  char text[256];
+  std::snprintf(text, sizeof(text), format, values...);
+  return text;
+}
+
+int Percent(double share) { return static_cast<int>(std::lround(100 * share)); }
+
+class Judge {
+ public:
+  explicit Judge(const ScanEvidence& evidence) : evidence_(evidence) {}
+
+  ScanVerdict Run() {
+    JudgePlaced();
+    if (!evidence_.is_one_body) {
+      JudgeSteps();
+      JudgeSeam();
+      JudgePairs();
+      JudgeHeldBack();
+      JudgeSigmas();
+    }
+    JudgeCameras();
+    std::stable_sort(found_.begin(), found_.end(),
+                     [](const Finding& a, const Finding& b) { return a.verdict > b.verdict; });
+    ScanVerdict result;
+    for (const Finding& finding : found_) {
+      result.verdict = std::max(result.verdict, finding.verdict);
+      result.reasons.push_back(finding.reason);
+      for (const std::string& advice : finding.advice) {
+        if (std::find(result.advice.begin(), result.advice.end(), advice) == result.advice.end()) {
+          result.advice.push_back(advice);
+        }
+      }
+    }
+    if (result.reasons.empty()) result.reasons = Good();
+    return result;
+  }
+
+ private:
+  struct Finding {
+    Verdict verdict;
+    std::string reason;
+    std::vector<std::string> advice;
+  };
+
+  static constexpr const char* kSmallerSteps =
+      "smaller steps, so that the same details show in photos next to each other";
+  static constexpr const char* kTexture =
+      "texture that turns with the object: a printed or speckled sheet on the table";
+  static constexpr const char* kFixedCamera =
+      "a camera that stands firm, with fixed exposure, white balance and focus";
+  static constexpr const char* kLight =
+      "soft, even light, so that highlights and shadows do not look like texture";
+  static constexpr const char* kFocal =
+      "a known focal length: photos with their EXIF data, or the camera's parameters by "
+      "--ImageReader.camera_params";
+  static constexpr const char* kFullTurn = "a full turn whose last photo comes one step before the first";
+
+  void Add(Verdict verdict, std::string reason, std::vector<std::string> advice) {
+    found_.push_back({verdict, std::move(reason), std::move(advice)});
+  }
+
+  void JudgePlaced() {
+    const double share = evidence_.photos > 0 ? evidence_.placed / static_cast<double>(evidence_.photos) : 0;
+    if (evidence_.is_one_body && evidence_.unmoved_photos > kHalf * evidence_.photos) {
+      Add(Verdict::kFailed,
+          Text("nothing was found to turn, though %d of %d photos are of one camera place",
+               evidence_.unmoved_photos, evidence_.photos),
+          {kTexture, kLight});
+    }
+    if (share < kEnoughPlaced) {
+      Add(share < kHalf ? Verdict::kFailed : Verdict::kDoubtful,
+          Text("%d of %d photos have a place", evidence_.placed, evidence_.photos),
+          {kSmallerSteps, kTexture});
+    }
+    const auto unsupported = static_cast<double>(evidence_.unsupported.size());
+    if (unsupported > (1 - kEnoughPlaced) * evidence_.placed) {
+      Add(Verdict::kDoubtful,
+          Text("the places of %d photos rest on fewer than %d matches each",
+               static_cast<int>(evidence_.unsupported.size()), static_cast<int>(kLeastMatches)),
+          {kTexture, kSmallerSteps});
+    }
+  }
+
+  // Points of a body that turns by an angle move no farther than the angle times what it sweeps.
+  void JudgeSteps() {
+    if (!evidence_.median_step_deg || !evidence_.least_step_deg) return;
+    const double step = std::abs(*evidence_.median_step_deg);
+    if (step >= *evidence_.least_step_deg) return;
+    Add(Verdict::kFailed,
+        Text("the table is said to turn %.2g degrees a step, but the object's details move as far as %.2g or "
+             "more ask",
+             step, *evidence_.least_step_deg),
+        {kFocal, kTexture});
+  }
+
+  void JudgeSeam() {
+    const std::optional<double> seam = evidence_.seam.Share();
+    if (!seam || evidence_.seam.all < kLeastMatches) return;
+    const double others = evidence_.neighbours.Share().value_or(1);
+    if (*seam >= kHalf * others) return;
+    Add(Verdict::kFailed,
+        Text("the turn does not close: of %d matches between its last photos and its first, %d %% agree with "
+             "the "
+             "poses, of those between neighbours %d %%",
+             static_cast<int>(evidence_.seam.all), Percent(std::max(0.0, *seam)), Percent(others)),
+        {kTexture, kSmallerSteps, kFullTurn});
+  }
+
+  void JudgePairs() {
+    const auto judge = [&](const AgreeingMatches& matches, const char* of) {
+      const std::optional<double> share = matches.Share();
+      if (!share || matches.all < kLeastMatches || *share >= kHalf) return false;
+      Add(Verdict::kFailed,
+          Text("of %lld matches that %s prove by themselves, %d %% agree with the poses",
+               static_cast<long long>(matches.all), of, Percent(std::max(0.0, *share))),
+          {kTexture, kSmallerSteps, kFixedCamera});
+      return true;
+    };
+    const bool said = judge(evidence_.neighbours, "photos next to each other");
+    judge(evidence_.across_stations, "photos of different camera places");
+    if (!said && evidence_.contradicted_neighbours > (1 - kEnoughPlaced) * evidence_.neighbour_pairs) {
+      Add(Verdict::kDoubtful,
+          Text("%d of %d pairs of photos next to each other contradict the poses",
+               evidence_.contradicted_neighbours, evidence_.neighbour_pairs),
+          {kSmallerSteps, kFixedCamera});
+    }
+    if (evidence_.neighbour_pairs == 0 && evidence_.verified.all < kLeastMatches) {
+      Add(Verdict::kDoubtful, "no pair of photos proves by itself how the object turns",
+          {kTexture, kSmallerSteps});
+    }
+  }
+
+  void JudgeHeldBack() {
+    const std::optional<double> share = evidence_.held_back.Share();
+    if (share && evidence_.held_back.all >= kLeastMatches && *share < kHalf) {
+      Add(Verdict::kFailed,
+          Text("of %d matches that were held back, %d %% agree with the poses",
+               static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
+          {kTexture, kSmallerSteps});
+    }
+    if (!evidence_.adjusted_noise_px || !evidence_.held_back_noise_px) return;
+    const double adjusted = *evidence_.adjusted_noise_px;
+    const double held_back = *evidence_.held_back_noise_px;
+    const double sigma =
+        adjusted / std::sqrt(2.0 * std::max<double>(1, static_cast<double>(evidence_.held_back.all)));
+    if (held_back > kMaxNoiseGrowth * adjusted && held_back > adjusted + kNoiseSigmas * sigma) {
+      Add(Verdict::kDoubtful,
+          Text("matches that were held back miss their lines by %.2f px, those that were adjusted by %.2f px",
+               held_back, adjusted),
+          {kTexture, kSmallerSteps});
+    }
+  }
+
+  void JudgeSigmas() {
+    if (evidence_.angle_sigma_max_deg && kSigmas * *evidence_.angle_sigma_max_deg > kMaxAngleDeg) {
+      Add(Verdict::kDoubtful,
+          std::isfinite(*evidence_.angle_sigma_max_deg)
+              ? Text("a table angle is known to +- %.2g degrees only", *evidence_.angle_sigma_max_deg)
+              : std::string("a table angle cannot be told from the photos"),
+          {kTexture, kSmallerSteps, kFullTurn});
+    }
+  }
+
+  void JudgeCameras() {
+    for (const double widths : evidence_.focal_widths) {
+      if (widths >= kLeastFocalWidths && widths <= kMostFocalWidths) continue;
+      Add(Verdict::kFailed, Text("the focal length came out as %.2g times the photos' width", widths),
+          {kFocal});
+    }
+    if (evidence_.focal_prior_share && *evidence_.focal_prior_share > kMaxPriorShare &&
+        evidence_.focal_sigma_rel && evidence_.angle_sigma_max_deg &&
+        kSigmas * *evidence_.angle_sigma_max_deg > kMaxAngleDeg) {
+      Add(Verdict::kDoubtful, "the focal length is a guess that the photos do not check", {kFocal});
+    }
+  }
+
+  std::vector<std::string> Good() const {
+    std::vector<std::string> reasons;
+    reasons.push_back(Text("%d of %d photos have a place", evidence_.placed, evidence_.photos));
+    const auto add = [&](const AgreeingMatches& matches, const char* of) {
+      if (const std::optional<double> share = matches.Share()) {
+        reasons.push_back(Text("%d %% of %lld matches %s agree with the poses", Percent(*share),
+                               static_cast<long long>(matches.all), of));
+      }
+    };
+    add(evidence_.held_back, "that were held back");
+    add(evidence_.seam, "across the end of the turn");
+    add(evidence_.across_stations, "between camera places");
+    return reasons;
+  }
+
+  const ScanEvidence& evidence_;
+  std::vector<Finding> found_;
+};
+
+}  // namespace
+
+const char* VerdictName(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kGood:
+      return "good";
+    case Verdict::kDoubtful:
+      return "doubtful";
+    case Verdict::kFailed:
+      return "failed";
+  }
+  return "";
+}
+
+std::optional<double> AgreeingMatches::Share() const {
+  if (all <= 0 || by_chance >= static_cast<double>(all)) return std::nullopt;
+  return (static_cast<double>(agreeing) - by_chance) / (static_cast<double>(all) - by_chance);
+}
+
+void AgreeingMatches::Add(const AgreeingMatches& other) {
+  all += other.all;
+  agreeing += other.agreeing;
+  by_chance += other.by_chance;
+}
+
+ScanVerdict JudgeScan(const ScanEvidence& evidence) { return Judge(evidence).Run(); }
+
+}  // namespace s2gs

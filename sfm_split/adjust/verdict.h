@@ -1,0 +1,84 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace s2gs {
+
+/// What may be expected of a scan's poses.
+enum class Verdict {
+  kGood,      ///< what was held back bears them out.
+  kDoubtful,  ///< something contradicts them, or too little bears them out.
+  kFailed,    ///< they are wrong, or most photos have none.
+};
+/// "good", "doubtful", "failed".
+const char* VerdictName(Verdict verdict);
+
+/// Matches of which some agree with the poses.
+struct AgreeingMatches {
+  int64_t all = 0;
+  int64_t agreeing = 0;
+  /// As many as would agree if each keypoint were matched with that of another match of the pair.
+  double by_chance = 0;
+
+  /// The share of the right ones that agree when chance lets the rest agree as often as it does: 1 when all
+  /// do, 0 when no more than by chance do; nothing when there are none, or when chance explains them all.
+  std::optional<double> Share() const;
+  void Add(const AgreeingMatches& other);
+};
+
+/// What is known of a scan's poses beside the poses. What was not measured has no value.
+struct ScanEvidence {
+  int photos = 0;
+  int placed = 0;
+  /// Photos whose pose fewer matches bear out than a motion between two photos needs to be told from chance.
+  std::vector<std::string> unsupported;
+
+  /// All photos were taken for one rigid body.
+  bool is_one_body = false;
+  int unmoved_photos = 0;  ///< the most photos that one camera place has.
+
+  double bound_px = 0;                       ///< distance from its epipolar line at which a match agrees.
+  AgreeingMatches verified;                  ///< of the object, between placed photos.
+  AgreeingMatches held_back;                 ///< of these, those that no adjustment has seen: a tenth.
+  std::optional<double> adjusted_noise_px;   ///< standard deviation of the other matches' errors ...
+  std::optional<double> held_back_noise_px;  ///< ... and of those held back.
+
+  AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
+  /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
+  /// geometry, whatever the poses say and whether or not the split kept them. Of photos next to each other,
+  /// and of those across the end of the turn.
+  AgreeingMatches neighbours;
+  AgreeingMatches seam;
+  int neighbour_pairs = 0;
+  int contradicted_neighbours = 0;  ///< pairs of which fewer than half agree.
+  int seam_pairs = 0;
+  int contradicted_seams = 0;
+
+  /// The table's steps by the poses, and the least that lets the object's keypoints move as they do.
+  std::optional<double> median_step_deg;
+  std::optional<double> least_step_deg;
+
+  std::vector<double> focal_widths;  ///< of each camera, over the photo's width.
+  /// Standard deviations; the shares that rest on priors.
+  std::optional<double> focal_sigma_rel;
+  std::optional<double> focal_prior_share;
+  std::optional<double> angle_sigma_median_deg;
+  std::optional<double> angle_sigma_max_deg;
+  std::optional<double> scale_sigma_rel;
+  bool is_object_free = false;  ///< each photo has an object pose of its own.
+};
+
+struct ScanVerdict {
+  Verdict verdict = Verdict::kGood;
+  std::vector<std::string> reasons;  ///< sentences without full stop, the gravest first; also why it is good.
+  std::vector<std::string> advice;   ///< what to photograph differently; empty when good.
+};
+
+/// The verdict on evidence. Every bound comes from chance, from noise or from what is asked of a scan (table
+/// angles to a degree); verdict.cc says which.
+ScanVerdict JudgeScan(const ScanEvidence& evidence);
+
+}  // namespace s2gs
