@@ -59,8 +59,9 @@ void AddOptions(Options& options, Settings* settings) {
       "use_matches", &settings->use_matches,
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
       "its pairs, instead of planning pairs and matching them");
-  options.Add("weak_features", &settings.weak_features,
-              "where what changes has few features, look there again at lower thresholds, given --image_path");
+  options.Add(
+      "weak_features", &settings.weak_features,
+      "where what changes has few features, look there again at lower thresholds, given --image_path");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
   auto station = options.Group("Station", &settings->split.station);
@@ -181,7 +182,9 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   WriteSplitDatabase(settings.database_path, paths.output / "static.db", features, split.static_pairs,
                      settings.write_matches ? &split.static_matches : nullptr, reporter);
   WriteLabels(paths.output / "labels.json", split, features);
-  if (pictures) WriteChangeMaps(paths.output / "changes", pictures->changes, features);
+  if (pictures) {
+    WriteChangeMaps(paths.output / "changes", settings.extraction.image_path, pictures->changes, features);
+  }
   if (settings.max_overlays > 0 && !settings.extraction.image_path.empty()) {
     WriteSplitOverlays(paths.output / "overlays", settings.extraction.image_path, features, split,
                        settings.max_overlays, reporter);

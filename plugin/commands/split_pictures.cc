@@ -9,7 +9,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photos.h"
 #include "sfm_split/base/error.h"
-#include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/weak_features.h"
 
@@ -116,7 +116,12 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
   return total;
 }
 
-void WriteChangeMaps(const fs::path& folder, const SceneChanges& changes, const SplitFeatures& features) {
+void WriteChangeMaps(const fs::path& folder, const fs::path& image_path, const SceneChanges& changes,
+                     const SplitFeatures& features) {
+  std::vector<std::string> names;
+  names.reserve(features.images.size());
+  for (const SplitImage& image : features.images) names.push_back(image.name);
+  const ImageOutputs outputs(folder, image_path, names);
   for (size_t i = 0; i < changes.photos.size(); ++i) {
     const ChangeMap& map = changes.photos[i];
     if (map.deviation.empty()) continue;
@@ -125,9 +130,7 @@ void WriteChangeMaps(const fs::path& folder, const SceneChanges& changes, const 
     image.height = map.height;
     image.channels = 1;
     image.pixels = map.deviation;
-    const fs::path path = folder / (features.images[i].name + ".png");
-    CreateFolder(path.parent_path());
-    WriteImage(path, image);
+    WriteImage(outputs.Make(folder, ImageName(names[i], image_path), ".png"), image);
   }
 }
 
