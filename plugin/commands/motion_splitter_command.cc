@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@
 #include "plugin/colmap/extract_features.h"
 #include "plugin/commands/split_files.h"
 #include "plugin/commands/split_overlay.h"
+#include "plugin/commands/split_pictures.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
@@ -31,6 +33,7 @@ struct Settings {
   FeatureExtraction extraction;
   int max_overlays = 20;
   bool use_matches = false;
+  bool weak_features = true;
   bool write_matches = true;
   SplitSettings split;
 };
@@ -42,8 +45,10 @@ void AddOptions(Options& options, Settings* settings) {
       .Required();
   options.Add("output_path", &settings->output_path,
               "folder for object.db, static.db and labels.json; empty: split, beside the database");
-  options.Add("image_path", &settings->extraction.image_path,
-              "the photos: to extract features where the database has none, and for overlays");
+  options.Add(
+      "image_path", &settings->extraction.image_path,
+      "the photos: to extract features where the database has none, to see where the camera stood still "
+      "and what changes, and for overlays");
   options.Add("colmap_path", &settings->colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
   options.Add("max_overlays", &settings->max_overlays,
@@ -54,6 +59,9 @@ void AddOptions(Options& options, Settings* settings) {
       "use_matches", &settings->use_matches,
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
       "its pairs, instead of planning pairs and matching them");
+  options.Add(
+      "weak_features", &settings.weak_features,
+      "where what changes has few features, look there again at lower thresholds, given --image_path");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
   auto station = options.Group("Station", &settings->split.station);
@@ -146,9 +154,16 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   SplitFeatures features = ReadSplitFeatures(settings.database_path);
   reporter.Info(std::to_string(features.images.size()) + " photos read from " +
                 settings.database_path.string());
+  SplitSettings split_settings = settings.split;
+  std::optional<ScanPictures> pictures;
+  if (!settings.extraction.image_path.empty()) {
+    pictures = ReadScanPictures(settings.extraction.image_path, features, split_settings.station, reporter);
+  }
+  if (pictures && settings.weak_features && !settings.use_matches) {
+    AddWeakFeatures(settings.extraction.image_path, *pictures, &features, reporter);
+  }
   if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
   GivenMatches given;
-  SplitSettings split_settings = settings.split;
   if (settings.use_matches) {
     given = ReadGivenMatches(settings.database_path, features);
     const int all = static_cast<int>(features.images.size());
@@ -156,7 +171,8 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
     split_settings.split.station_partners = all;
     split_settings.split.max_nearby_stations = all;
   }
-  const MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given);
+  const MotionSplit split =
+      SplitMotion(features.images, split_settings, &reporter, given, pictures ? &*pictures : nullptr);
   for (const std::string& warning : split.warnings) reporter.Warn(warning);
 
   CreateFolder(paths.output);
@@ -166,6 +182,9 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   WriteSplitDatabase(settings.database_path, paths.output / "static.db", features, split.static_pairs,
                      settings.write_matches ? &split.static_matches : nullptr, reporter);
   WriteLabels(paths.output / "labels.json", split, features);
+  if (pictures) {
+    WriteChangeMaps(paths.output / "changes", settings.extraction.image_path, pictures->changes, features);
+  }
   if (settings.max_overlays > 0 && !settings.extraction.image_path.empty()) {
     WriteSplitOverlays(paths.output / "overlays", settings.extraction.image_path, features, split,
                        settings.max_overlays, reporter);

@@ -33,6 +33,37 @@ float ScaleOf(const KeypointMatrix& keypoints, Eigen::Index row) {
   return 1.0F;
 }
 
+// Rows of COLMAP's two, four or six columns: place; scale and orientation; or an affine shape.
+KeypointMatrix WithAdded(const KeypointMatrix& keypoints, const SiftFeatures& added) {
+  KeypointMatrix all(keypoints.rows() + static_cast<Eigen::Index>(added.keypoints.size()), keypoints.cols());
+  all.topRows(keypoints.rows()) = keypoints;
+  for (size_t k = 0; k < added.keypoints.size(); ++k) {
+    auto row = all.row(keypoints.rows() + static_cast<Eigen::Index>(k));
+    row.head<2>() = added.keypoints[k].transpose();
+    const float scale = added.scales[k];
+    const float angle = added.orientations[k];
+    if (all.cols() == 4) row.tail<2>() << scale, angle;
+    if (all.cols() == 6) {
+      row.tail<4>() << scale * std::cos(angle), -scale * std::sin(angle), scale * std::sin(angle),
+          scale * std::cos(angle);
+    }
+  }
+  return all;
+}
+
+void WriteAdded(const SplitFeatures& features, ColmapDatabase* database) {
+  for (size_t i = 0; i < features.added.size(); ++i) {
+    const SiftFeatures& added = features.added[i];
+    if (added.keypoints.empty()) continue;
+    const uint32_t image_id = features.rows[i].image_id;
+    database->WriteKeypoints(image_id, WithAdded(database->ReadKeypoints(image_id), added));
+    const SplitImage& image = features.images[i];
+    const Eigen::Map<const DescriptorMatrix> descriptors(
+        image.descriptors.data(), static_cast<Eigen::Index>(image.keypoints.size()), kDescriptorSize);
+    database->WriteDescriptors(image_id, descriptors);
+  }
+}
+
 }  // namespace
 
 SplitFeatures ReadSplitFeatures(const fs::path& database_path) {
@@ -162,6 +193,7 @@ void WriteSplitDatabase(const fs::path& database_path, const fs::path& path, con
   }
   ColmapDatabase::SafeCopy(database_path, path, reporter, [&](ColmapDatabase& copy) {
     copy.ReplaceTwoViewGeometries(geometries);
+    copy.InTransaction([&] { WriteAdded(features, &copy); });
     if (matches == nullptr) return;
     copy.InTransaction([&] {
       for (const ImagePairMatches& pair : *matches) {

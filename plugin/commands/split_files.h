@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/matching/weak_features.h"
 #include "sfm_split/scene/io/colmap_database.h"
 #include "sfm_split/split/motion_split.h"
 
@@ -14,6 +15,8 @@ namespace s2gs {
 struct SplitFeatures {
   std::vector<DatabaseImage> rows;  ///< as images.
   std::vector<SplitImage> images;   ///< in the natural order of names.
+  /// Per image, or none at all: features that the database lacks; they stand last among the image's.
+  std::vector<SiftFeatures> added;
 };
 
 /// Throws UserError when the database is damaged or has fewer than three images.
@@ -29,7 +32,8 @@ GivenMatches ReadGivenMatches(const std::filesystem::path& database_path, const 
 /// Throws UserError when no image has a mask, or one has another size than its image.
 void ApplyMasks(const std::filesystem::path& mask_path, SplitFeatures* features, Reporter& reporter);
 
-/// Copies `database_path` to `path` with these pairs as its two-view geometries.
+/// Copies `database_path` to `path` with these pairs as its two-view geometries, and with the features that
+/// were added.
 /// \param matches  nullptr, or what goes into its table of raw matches.
 void WriteSplitDatabase(const std::filesystem::path& database_path, const std::filesystem::path& path,
                         const SplitFeatures& features, const std::vector<VerifiedPair>& pairs,

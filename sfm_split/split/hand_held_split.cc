@@ -209,6 +209,7 @@ void BecomeTwoBodies(const SplitMatching& matching, const std::vector<VerifiedPa
   split->stations.station_of_image.resize(num_images);
   split->stations.images.assign(num_images, {});
   split->stations.shift.assign(num_images, Eigen::Vector2f::Zero());
+  split->stations.photo_from_first.clear();
   for (int i = 0; i < num_images; ++i) {
     split->stations.station_of_image[i] = i;
     split->stations.images[i] = {i};

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <iomanip>
 #include <set>
+#include <sstream>
 #include <utility>
 
 #include "sfm_split/matching/image_similarity.h"
@@ -25,11 +27,10 @@ double UnmovedDistance(const SplitMatching& matching, const Stations& stations,
   std::vector<double> distances;
   for (const ImagePairMatches& pair : pairs) {
     if (stations.station_of_image[pair.image1] != stations.station_of_image[pair.image2]) continue;
-    const Eigen::Vector2f shift = stations.shift[pair.image2] - stations.shift[pair.image1];
     for (const FeatureMatch& match : pair.matches) {
-      const double distance = (matching.keypoints()[pair.image2][match.point2D_idx2] -
-                               matching.keypoints()[pair.image1][match.point2D_idx1] - shift)
-                                  .norm();
+      const Eigen::Vector2f expected =
+          stations.Move(pair.image1, pair.image2, matching.keypoints()[pair.image1][match.point2D_idx1]);
+      const double distance = (matching.keypoints()[pair.image2][match.point2D_idx2] - expected).norm();
       if (distance <= limit) distances.push_back(distance);
     }
   }
@@ -41,7 +42,8 @@ double UnmovedDistance(const SplitMatching& matching, const Stations& stations,
 
 // Stations from the largest features of all pairs, which does not ask for photos in the order of capture, and
 // from all features of neighbours for those photos that this leaves alone.
-Stations FindStationsOfPhotos(SplitMatching* matching, SimilarityMatrix* similarity) {
+Stations FindStationsOfPhotos(const ScanPictures* pictures, SplitMatching* matching,
+                              SimilarityMatrix* similarity) {
   const auto num = static_cast<uint32_t>(matching->NumImages());
   const PackedImages largest = matching->PackLargest(kCoarseFeatures, [](int, uint32_t) { return true; });
   std::vector<ImagePairMatches> candidates;
@@ -76,7 +78,13 @@ Stations FindStationsOfPhotos(SplitMatching* matching, SimilarityMatrix* similar
     }
   }
   if (!pairs.empty()) flush(done);
-  Stations stations = FindStations(matching->keypoints(), matching->sizes(), candidates, options);
+  const auto group = [&] {
+    const std::vector<StationJoin> joins =
+        FindStationJoins(matching->keypoints(), matching->sizes(), candidates, options);
+    if (pictures == nullptr) return GroupJoined(num, joins, options);
+    return JoinStations(pictures->pictures, pictures->stations, joins, options);
+  };
+  Stations stations = group();
 
   std::set<ImagePair> neighbours;
   for (uint32_t i = 0; i < num; ++i) {
@@ -92,7 +100,7 @@ Stations FindStationsOfPhotos(SplitMatching* matching, SimilarityMatrix* similar
        matching->Match({neighbours.begin(), neighbours.end()}, matching->PackAll(), "match neighbours")) {
     candidates.push_back(std::move(pair));
   }
-  stations = FindStations(matching->keypoints(), matching->sizes(), candidates, options);
+  stations = group();
   matching->AdaptToNoise(UnmovedDistance(*matching, stations, candidates));
   return stations;
 }
@@ -103,14 +111,20 @@ double ShareAtStations(const Stations& stations) {
   return static_cast<double>(num) / static_cast<double>(stations.station_of_image.size());
 }
 
+std::string Percent(double share) {
+  std::ostringstream text;
+  text << std::setprecision(2) << 100 * share << " %";
+  return text.str();
+}
+
 bool HasGivenLabels(const std::vector<SplitImage>& images) {
   return std::any_of(images.begin(), images.end(),
                      [](const SplitImage& image) { return !image.given_labels.empty(); });
 }
 
-void Split(SplitMatching* matching, MotionSplit* split) {
+void Split(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* split) {
   SimilarityMatrix similarity;
-  split->stations = FindStationsOfPhotos(matching, &similarity);
+  split->stations = FindStationsOfPhotos(pictures, matching, &similarity);
   const size_t num_stations = split->stations.images.size();
   const double at_stations = ShareAtStations(split->stations);
   const bool has_masks = HasGivenLabels(matching->images());
@@ -119,7 +133,14 @@ void Split(SplitMatching* matching, MotionSplit* split) {
     return;
   }
   SplitByStations(matching, split);
-  if (static_cast<double>(split->object_pairs.size()) < kMinTurningPairs * matching->NumImages()) {
+  const double active_share = pictures == nullptr ? 0 : pictures->changes.MedianActiveShare();
+  const bool has_turned =
+      static_cast<double>(split->object_pairs.size()) >= kMinTurningPairs * matching->NumImages();
+  if (!has_turned && active_share > 0) {
+    split->warnings.push_back("only " + std::to_string(split->object_pairs.size()) +
+                              " pairs of photos have features that turn, though " + Percent(active_share) +
+                              " of the picture change from photo to photo");
+  } else if (!has_turned) {
     const size_t num_pairs = split->object_pairs.size();
     const Stations stations = split->stations;
     *split = MotionSplit();
@@ -159,10 +180,10 @@ OptionCheck MotionSplitOptions::Check() const {
 }
 
 MotionSplit SplitMotion(const std::vector<SplitImage>& images, const SplitSettings& settings,
-                        Reporter* reporter, const GivenMatches& given) {
+                        Reporter* reporter, const GivenMatches& given, const ScanPictures* pictures) {
   SplitMatching matching(images, settings, reporter, given);
   MotionSplit split;
-  Split(&matching, &split);
+  Split(pictures, &matching, &split);
   split.num_pairs_matched = matching.num_pairs_matched();
   return split;
 }

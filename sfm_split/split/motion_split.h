@@ -10,6 +10,8 @@
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/pair_plan.h"
+#include "sfm_split/split/change_maps.h"
+#include "sfm_split/split/station_pictures.h"
 #include "sfm_split/split/stations.h"
 #include "sfm_split/split/two_view_motion.h"
 
@@ -84,6 +86,13 @@ struct SplitSettings {
 /// Raw matches of pairs of images that somebody else matched, by the images' numbers, the smaller one first.
 using GivenMatches = std::map<ImagePair, FeatureMatches>;
 
+/// What the photos' pictures tell, where there are photos to look at.
+struct ScanPictures {
+  std::vector<GreyPicture> pictures;  ///< per image.
+  PictureStations stations;
+  SceneChanges changes;
+};
+
 /// Splits photos of an object that turned on a table in front of a fixed background.
 ///
 /// With stations, camera positions at which several photos were taken, a keypoint of the background stays at
@@ -97,8 +106,10 @@ using GivenMatches = std::map<ImagePair, FeatureMatches>;
 /// among
 ///               them count as pairs without matches. Only stations and likeness are still found by matching
 ///               each image's largest features.
-/// Throws Interrupted when the reporter asks to stop.
+/// \param pictures  nullptr, or what tells stations apart, and whether anything changes, where features are
+/// few. Throws Interrupted when the reporter asks to stop.
 MotionSplit SplitMotion(const std::vector<SplitImage>& images, const SplitSettings& settings,
-                        Reporter* reporter, const GivenMatches& given = {});
+                        Reporter* reporter, const GivenMatches& given = {},
+                        const ScanPictures* pictures = nullptr);
 
 }  // namespace s2gs

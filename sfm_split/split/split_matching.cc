@@ -11,7 +11,6 @@ namespace s2gs {
 namespace {
 
 constexpr double kReferenceSidePx = 1600;  // photos up to this size have the options' bounds
-constexpr double kMaxShakePx = 100;        // StationOptions' own bound
 
 }  // namespace
 
@@ -27,8 +26,7 @@ SplitMatching::SplitMatching(const std::vector<SplitImage>& images, const SplitS
     longest_side = std::max(longest_side, image.size.maxCoeff());
   }
   const double scale = std::max(1.0, longest_side / kReferenceSidePx);
-  settings_.station.max_unmoved_px *= scale;
-  settings_.station.max_shake_px = std::min(settings_.station.max_shake_px * scale, kMaxShakePx);
+  settings_.station = settings_.station.ForPhotosOf(longest_side);
   settings_.motion.max_error_px *= scale;
   settings_.split.min_moved_px *= scale;
 }

@@ -5,10 +5,10 @@
 #include <map>
 #include <numeric>
 #include <optional>
-#include <set>
 #include <utility>
 
 #include "sfm_split/matching/image_similarity.h"
+#include "sfm_split/matching/photo_order.h"
 #include "sfm_split/split/pair_evidence.h"
 #include "sfm_split/split/station_turn.h"
 #include "sfm_split/split/still_keypoints.h"
@@ -48,6 +48,7 @@ class StationSplitter {
     LabelPhotosOfTheirOwn();
     PackByLabel();
     MatchBackgroundAcrossStations();
+    FindOrders();
     MatchObjectInsideStations();
     MatchObjectAcrossStations();
     RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
@@ -151,28 +152,78 @@ class StationSplitter {
     }
   }
 
-  // Steps 1, 2, 3, ... apart, then half as far again each time.
+  // Names hint at the order in which the table turned. Where photos that follow each other by name have less
+  // in common than others, the order is made from what they have in common.
+  void FindOrders() {
+    const PackedImages largest =
+        matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) { return IsCandidate(i, k); });
+    order_ = split_.stations.images;
+    similarity_.resize(order_.size());
+    is_by_name_.assign(order_.size(), true);
+    for (size_t s = 0; s < order_.size(); ++s) {
+      if (order_[s].size() < 4) continue;
+      PackedImages of_station;
+      of_station.reserve(order_[s].size());
+      for (const int i : order_[s]) of_station.push_back(largest[i]);
+      similarity_[s] = CountMatchesOfAllPairs(of_station, matching_.matcher(), matching_.reporter());
+      std::vector<uint32_t> by_name(order_[s].size());
+      std::iota(by_name.begin(), by_name.end(), 0U);
+      if (OrderAgreement(by_name, similarity_[s]) >= kMinOrderAgreement) continue;
+      is_by_name_[s] = false;
+      TakeOrder(s, OrderBySimilarity(similarity_[s]));
+    }
+  }
+
+  void TakeOrder(size_t s, const std::vector<uint32_t>& order) {
+    for (size_t p = 0; p < order.size(); ++p) order_[s][p] = split_.stations.images[s][order[p]];
+  }
+
+  // The order by verified matches, which say more than a few large features; by name where that is as good.
+  void RefineOrders() {
+    for (size_t s = 0; s < order_.size(); ++s) {
+      if (is_by_name_[s]) continue;
+      const std::vector<int>& images = split_.stations.images[s];
+      const auto num = static_cast<Eigen::Index>(images.size());
+      SimilarityMatrix verified = SimilarityMatrix::Zero(num, num);
+      for (const VerifiedPair& pair : split_.object_pairs) {
+        if (StationOf(pair.image1) != static_cast<int>(s) || StationOf(pair.image2) != static_cast<int>(s))
+          continue;
+        const auto a = std::lower_bound(images.begin(), images.end(), pair.image1) - images.begin();
+        const auto b = std::lower_bound(images.begin(), images.end(), pair.image2) - images.begin();
+        verified(a, b) = verified(b, a) = static_cast<uint32_t>(pair.matches.size());
+      }
+      std::vector<uint32_t> by_name(images.size());
+      std::iota(by_name.begin(), by_name.end(), 0U);
+      const std::vector<uint32_t> by_matches = OrderBySimilarity(verified);
+      const bool is_named = OrderAgreement(by_name, verified) >= OrderAgreement(by_matches, verified);
+      TakeOrder(s, is_named ? by_name : by_matches);
+    }
+  }
+
+  // Steps 1, 2, 3, ... apart, then half as far again each time. Stations without a known order are matched in
+  // full while that is no great work.
   void MatchObjectInsideStations() {
     rotating_.resize(matching_.images().size());
     for (int i = 0; i < matching_.NumImages(); ++i)
       rotating_[i].assign(matching_.images()[i].keypoints.size(), false);
-    bool has_seen_turn = false;
-    for (int step = 1;; step = step < options_.max_object_steps ? step + 1 : step + (step + 1) / 2) {
-      std::set<ImagePair> pairs;
-      for (const std::vector<int>& station : split_.stations.images) {
-        const int n = static_cast<int>(station.size());
-        if (2 * step > n) continue;
-        for (int i = 0; i < n; ++i) pairs.insert(Ordered(station[i], station[(i + step) % n]));
+    std::vector<ImagePair> without_order;
+    for (size_t s = 0; s < order_.size(); ++s) {
+      if (is_by_name_[s]) continue;
+      for (size_t i = 0; i < order_[s].size(); ++i) {
+        for (size_t j = 0; j < i; ++j) without_order.push_back(Ordered(order_[s][i], order_[s][j]));
       }
-      if (pairs.empty()) break;
-      const double share =
-          static_cast<double>(AddObjectPairs({pairs.begin(), pairs.end()}, "match in stations")) /
-          static_cast<double>(pairs.size());
-      if (has_seen_turn && share < kMinVerifiedShare) break;
-      has_seen_turn = has_seen_turn || share >= kMinVerifiedShare;
+    }
+    if (static_cast<int64_t>(without_order.size()) <= options_.max_exhaustive_pairs) {
+      AddObjectPairs(NewPairs(std::move(without_order), done_), "match in stations");
+      MatchBySteps();
+    } else {
+      MatchBySteps();
+      RefineOrders();
+      MatchBySteps();
     }
     AddSimilarPairs();
     RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
+    RefineOrders();
     RemoveFolded();
     for (const VerifiedPair& pair : split_.object_pairs) {
       for (const FeatureMatch& match : pair.matches) {
@@ -182,11 +233,32 @@ class StationSplitter {
     }
   }
 
+  void MatchBySteps() {
+    bool has_seen_turn = false;
+    for (int step = 1;; step = step < options_.max_object_steps ? step + 1 : step + (step + 1) / 2) {
+      std::vector<ImagePair> pairs;
+      bool has_step = false;
+      for (const std::vector<int>& station : order_) {
+        const int n = static_cast<int>(station.size());
+        if (2 * step > n) continue;
+        has_step = true;
+        for (int i = 0; i < n; ++i) pairs.push_back(Ordered(station[i], station[(i + step) % n]));
+      }
+      if (!has_step) break;
+      pairs = NewPairs(std::move(pairs), done_);
+      if (pairs.empty()) continue;
+      const double share =
+          static_cast<double>(AddObjectPairs(pairs, "match in stations")) / static_cast<double>(pairs.size());
+      if (has_seen_turn && share < kMinVerifiedShare) break;
+      has_seen_turn = has_seen_turn || share >= kMinVerifiedShare;
+    }
+  }
+
   // An object that looks the same from several sides matches itself at wrong angles, and consistently so:
   // third images confirm it. What photos a few steps apart say about the station tells the angles apart.
   void RemoveFolded() {
     std::vector<int> place(matching_.images().size());
-    for (const std::vector<int>& station : split_.stations.images) {
+    for (const std::vector<int>& station : order_) {
       for (size_t p = 0; p < station.size(); ++p) place[station[p]] = static_cast<int>(p);
     }
     std::vector<std::vector<const VerifiedPair*>> pairs_of_station(split_.stations.images.size());
@@ -198,10 +270,8 @@ class StationSplitter {
       matches.xy1.reserve(pair.matches.size());
       matches.xy2.reserve(pair.matches.size());
       for (const FeatureMatch& match : pair.matches) {
-        matches.xy1.push_back(matching_.keypoints()[pair.image1][match.point2D_idx1] -
-                              split_.stations.shift[pair.image1]);
-        matches.xy2.push_back(matching_.keypoints()[pair.image2][match.point2D_idx2] -
-                              split_.stations.shift[pair.image2]);
+        matches.xy1.push_back(ToFirst(pair.image1, matching_.keypoints()[pair.image1][match.point2D_idx1]));
+        matches.xy2.push_back(ToFirst(pair.image2, matching_.keypoints()[pair.image2][match.point2D_idx2]));
       }
       return matches;
     };
@@ -261,20 +331,14 @@ class StationSplitter {
                        [&](const Eigen::Vector2i& size) { return size == matching_.sizes().front(); });
   }
 
-  // Photos whose names do not tell the order of capture, and tables turned to and fro.
+  // Tables turned to and fro.
   void AddSimilarPairs() {
-    const PackedImages largest =
-        matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) { return IsCandidate(i, k); });
     std::vector<ImagePair> candidates;
-    for (const std::vector<int>& station : split_.stations.images) {
-      if (station.size() < 4) continue;
-      PackedImages of_station;
-      of_station.reserve(station.size());
-      for (const int i : station) of_station.push_back(largest[i]);
-      const SimilarityMatrix similarity =
-          CountMatchesOfAllPairs(of_station, matching_.matcher(), matching_.reporter());
-      for (const ImagePair& pair : SimilarPairs(similarity, kSimilarInStation)) {
-        if (similarity(pair.first, pair.second) >= kMinCoarseMatches)
+    for (size_t s = 0; s < similarity_.size(); ++s) {
+      if (similarity_[s].size() == 0) continue;
+      const std::vector<int>& station = split_.stations.images[s];
+      for (const ImagePair& pair : SimilarPairs(similarity_[s], kSimilarInStation)) {
+        if (similarity_[s](pair.first, pair.second) >= kMinCoarseMatches)
           candidates.push_back(Ordered(station[pair.first], station[pair.second]));
       }
     }
@@ -305,7 +369,7 @@ class StationSplitter {
     std::vector<ImagePair> pairs;
     for (size_t a = 0; a < stations.size(); ++a) {
       for (const int b : NearbyStations(static_cast<int>(a), similarity)) {
-        for (const int image : stations[a]) AddPartners(image, stations[b], similarity, &pairs);
+        for (const int image : stations[a]) AddPartners(image, order_[b], similarity, &pairs);
       }
     }
     AddObjectPairs(NewPairs(std::move(pairs), done_), "match across stations");
@@ -372,7 +436,6 @@ class StationSplitter {
     std::vector<int> moving;
     const int a = StationOf(pair.image1);
     const int b = StationOf(pair.image2);
-    const Eigen::Vector2f shift = split_.stations.shift[pair.image2] - split_.stations.shift[pair.image1];
     const auto background = background_.find({a, b});
     for (size_t m = 0; m < pair.matches.size(); ++m) {
       const FeatureMatch& match = pair.matches[m];
@@ -380,7 +443,8 @@ class StationSplitter {
       const Eigen::Vector2f& xy2 = matching_.keypoints()[pair.image2][match.point2D_idx2];
       bool follows_background = false;
       if (a == b) {
-        follows_background = (xy2 - xy1 - shift).norm() <= options_.min_moved_px;
+        follows_background =
+            (xy2 - split_.stations.Move(pair.image1, pair.image2, xy1)).norm() <= options_.min_moved_px;
       } else if (background != background_.end() && !rotating_[pair.image1][match.point2D_idx1] &&
                  !rotating_[pair.image2][match.point2D_idx2]) {
         // Where the table stands the same in both photos, what turns follows the background's geometry, too.
@@ -402,7 +466,12 @@ class StationSplitter {
 
   // Where the station's representative, between which backgrounds were matched, would show the same ray.
   Eigen::Vector2f ToRepresentative(int image, const Eigen::Vector2f& xy) const {
-    return xy - split_.stations.shift[image] + split_.stations.shift[split_.representative[StationOf(image)]];
+    return split_.stations.Move(image, split_.representative[StationOf(image)], xy);
+  }
+
+  // And where its first photo would.
+  Eigen::Vector2f ToFirst(int image, const Eigen::Vector2f& xy) const {
+    return split_.stations.Move(image, split_.stations.images[StationOf(image)].front(), xy);
   }
 
   bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1,
@@ -423,6 +492,9 @@ class StationSplitter {
   PackedImages packed_static_;               // what stands still
   std::vector<std::vector<bool>> rotating_;  // with a verified match inside its station
   std::vector<ImagePair> done_;
+  std::vector<std::vector<int>> order_;       // per station: its photos as the table turned
+  std::vector<SimilarityMatrix> similarity_;  // per station: of its photos, ascending; empty for a few
+  std::vector<bool> is_by_name_;              // per station: names tell the order
   std::map<IndexPair, BackgroundMotion> background_;  // from one station to another
 };
 

@@ -1,6 +1,7 @@
 #include "sfm_split/split/stations.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <algorithm>
 #include <bitset>
 #include <cmath>
@@ -14,6 +15,8 @@ namespace s2gs {
 namespace {
 
 constexpr int kGridSize = 8;
+constexpr double kReferenceSidePx = 1600;  // photos up to this size have the options' bounds
+constexpr double kMaxShakePx = 100;        // the option's own bound
 using Box2f = Eigen::AlignedBox<float, 2>;
 
 // The densest 3 x 3 px neighbourhood of the displacements that shake can explain.
@@ -87,7 +90,7 @@ class ShiftedGroups {
 
 OptionCheck StationOptions::Check() const {
   if (!(max_unmoved_px > 0)) return OptionFault{"max_unmoved_px", std::to_string(max_unmoved_px), "> 0"};
-  if (!(max_shake_px >= 0 && max_shake_px <= 100)) {
+  if (!(max_shake_px >= 0 && max_shake_px <= kMaxShakePx)) {
     return OptionFault{"max_shake_px", std::to_string(max_shake_px), "0 <= max_shake_px <= 100"};
   }
   if (min_unmoved_matches < 4) {
@@ -100,6 +103,14 @@ OptionCheck StationOptions::Check() const {
     return OptionFault{"min_cells", std::to_string(min_cells), "1 <= min_cells <= 64"};
   }
   return std::nullopt;
+}
+
+StationOptions StationOptions::ForPhotosOf(int longest_side_px) const {
+  const double scale = std::max(1.0, longest_side_px / kReferenceSidePx);
+  StationOptions scaled = *this;
+  scaled.max_unmoved_px *= scale;
+  scaled.max_shake_px = std::min(scaled.max_shake_px * scale, kMaxShakePx);
+  return scaled;
 }
 
 UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& keypoints2,
@@ -146,32 +157,39 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
   return result;
 }
 
-Stations FindStations(const std::vector<Keypoints>& keypoints,
-                      const std::vector<Eigen::Vector2i>& image_sizes,
-                      const std::vector<ImagePairMatches>& pairs, const StationOptions& options) {
-  struct Join {
-    int image1, image2, num_unmoved;
-    Eigen::Vector2f shift;
-  };
-  std::vector<Join> joins;
+Eigen::Vector2f Stations::Move(int from, int to, const Eigen::Vector2f& xy) const {
+  if (photo_from_first.empty()) return xy + (shift[to] - shift[from]);
+  const Eigen::Vector3d first = photo_from_first[from].inverse() * xy.cast<double>().homogeneous();
+  return (photo_from_first[to] * first).hnormalized().cast<float>();
+}
+
+std::vector<StationJoin> FindStationJoins(const std::vector<Keypoints>& keypoints,
+                                          const std::vector<Eigen::Vector2i>& image_sizes,
+                                          const std::vector<ImagePairMatches>& pairs,
+                                          const StationOptions& options) {
+  std::vector<StationJoin> joins;
   for (const ImagePairMatches& pair : pairs) {
     const UnmovedMatches unmoved = FindUnmovedMatches(keypoints[pair.image1], keypoints[pair.image2], pair,
                                                       image_sizes[pair.image1], options);
     if (unmoved.same_station) joins.push_back({pair.image1, pair.image2, unmoved.num_unmoved, unmoved.shift});
   }
   std::stable_sort(joins.begin(), joins.end(),
-                   [](const Join& a, const Join& b) { return a.num_unmoved > b.num_unmoved; });
+                   [](const StationJoin& a, const StationJoin& b) { return a.num_unmoved > b.num_unmoved; });
+  return joins;
+}
 
-  ShiftedGroups groups(keypoints.size());
-  for (const Join& join : joins) {
+Stations GroupJoined(size_t num_images, const std::vector<StationJoin>& joins,
+                     const StationOptions& options) {
+  ShiftedGroups groups(num_images);
+  for (const StationJoin& join : joins) {
     groups.Join(join.image1, join.image2, join.shift, static_cast<float>(options.max_shake_px));
   }
 
   Stations stations;
-  stations.station_of_image.assign(keypoints.size(), -1);
-  stations.shift.resize(keypoints.size());
-  std::vector<int> station_of_root(keypoints.size(), -1);
-  for (int image = 0; image < static_cast<int>(keypoints.size()); ++image) {
+  stations.station_of_image.assign(num_images, -1);
+  stations.shift.resize(num_images);
+  std::vector<int> station_of_root(num_images, -1);
+  for (int image = 0; image < static_cast<int>(num_images); ++image) {
     int& station = station_of_root[groups.Root(image)];
     if (station < 0) {
       station = static_cast<int>(stations.images.size());

@@ -23,6 +23,8 @@ struct StationOptions {
   int min_cells = 6;
 
   OptionCheck Check() const;
+  /// With bounds in pixels of photos of that size; the defaults are for photos of up to 1600 pixels.
+  StationOptions ForPhotosOf(int longest_side_px) const;
 };
 
 /// What is unmoved between two images.
@@ -45,13 +47,31 @@ struct Stations {
   std::vector<int> station_of_image;     ///< per image, numbered in the order of first images.
   std::vector<std::vector<int>> images;  ///< per station, ascending.
   std::vector<Eigen::Vector2f> shift;    ///< per image: shake relative to the station's first image [px].
+  /// Per image, where it was measured: where it shows a background pixel of the station's first image. Empty:
+  /// nothing but `shift` is known.
+  std::vector<Eigen::Matrix3d> photo_from_first;
+
+  /// Where image `to` shows what stands still and lies at `xy` in image `from` of the same station [px].
+  Eigen::Vector2f Move(int from, int to, const Eigen::Vector2f& xy) const;
 };
 
-/// Joins images that see the same unmoved background, strongest pairs first.
-/// Every pair in `pairs` is judged; pairs that were not matched say nothing. A chain of small steps that adds
-/// up to more than max_shake_px is a moving camera, not a station: the weakest joins are then left out.
-Stations FindStations(const std::vector<Keypoints>& keypoints,
-                      const std::vector<Eigen::Vector2i>& image_sizes,
-                      const std::vector<ImagePairMatches>& pairs, const StationOptions& options);
+/// Two images whose features say that the camera stood still.
+struct StationJoin {
+  int image1 = 0;
+  int image2 = 0;
+  int num_unmoved = 0;
+  Eigen::Vector2f shift = Eigen::Vector2f::Zero();  ///< from image1 to image2 [px].
+};
+
+/// The pairs of images that see the same unmoved background, strongest first. Every pair in `pairs` is
+/// judged; pairs that were not matched say nothing.
+std::vector<StationJoin> FindStationJoins(const std::vector<Keypoints>& keypoints,
+                                          const std::vector<Eigen::Vector2i>& image_sizes,
+                                          const std::vector<ImagePairMatches>& pairs,
+                                          const StationOptions& options);
+
+/// Groups images by their joins, strongest first. A chain of small steps that adds up to more than
+/// max_shake_px is a moving camera, not a station: the weakest joins are then left out.
+Stations GroupJoined(size_t num_images, const std::vector<StationJoin>& joins, const StationOptions& options);
 
 }  // namespace s2gs

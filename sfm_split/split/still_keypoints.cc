@@ -54,9 +54,8 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
     for (int p = 0; p < num_partners; ++p) {
       const int offset = 1 + static_cast<int>((static_cast<int64_t>(p) * (num - 1)) / num_partners);
       const int j = station[(place + offset) % num];
-      const Eigen::Vector2f shift = stations.shift[j] - stations.shift[i];
       for (size_t k = 0; k < images[i].keypoints.size(); ++k) {
-        const Eigen::Vector2f xy = images[i].keypoints[k] + shift;
+        const Eigen::Vector2f xy = stations.Move(static_cast<int>(i), j, images[i].keypoints[k]);
         const uint8_t* descriptor = images[i].descriptors.data() + k * kDescriptorSize;
         bool is_still = false;
         grids[j].ForEachWithin(xy, radius, [&](uint32_t other, float /*squared*/) {

@@ -1,0 +1,137 @@
+#include "plugin/commands/split_pictures.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "s2gs/image/image_file.h"
+#include "s2gs/image/photos.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/image_name.h"
+#include "sfm_split/base/statistics.h"
+#include "sfm_split/matching/weak_features.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kEnoughFeatures = 500;  // of a photo, where it changes: what half of them show makes an object
+constexpr int kMostAdded = 2000;
+
+GreyPicture ReadGreyPicture(const fs::path& path, const Eigen::Vector2i& size) {
+  Image8 photo = ReadImage(path, 1);
+  if (photo.width != size.x() || photo.height != size.y()) {
+    throw UserError(path,
+                    "is " + std::to_string(photo.width) + " x " + std::to_string(photo.height) +
+                        " pixels, but had " + std::to_string(size.x()) + " x " + std::to_string(size.y()) +
+                        " when its features were extracted",
+                    "Give the photos that the features come from");
+  }
+  GreyPicture picture;
+  picture.photo_size = size;
+  const double factor = std::min(1.0, static_cast<double>(kPictureSidePx) / size.maxCoeff());
+  picture.width = std::max(1, static_cast<int>(std::lround(factor * size.x())));
+  picture.height = std::max(1, static_cast<int>(std::lround(factor * size.y())));
+  if (factor < 1) photo = ResizeByArea(photo, picture.width, picture.height);
+  picture.grey = std::move(photo.pixels);
+  return picture;
+}
+
+}  // namespace
+
+std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const SplitFeatures& features,
+                                             const StationOptions& options, Reporter& reporter) {
+  const size_t num = features.images.size();
+  ScanPictures result;
+  result.pictures.resize(num);
+  std::vector<std::string> problems(num);
+  int longest_side = 0;
+  for (const SplitImage& image : features.images)
+    longest_side = std::max(longest_side, image.size.maxCoeff());
+#pragma omp parallel for schedule(dynamic)
+  for (size_t i = 0; i < num; ++i) {
+    try {
+      result.pictures[i] = ReadGreyPicture(image_path / features.images[i].name, features.images[i].size);
+    } catch (const UserError& error) {
+      problems[i] = error.what();
+    }
+  }
+  for (const std::string& problem : problems) {
+    if (problem.empty()) continue;
+    reporter.Warn("stations are told by features alone: " + problem);
+    return std::nullopt;
+  }
+  result.stations = FindPictureStations(result.pictures, options.ForPhotosOf(longest_side), reporter);
+  result.changes = FindChanges(result.pictures, result.stations);
+  return result;
+}
+
+int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures, SplitFeatures* features,
+                        Reporter& reporter) {
+  const size_t num = features->images.size();
+  std::vector<std::vector<uint8_t>> parts(num);
+  std::vector<int> num_changing;
+  for (size_t i = 0; i < num; ++i) {
+    const int station = pictures.stations.station_of_image[i];
+    parts[i] = ActivePart(pictures.pictures[i], pictures.stations.photo_from_first[i],
+                          pictures.changes.stations[station]);
+    if (parts[i].empty()) continue;
+    const SplitImage& image = features->images[i];
+    const auto is_changing = [&](const Eigen::Vector2f& xy) {
+      const int x = std::clamp(static_cast<int>(xy.x()), 0, image.size.x() - 1);
+      const int y = std::clamp(static_cast<int>(xy.y()), 0, image.size.y() - 1);
+      return parts[i][static_cast<size_t>(y) * image.size.x() + x] != 0;
+    };
+    num_changing.push_back(
+        static_cast<int>(std::count_if(image.keypoints.begin(), image.keypoints.end(), is_changing)));
+  }
+  const int typical = UpperMedian(num_changing);
+  if (num_changing.empty() || typical >= kEnoughFeatures) return 0;
+  features->added.resize(num);
+#pragma omp parallel for schedule(dynamic)
+  for (size_t i = 0; i < num; ++i) {
+    if (parts[i].empty()) continue;
+    SplitImage& image = features->images[i];
+    Image8 photo;
+    try {
+      photo = ReadImage(image_path / image.name, 1);
+    } catch (const UserError&) {
+      continue;  // it was read before: somebody is changing it
+    }
+    SiftFeatures& added = features->added[i];
+    added = FindWeakFeatures({photo.width, photo.height, photo.pixels.data(), parts[i].data()},
+                             image.keypoints, image.scales, kMostAdded);
+    image.keypoints.insert(image.keypoints.end(), added.keypoints.begin(), added.keypoints.end());
+    image.scales.insert(image.scales.end(), added.scales.begin(), added.scales.end());
+    image.descriptors.insert(image.descriptors.end(), added.descriptors.begin(), added.descriptors.end());
+  }
+  int64_t total = 0;
+  for (const SiftFeatures& added : features->added) total += static_cast<int64_t>(added.keypoints.size());
+  reporter.Info("what changes from photo to photo has only " + std::to_string(typical) +
+                " features a photo: looked again at lower thresholds, " +
+                std::to_string(total / static_cast<int64_t>(num)) + " more a photo");
+  return total;
+}
+
+void WriteChangeMaps(const fs::path& folder, const fs::path& image_path, const SceneChanges& changes,
+                     const SplitFeatures& features) {
+  std::vector<std::string> names;
+  names.reserve(features.images.size());
+  for (const SplitImage& image : features.images) names.push_back(image.name);
+  const ImageOutputs outputs(folder, image_path, names);
+  for (size_t i = 0; i < changes.photos.size(); ++i) {
+    const ChangeMap& map = changes.photos[i];
+    if (map.deviation.empty()) continue;
+    Image8 image;
+    image.width = map.width;
+    image.height = map.height;
+    image.channels = 1;
+    image.pixels = map.deviation;
+    WriteImage(outputs.Make(folder, ImageName(names[i], image_path), ".png"), image);
+  }
+}
+
+}  // namespace s2gs

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "plugin/commands/split_files.h"
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/split/motion_split.h"
+
+namespace s2gs {
+
+/// Reads the photos of a database's images, reduced and in grey, and finds out which were taken from one
+/// place and what changes there. Nothing, with a warning, where a photo is missing, cannot be read or has
+/// another size than the database says: then features alone must do.
+std::optional<ScanPictures> ReadScanPictures(const std::filesystem::path& image_path,
+                                             const SplitFeatures& features, const StationOptions& options,
+                                             Reporter& reporter);
+
+/// Where what changes has few features, looks there again at lower thresholds, and adds what it finds to
+/// `features`. Returns the number of features added.
+int64_t AddWeakFeatures(const std::filesystem::path& image_path, const ScanPictures& pictures,
+                        SplitFeatures* features, Reporter& reporter);
+
+/// One grey PNG a photo, NAME.png: how much each pixel of the reduced photo differs from what its station
+/// shows in most photos, in units of ChangeMap::kLevelsPerSigma. Photos of stations with too few have none.
+void WriteChangeMaps(const std::filesystem::path& folder, const SceneChanges& changes,
+                     const SplitFeatures& features);
+
+}  // namespace s2gs

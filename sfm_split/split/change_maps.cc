@@ -1,0 +1,259 @@
+#include "sfm_split/split/change_maps.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+constexpr size_t kMinPhotos = 3;  // of which a median can leave one out
+constexpr int kFitPixels = 20000;
+constexpr int kFitIterations = 10;
+constexpr double kTukey = 4.685;
+constexpr float kLeastNoise = 1.0F;    // of 8-bit JPEGs [grey levels]
+constexpr float kMisplacedPx = 0.15F;  // by shake that was measured and pixels that were interpolated
+constexpr double kSaturated = 250;     // grey levels beyond it say nothing
+constexpr float kActiveSigmas = 4;     // root mean square over 3 x 3 pixels: by chance, one in a billion
+constexpr double kActivePhotos = 0.1;  // share of a station's photos, and at least two: a hand shows in one
+constexpr double kCloseShare = 0.02;   // of the longest side: gaps in what changes that are filled
+constexpr double kLeastAreaShare = 5e-4;  // of the picture: smaller patches are flicker
+
+cv::Mat ToFloat(const GreyPicture& picture) {
+  const cv::Mat bytes(picture.height, picture.width, CV_8UC1, const_cast<uint8_t*>(picture.grey.data()));
+  cv::Mat grey;
+  bytes.convertTo(grey, CV_32F);
+  return grey;
+}
+
+// From the picture's pixel indices of the station's first photo to those of another.
+cv::Matx33d IndexMap(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first) {
+  const Eigen::Vector2d scale = picture.Scale();
+  Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+  to_photo.topRightCorner<2, 1>() = 0.5 * scale;
+  const Eigen::Matrix3d map = to_photo.inverse() * photo_from_first * to_photo;
+  cv::Matx33d result;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) result(r, c) = map(r, c);
+  }
+  return result;
+}
+
+// What the first photo's pixels show in another; NaN outside, and where light saturates.
+cv::Mat AsSeenFromFirst(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first) {
+  cv::Mat grey = ToFloat(picture);
+  grey.setTo(cv::Scalar(std::nan("")), grey > kSaturated);
+  if (photo_from_first.isApprox(Eigen::Matrix3d::Identity(), 1e-12)) return grey;
+  cv::Mat moved;
+  cv::warpPerspective(grey, moved, IndexMap(picture, photo_from_first), grey.size(),
+                      cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_CONSTANT, cv::Scalar(std::nan("")));
+  return moved;
+}
+
+// Gain and offset that make `grey` most like `reference`; what changed is left out.
+void MatchExposure(const cv::Mat& reference, cv::Mat* grey) {
+  std::vector<float> x;
+  std::vector<float> y;
+  std::vector<float> ratios;
+  const int stride = std::max(1, static_cast<int>(grey->total()) / kFitPixels);
+  for (int k = 0; k < static_cast<int>(grey->total()); k += stride) {
+    const float a = grey->ptr<float>()[k];
+    const float b = reference.ptr<float>()[k];
+    if (std::isnan(a) || std::isnan(b)) continue;
+    x.push_back(a);
+    y.push_back(b);
+    if (a >= 8 && b >= 8) ratios.push_back(b / a);
+  }
+  if (ratios.size() < 100) return;
+  double gain = UpperMedian(std::move(ratios));
+  double offset = 0;
+  std::vector<float> sizes(x.size());
+  for (int iteration = 0; iteration < kFitIterations; ++iteration) {
+    for (size_t k = 0; k < x.size(); ++k)
+      sizes[k] = static_cast<float>(std::abs(gain * x[k] + offset - y[k]));
+    const double limit = kTukey * std::max(1.0, 1.4826 * UpperMedian(sizes));
+    double s = 0;
+    double sx = 0;
+    double sy = 0;
+    double sxx = 0;
+    double sxy = 0;
+    for (size_t k = 0; k < x.size(); ++k) {
+      if (sizes[k] >= limit) continue;
+      const double root = 1 - (sizes[k] / limit) * (sizes[k] / limit);
+      const double w = root * root;
+      s += w;
+      sx += w * x[k];
+      sy += w * y[k];
+      sxx += w * x[k] * x[k];
+      sxy += w * x[k] * y[k];
+    }
+    const double determinant = s * sxx - sx * sx;
+    if (determinant <= 1e-6 * s * s) break;
+    gain = (s * sxy - sx * sy) / determinant;
+    offset = (sy - gain * sx) / s;
+  }
+  *grey = *grey * gain + offset;
+}
+
+cv::Mat MedianOf(const std::vector<cv::Mat>& photos) {
+  cv::Mat median(photos.front().size(), CV_32F);
+#pragma omp parallel
+  {
+    std::vector<float> values;
+#pragma omp for schedule(static)
+    for (int k = 0; k < static_cast<int>(median.total()); ++k) {
+      values.clear();
+      for (const cv::Mat& photo : photos) {
+        const float value = photo.ptr<float>()[k];
+        if (!std::isnan(value)) values.push_back(value);
+      }
+      if (values.empty()) {
+        median.ptr<float>()[k] = std::nanf("");
+        continue;
+      }
+      const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+      std::nth_element(values.begin(), middle, values.end());
+      median.ptr<float>()[k] = *middle;
+    }
+  }
+  return median;
+}
+
+// Differences from the median in units of the noise, root mean square over 3 x 3 pixels.
+std::vector<cv::Mat> Deviations(const std::vector<cv::Mat>& photos, const cv::Mat& median) {
+  cv::Mat dx;
+  cv::Mat dy;
+  cv::Mat filled = median.clone();
+  cv::patchNaNs(filled, 0);
+  cv::Sobel(filled, dx, CV_32F, 1, 0, 3, 1.0 / 8);
+  cv::Sobel(filled, dy, CV_32F, 0, 1, 3, 1.0 / 8);
+  std::vector<float> sizes;
+  for (const cv::Mat& photo : photos) {
+    for (int k = 0; k < static_cast<int>(photo.total()); k += 7) {
+      const float d = photo.ptr<float>()[k] - median.ptr<float>()[k];
+      if (!std::isnan(d)) sizes.push_back(std::abs(d));
+    }
+  }
+  const float noise = std::max(kLeastNoise, 1.4826F * UpperMedian(std::move(sizes)));
+  std::vector<cv::Mat> deviations(photos.size());
+#pragma omp parallel for schedule(dynamic)
+  for (size_t i = 0; i < photos.size(); ++i) {
+    cv::Mat squared(median.size(), CV_32F);
+    for (int k = 0; k < static_cast<int>(median.total()); ++k) {
+      const float d = photos[i].ptr<float>()[k] - median.ptr<float>()[k];
+      const float slope = kMisplacedPx * std::hypot(dx.ptr<float>()[k], dy.ptr<float>()[k]);
+      squared.ptr<float>()[k] = std::isnan(d) ? 0.0F : d * d / (noise * noise + slope * slope);
+    }
+    cv::blur(squared, squared, {3, 3});
+    cv::sqrt(squared, deviations[i]);
+  }
+  return deviations;
+}
+
+StationChanges Activity(const std::vector<cv::Mat>& deviations) {
+  const cv::Size size = deviations.front().size();
+  const auto needed = std::max(2.0, std::ceil(kActivePhotos * static_cast<double>(deviations.size())));
+  cv::Mat active(size, CV_8UC1);
+  for (int k = 0; k < static_cast<int>(active.total()); ++k) {
+    int count = 0;
+    for (const cv::Mat& deviation : deviations) count += deviation.ptr<float>()[k] > kActiveSigmas ? 1 : 0;
+    active.ptr<uint8_t>()[k] = count >= needed ? 1 : 0;
+  }
+  const int radius = std::max(1, static_cast<int>(kCloseShare * std::max(size.width, size.height)));
+  const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {2 * radius + 1, 2 * radius + 1});
+  cv::copyMakeBorder(active, active, radius, radius, radius, radius, cv::BORDER_CONSTANT, cv::Scalar(0));
+  cv::morphologyEx(active, active, cv::MORPH_CLOSE, disc);
+  active = active(cv::Rect(radius, radius, size.width, size.height)).clone();
+  // Contours, filled: without holes and without small patches.
+  std::vector<std::vector<cv::Point>> contours;
+  cv::findContours(active, contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
+  cv::Mat filled = cv::Mat::zeros(size, CV_8UC1);
+  for (size_t c = 0; c < contours.size(); ++c) {
+    if (cv::contourArea(contours[c]) < kLeastAreaShare * static_cast<double>(active.total())) continue;
+    cv::drawContours(filled, contours, static_cast<int>(c), cv::Scalar(1), cv::FILLED);
+  }
+  StationChanges changes;
+  changes.is_active.assign(filled.datastart, filled.dataend);
+  changes.active_share = cv::countNonZero(filled) / static_cast<double>(filled.total());
+  return changes;
+}
+
+}  // namespace
+
+double SceneChanges::MedianActiveShare() const {
+  std::vector<double> shares;
+  for (const StationChanges& station : stations) {
+    if (!station.is_active.empty()) shares.push_back(station.active_share);
+  }
+  return UpperMedian(std::move(shares));
+}
+
+SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations) {
+  int num_stations = 0;
+  for (const int station : stations.station_of_image) num_stations = std::max(num_stations, station + 1);
+  std::vector<std::vector<int>> members(num_stations);
+  for (size_t i = 0; i < pictures.size(); ++i)
+    members[stations.station_of_image[i]].push_back(static_cast<int>(i));
+  SceneChanges result;
+  result.photos.resize(pictures.size());
+  result.stations.resize(members.size());
+  for (size_t s = 0; s < members.size(); ++s) {
+    if (members[s].size() < kMinPhotos) continue;
+    std::vector<cv::Mat> photos(members[s].size());
+    // Exposures are matched to the first photo's, whatever changed in it, and then to the median's.
+    const cv::Mat first = AsSeenFromFirst(pictures[members[s].front()], Eigen::Matrix3d::Identity());
+#pragma omp parallel for schedule(dynamic)
+    for (size_t i = 0; i < photos.size(); ++i) {
+      photos[i] = AsSeenFromFirst(pictures[members[s][i]], stations.photo_from_first[members[s][i]]);
+      MatchExposure(first, &photos[i]);
+    }
+    const cv::Mat rough = MedianOf(photos);
+#pragma omp parallel for schedule(dynamic)
+    for (size_t i = 0; i < photos.size(); ++i) MatchExposure(rough, &photos[i]);
+    const std::vector<cv::Mat> deviations = Deviations(photos, MedianOf(photos));
+    result.stations[s] = Activity(deviations);
+#pragma omp parallel for schedule(dynamic)
+    for (size_t i = 0; i < photos.size(); ++i) {
+      const int image = members[s][i];
+      cv::Mat in_photo;
+      cv::warpPerspective(deviations[i], in_photo,
+                          IndexMap(pictures[image], stations.photo_from_first[image]), deviations[i].size(),
+                          cv::INTER_LINEAR);
+      in_photo.convertTo(in_photo, CV_8UC1, ChangeMap::kLevelsPerSigma);
+      ChangeMap& map = result.photos[image];
+      map.width = in_photo.cols;
+      map.height = in_photo.rows;
+      map.deviation.assign(in_photo.datastart, in_photo.dataend);
+    }
+  }
+  return result;
+}
+
+std::vector<uint8_t> ActivePart(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
+                                const StationChanges& changes) {
+  std::vector<uint8_t> part;
+  if (changes.is_active.empty()) return part;
+  const Eigen::Vector2d scale = picture.Scale();
+  const Eigen::Matrix3d first_from_photo =
+      Eigen::Vector3d(1 / scale.x(), 1 / scale.y(), 1).asDiagonal() * photo_from_first.inverse();
+  part.assign(static_cast<size_t>(picture.photo_size.x()) * picture.photo_size.y(), 0);
+#pragma omp parallel for schedule(static)
+  for (int y = 0; y < picture.photo_size.y(); ++y) {
+    for (int x = 0; x < picture.photo_size.x(); ++x) {
+      const Eigen::Vector3d at = first_from_photo * Eigen::Vector3d(x + 0.5, y + 0.5, 1);
+      const int column = static_cast<int>(std::floor(at.x() / at.z()));
+      const int row = static_cast<int>(std::floor(at.y() / at.z()));
+      if (column < 0 || row < 0 || column >= picture.width || row >= picture.height) continue;
+      part[static_cast<size_t>(y) * picture.photo_size.x() + x] =
+          changes.is_active[static_cast<size_t>(row) * picture.width + column];
+    }
+  }
+  return part;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "sfm_split/split/station_pictures.h"
+
+namespace s2gs {
+
+/// How much a photo differs from what its station shows in most photos, in units of the noise.
+struct ChangeMap {
+  /// Deviations of one standard deviation of noise are this many grey levels; more than 15 are 255.
+  static constexpr int kLevelsPerSigma = 16;
+
+  int width = 0;  ///< of the picture [px].
+  int height = 0;
+  std::vector<uint8_t> deviation;  ///< height * width; empty when the station has too few photos.
+};
+
+/// What changes in front of one camera while the table turns.
+struct StationChanges {
+  /// height * width of the first photo's picture, 1 where photos change again and again, closed and without
+  /// holes; empty when the station has too few photos to tell.
+  std::vector<uint8_t> is_active;
+  double active_share = 0;  ///< of the picture.
+};
+
+struct SceneChanges {
+  std::vector<ChangeMap> photos;         ///< per photo.
+  std::vector<StationChanges> stations;  ///< per station.
+
+  /// Of the pictures of stations that tell, the median; 0 when none does.
+  double MedianActiveShare() const;
+};
+
+/// Compares every photo with the median of its station's, after shake and exposure have been taken off. Noise
+/// is measured in the same residuals, so that it needs no bound of its own.
+SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations);
+
+/// The station's active part as a photo of it shows it: photo_size.y * photo_size.x, 1 where it changes.
+/// Empty when that is not known.
+std::vector<uint8_t> ActivePart(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
+                                const StationChanges& changes);
+
+}  // namespace s2gs

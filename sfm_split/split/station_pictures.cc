@@ -1,0 +1,142 @@
+#include "sfm_split/split/station_pictures.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace s2gs {
+namespace {
+
+using Verdict = PictureComparison::Verdict;
+
+constexpr double kMinPersistence = 0.5;  // of a station's photos in which a tile of the background is found
+constexpr size_t kMinPersistencePhotos = 4;
+constexpr double kMaxMovedShare =
+    0.25;  // of that background that may lie elsewhere in a photo of the station
+constexpr int kMinMovedTiles = 4;
+
+// Leaves those members out in which much of what stays in place in most of them lies elsewhere.
+void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vector<int>* members) {
+  if (members->size() < kMinPersistencePhotos) return;
+  const size_t num_tiles = comparisons[members->front()].tiles.size();
+  std::vector<int> num_found(num_tiles, 0);
+  for (const int m : *members) {
+    for (size_t t = 0; t < num_tiles; ++t) num_found[t] += comparisons[m].tiles[t].is_found ? 1 : 0;
+  }
+  const double needed = kMinPersistence * static_cast<double>(members->size());
+  const auto has_moved = [&](int m) {
+    int num_moved = 0;
+    int num = 0;
+    for (size_t t = 0; t < num_tiles; ++t) {
+      const TileMatch& tile = comparisons[m].tiles[t];
+      if (num_found[t] < needed || !tile.is_found) continue;
+      ++num;
+      num_moved += tile.agrees ? 0 : 1;
+    }
+    return num_moved >= kMinMovedTiles && num_moved > kMaxMovedShare * num;
+  };
+  members->erase(std::remove_if(members->begin(), members->end(), has_moved), members->end());
+}
+
+Eigen::Matrix3d Translation(const Eigen::Vector2f& shift) {
+  Eigen::Matrix3d T = Eigen::Matrix3d::Identity();
+  T.topRightCorner<2, 1>() = shift.cast<double>();
+  return T;
+}
+
+Eigen::Vector2d Middle(const GreyPicture& picture) { return 0.5 * picture.photo_size.cast<double>(); }
+
+}  // namespace
+
+PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, const StationOptions& options,
+                                    Reporter& reporter) {
+  PictureStations result;
+  result.station_of_image.assign(pictures.size(), -1);
+  result.photo_from_first.assign(pictures.size(), Eigen::Matrix3d::Identity());
+  std::vector<int> left(pictures.size());
+  std::iota(left.begin(), left.end(), 0);
+  int num_stations = 0;
+  while (!left.empty()) {
+    if (reporter.StopRequested()) throw Interrupted();
+    const int first = left.front();
+    left.erase(left.begin());
+    const GreyPicture& picture = pictures[first];
+    const PictureStandard standard(picture, options.max_shake_px, options.min_unmoved_share,
+                                   options.min_cells);
+    std::vector<PictureComparison> comparisons(left.size());
+#pragma omp parallel for schedule(dynamic)
+    for (size_t i = 0; i < left.size(); ++i) comparisons[i] = standard.CompareWith(pictures[left[i]]);
+    std::vector<int> members;
+    for (size_t i = 0; i < left.size(); ++i) {
+      if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));
+    }
+    LeaveOutMoved(comparisons, &members);
+    result.station_of_image[first] = num_stations;
+    const Eigen::Vector2d scale = picture.Scale();
+    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+    for (const int m : members) {
+      result.station_of_image[left[m]] = num_stations;
+      result.photo_from_first[left[m]] = to_photo * comparisons[m].second_from_first * to_photo.inverse();
+    }
+    left.erase(std::remove_if(left.begin(), left.end(),
+                              [&](int image) { return result.station_of_image[image] >= 0; }),
+               left.end());
+    ++num_stations;
+    reporter.Progress("compare pictures", static_cast<int64_t>(pictures.size() - left.size()),
+                      static_cast<int64_t>(pictures.size()));
+  }
+  return result;
+}
+
+Stations JoinStations(const std::vector<GreyPicture>& pictures, const PictureStations& by_picture,
+                      const std::vector<StationJoin>& joins, const StationOptions& options) {
+  const size_t num = pictures.size();
+  std::vector<int> group = by_picture.station_of_image;
+  std::vector<Eigen::Matrix3d> from_group = by_picture.photo_from_first;
+  const auto shake_of = [&](const Eigen::Matrix3d& H, const GreyPicture& picture) {
+    const Eigen::Vector3d moved = H * Middle(picture).homogeneous();
+    return Eigen::Vector2d(moved.hnormalized() - Middle(picture));
+  };
+  for (const StationJoin& join : joins) {
+    const int kept = group[join.image1];
+    const int joined = group[join.image2];
+    if (kept == joined) continue;
+    const PictureStandard standard(pictures[join.image1], options.max_shake_px, options.min_unmoved_share,
+                                   options.min_cells);
+    if (standard.CompareWith(pictures[join.image2]).verdict == Verdict::kMoved) continue;
+    const Eigen::Matrix3d joined_from_kept =
+        from_group[join.image2].inverse() * Translation(join.shift) * from_group[join.image1];
+    Eigen::AlignedBox2d box;
+    for (size_t i = 0; i < num; ++i) {
+      if (group[i] == kept) box.extend(shake_of(from_group[i], pictures[i]));
+      if (group[i] == joined) box.extend(shake_of(from_group[i] * joined_from_kept, pictures[i]));
+    }
+    if (box.sizes().maxCoeff() > options.max_shake_px) continue;
+    for (size_t i = 0; i < num; ++i) {
+      if (group[i] != joined) continue;
+      group[i] = kept;
+      from_group[i] = from_group[i] * joined_from_kept;
+    }
+  }
+
+  Stations stations;
+  stations.station_of_image.assign(num, -1);
+  std::vector<int> station_of_group(num, -1);
+  for (size_t i = 0; i < num; ++i) {
+    int& station = station_of_group[group[i]];
+    if (station < 0) {
+      station = static_cast<int>(stations.images.size());
+      stations.images.emplace_back();
+    }
+    stations.station_of_image[i] = station;
+    stations.images[station].push_back(static_cast<int>(i));
+    const int first = stations.images[station].front();
+    stations.photo_from_first.emplace_back(from_group[i] * from_group[first].inverse());
+    stations.shift.emplace_back(shake_of(stations.photo_from_first.back(), pictures[i]).cast<float>());
+  }
+  return stations;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,252 @@
+#include "sfm_split/split/station_pictures.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <random>
+#include <vector>
+
+#include "sfm_split/split/change_maps.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kWidth = 400;
+constexpr int kHeight = 300;
+const Eigen::Vector2d kDiscCentre(200, 190);
+constexpr double kDiscRadius = 60;  // of an ellipse, half as high
+
+// Smooth texture that reaches over the picture, by seed.
+cv::Mat Texture(uint64_t seed, double contrast) {
+  cv::Mat fine(kHeight + 100, kWidth + 100, CV_32F);
+  cv::RNG random(seed);
+  random.fill(fine, cv::RNG::NORMAL, 0, 1);
+  cv::Mat coarse;
+  cv::GaussianBlur(fine, coarse, {0, 0}, 6);
+  cv::GaussianBlur(fine, fine, {0, 0}, 1.8);
+  return 110 + contrast * (6 * fine + 12 * coarse);
+}
+
+struct Shot {
+  double turn_deg = 0;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // of the wall
+  double parallax = 1;                              // things move by so many of the wall's shifts
+  double gain = 1;
+  double noise = 0;
+  int quality = 95;
+  bool has_hand = false;
+  uint64_t seed = 1;
+};
+
+// A wall, things in front of it that parallax moves otherwise, and a disc with a pattern that turns.
+GreyPicture Take(const Shot& shot) {
+  static const cv::Mat wall = Texture(1, 10);
+  static const cv::Mat things = Texture(2, 10);
+  static const cv::Mat disc = Texture(3, 10);
+  const auto moved = [&](const cv::Mat& texture, const Eigen::Vector2d& by) {
+    const cv::Matx23d map(1, 0, by.x() - 50, 0, 1, by.y() - 50);
+    cv::Mat out;
+    cv::warpAffine(texture, out, map, {kWidth, kHeight}, cv::INTER_CUBIC);
+    return out;
+  };
+  cv::Mat picture = moved(wall, shot.shift);
+  const cv::Mat near = moved(things, shot.parallax * shot.shift);
+  for (int x = 10; x < kWidth - 40; x += 80) {
+    near(cv::Rect(x, 20 + x % 120, 48, 72)).copyTo(picture(cv::Rect(x, 20 + x % 120, 48, 72)));
+  }
+  const double c = std::cos(shot.turn_deg * CV_PI / 180);
+  const double s = std::sin(shot.turn_deg * CV_PI / 180);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const double u = x - kDiscCentre.x();
+      const double v = 2 * (y - kDiscCentre.y());
+      if (u * u + v * v > kDiscRadius * kDiscRadius) continue;
+      picture.at<float>(y, x) =
+          disc.at<float>(static_cast<int>(200 + s * u + c * v), static_cast<int>(200 + c * u - s * v));
+    }
+  }
+  if (shot.has_hand) cv::rectangle(picture, {0, 180}, {120, 299}, cv::Scalar(190), cv::FILLED);
+  cv::Mat noise(picture.size(), CV_32F);
+  cv::RNG random(shot.seed);
+  random.fill(noise, cv::RNG::NORMAL, 0, std::max(shot.noise, 1e-6));
+  picture = shot.gain * picture + noise;
+  cv::Mat bytes;
+  picture.convertTo(bytes, CV_8U);
+  std::vector<uint8_t> file;
+  cv::imencode(".jpg", bytes, file, {cv::IMWRITE_JPEG_QUALITY, shot.quality});
+  bytes = cv::imdecode(file, cv::IMREAD_GRAYSCALE);
+  GreyPicture result;
+  result.photo_size = {kWidth, kHeight};
+  result.width = kWidth;
+  result.height = kHeight;
+  result.grey.assign(bytes.datastart, bytes.dataend);
+  return result;
+}
+
+PictureComparison Compare(const Shot& a, const Shot& b) {
+  const StationOptions options;
+  const PictureStandard standard(Take(a), options.max_shake_px, options.min_unmoved_share, options.min_cells);
+  return standard.CompareWith(Take(b));
+}
+
+Shot Turned(double degrees, uint64_t seed) {
+  Shot shot;
+  shot.turn_deg = degrees;
+  shot.seed = seed;
+  return shot;
+}
+
+using Verdict = PictureComparison::Verdict;
+
+TEST(PictureStandard, StandsStillUnderExposureNoiseAndCompression) {
+  for (const double gain : {0.5, 1.0, 1.8}) {
+    for (const int quality : {70, 95}) {
+      Shot other = Turned(15, 2);
+      other.gain = gain;
+      other.noise = 3;
+      other.quality = quality;
+      const PictureComparison comparison = Compare(Turned(0, 1), other);
+      EXPECT_EQ(comparison.verdict, Verdict::kStill) << gain << " " << quality;
+      EXPECT_GT(comparison.num_agreeing, comparison.num_textured / 2);
+      // A tile's displacement is known to about .1 px, their common motion to less.
+      const Eigen::Vector3d middle = comparison.second_from_first * Eigen::Vector3d(200, 150, 1);
+      EXPECT_LT((middle.head<2>() / middle.z() - Eigen::Vector2d(200, 150)).norm(), 0.1);
+    }
+  }
+}
+
+TEST(PictureStandard, MeasuresShake) {
+  for (const Eigen::Vector2d& shift : {Eigen::Vector2d(1.3, -0.7), Eigen::Vector2d(-7.6, 5.2)}) {
+    Shot other = Turned(15, 2);
+    other.shift = shift;
+    other.noise = 2;
+    const PictureComparison comparison = Compare(Turned(0, 1), other);
+    EXPECT_EQ(comparison.verdict, Verdict::kStill);
+    const Eigen::Vector3d middle = comparison.second_from_first * Eigen::Vector3d(200, 150, 1);
+    EXPECT_LT((middle.head<2>() / middle.z() - Eigen::Vector2d(200, 150) - shift).norm(), 0.1);
+  }
+}
+
+TEST(PictureStandard, IgnoresAHand) {
+  Shot other = Turned(30, 2);
+  other.has_hand = true;
+  EXPECT_EQ(Compare(Turned(0, 1), other).verdict, Verdict::kStill);
+}
+
+TEST(PictureStandard, TellsOtherPlacesAndNothingFromFlatPictures) {
+  Shot far = Turned(0, 2);
+  far.shift = {37, 11};
+  EXPECT_EQ(Compare(Turned(0, 1), far).verdict, Verdict::kMoved);
+  GreyPicture flat = Take(Turned(0, 1));
+  std::fill(flat.grey.begin(), flat.grey.end(), 128);
+  const PictureStandard standard(flat, 12, 0.1, 6);
+  EXPECT_EQ(standard.CompareWith(flat).verdict, Verdict::kUnknown);
+}
+
+TEST(FindPictureStations, KeepsTripodsApartThatStandClose) {
+  // A camera of 1.2 widths moved aside by 1/200 of the distance to a table, turned towards it again: a wall
+  // at twice that distance moves by 480 * .005 * (1 - 1/2) = 1.2 px one way, things at .6 of it by 1.6 px the
+  // other.
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 12; ++i) {
+    Shot shot = Turned(30.0 * (i % 6), static_cast<uint64_t>(i));
+    shot.noise = 2;
+    if (i >= 6) shot.shift = {1.2, 0};
+    shot.parallax = -1.6 / 1.2;
+    pictures.push_back(Take(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  for (int i = 0; i < 12; ++i) EXPECT_EQ(stations.station_of_image[i], i < 6 ? 0 : 1) << i;
+}
+
+TEST(FindPictureStations, IsOneUnderJumpsOfExposureAndShake) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 12; ++i) {
+    Shot shot = Turned(30.0 * i, static_cast<uint64_t>(i));
+    shot.noise = 2;
+    shot.gain = i % 3 == 0 ? 0.6 : 1.4;
+    shot.shift = {0.5 * (i % 4), -0.4 * (i % 3)};
+    shot.has_hand = i == 5;
+    pictures.push_back(Take(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  for (int i = 0; i < 12; ++i) {
+    EXPECT_EQ(stations.station_of_image[i], 0) << i;
+    const Eigen::Vector3d middle = stations.photo_from_first[i] * Eigen::Vector3d(200, 150, 1);
+    const Eigen::Vector2d shift(0.5 * (i % 4), -0.4 * (i % 3));
+    EXPECT_LT((middle.head<2>() / middle.z() - Eigen::Vector2d(200, 150) - shift).norm(), 0.15) << i;
+  }
+}
+
+TEST(JoinStations, FeaturesJoinWhatPicturesDoNotTellButNotWhatTheyContradict) {
+  std::vector<GreyPicture> flat(3, Take(Turned(0, 1)));
+  for (GreyPicture& picture : flat) std::fill(picture.grey.begin(), picture.grey.end(), 128);
+  Reporter reporter;
+  PictureStations alone = FindPictureStations(flat, {}, reporter);
+  const std::vector<StationJoin> joins = {{0, 2, 50, {1, 0}}};
+  Stations joined = JoinStations(flat, alone, joins, {});
+  EXPECT_EQ(joined.station_of_image, std::vector<int>({0, 1, 0}));
+  EXPECT_LT((joined.Move(0, 2, {10, 10}) - Eigen::Vector2f(11, 10)).norm(), 1e-4F);
+
+  Shot far = Turned(0, 2);
+  far.shift = {37, 11};
+  const std::vector<GreyPicture> apart = {Take(Turned(0, 1)), Take(far)};
+  joined = JoinStations(apart, FindPictureStations(apart, {}, reporter), {{0, 1, 50, {1, 0}}}, {});
+  EXPECT_EQ(joined.station_of_image, std::vector<int>({0, 1}));
+}
+
+TEST(FindChanges, ShowsWhatTurnsAndNothingElse) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 10; ++i) {
+    Shot shot = Turned(36.0 * i, static_cast<uint64_t>(i));
+    shot.noise = 2;
+    shot.gain = i % 2 == 0 ? 0.7 : 1.2;
+    shot.has_hand = i == 3;
+    pictures.push_back(Take(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  const SceneChanges changes = FindChanges(pictures, stations);
+  ASSERT_EQ(changes.stations.size(), 1U);
+  int both = 0;
+  int either = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const double u = x - kDiscCentre.x();
+      const double v = 2 * (y - kDiscCentre.y());
+      const bool turns = u * u + v * v <= kDiscRadius * kDiscRadius;
+      const bool found = changes.stations[0].is_active[static_cast<size_t>(y) * kWidth + x] != 0;
+      both += turns && found ? 1 : 0;
+      either += turns || found ? 1 : 0;
+    }
+  }
+  // The hand shows in one photo alone and counts in that one's map.
+  EXPECT_GT(static_cast<double>(both) / either, 0.85);
+  EXPECT_GT(changes.photos[3].deviation[static_cast<size_t>(250) * kWidth + 60], 100);
+  EXPECT_LT(changes.photos[4].deviation[static_cast<size_t>(250) * kWidth + 60], 100);
+  EXPECT_EQ(ActivePart(pictures[0], stations.photo_from_first[0], changes.stations[0]),
+            changes.stations[0].is_active);
+}
+
+TEST(FindChanges, SeesNothingWhereNothingTurns) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 10; ++i) {
+    Shot shot = Turned(0, static_cast<uint64_t>(i));
+    shot.noise = 3;
+    shot.quality = 70;
+    shot.gain = i % 2 == 0 ? 0.7 : 1.3;
+    pictures.push_back(Take(shot));
+  }
+  Reporter reporter;
+  const SceneChanges changes = FindChanges(pictures, FindPictureStations(pictures, {}, reporter));
+  EXPECT_EQ(changes.MedianActiveShare(), 0);
+}
+
+}  // namespace
+}  // namespace s2gs
