@@ -39,8 +39,11 @@ class CommandContext {
   std::ostream& out() { return out_; }
 
  private:
+  friend void CheckArguments(const struct Command& command, const std::vector<std::string>& arguments);
+
   std::string name_;
   std::vector<std::string> arguments_;
+  bool parses_only_ = false;
   std::ostream& out_;
   std::unique_ptr<Options> options_;
   std::unique_ptr<Reporter> reporter_;
@@ -53,6 +56,9 @@ struct Command {
   std::string summary;  ///< one line for `s2gs help`.
   void (*run)(CommandContext& context);
 };
+
+/// Parses a command's arguments as the command does, and runs nothing of it. Throws like Options::Parse.
+void CheckArguments(const Command& command, const std::vector<std::string>& arguments);
 
 /// Exit codes of the program.
 enum ExitCode : int {
