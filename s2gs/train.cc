@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
+#include <optional>
 #include <system_error>
 
 #include "s2gs/checkpoint.h"
@@ -150,20 +151,39 @@ class Trainer {
     return count;
   }
 
+  // Nothing when the file is damaged: then it lies beside itself under another name, for who wants to look at
+  // it.
+  std::optional<Checkpoint> ReadOrSetAside() {
+    try {
+      return ReadCheckpoint(files_.checkpoint);
+    } catch (const UserError& error) {
+      std::filesystem::path aside = files_.checkpoint;
+      aside += ".damaged";
+      std::error_code ec;
+      std::filesystem::rename(files_.checkpoint, aside, ec);
+      reporter_.Warn(std::string("the checkpoint cannot be read: ") + error.what() + ". " +
+                     (ec ? "Training starts anew"
+                         : "It is now " + aside.filename().string() + "; training starts anew"));
+    }
+    return std::nullopt;
+  }
+
   // Loads the checkpoint, or makes the first Gaussians. Returns whether training goes on from before.
   bool Begin(uint64_t seed) {
     std::error_code ec;
     if (files_.resume && !files_.checkpoint.empty() && std::filesystem::exists(files_.checkpoint, ec)) {
-      const Checkpoint checkpoint = ReadCheckpoint(files_.checkpoint);
-      if (checkpoint.cursor.settings == files_.settings && checkpoint.cursor.seed == seed) {
-        cursor_ = checkpoint.cursor;
-        backend_->SetState(checkpoint.state);
+      const std::optional<Checkpoint> checkpoint = ReadOrSetAside();
+      if (checkpoint && checkpoint->cursor.settings == files_.settings && checkpoint->cursor.seed == seed) {
+        cursor_ = checkpoint->cursor;
+        backend_->SetState(checkpoint->state);
         reporter_.Info("going on after iteration " + std::to_string(cursor_.iteration) + " from " +
                        files_.checkpoint.string());
         return true;
       }
-      reporter_.Warn(files_.checkpoint.string() +
-                     " was made with other options or photos: training starts anew");
+      if (checkpoint) {
+        reporter_.Warn(files_.checkpoint.string() +
+                       " was made with other options or photos: training starts anew");
+      }
     }
     TrainState state;
     state.gaussians = InitialiseGaussians(scene_, options_.initial, seed, reporter_);

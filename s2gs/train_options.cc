@@ -1,7 +1,9 @@
 #include "s2gs/train_options.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <string>
 
 namespace s2gs {
@@ -19,7 +21,9 @@ OptionCheck CheckRanges(std::initializer_list<Range> ranges) {
   for (const Range& range : ranges) {
     // Written so that NaN fails.
     if (!(range.value >= range.low && range.value <= range.high)) {
-      return OptionFault{range.field, std::to_string(range.value), range.bound};
+      std::array<char, 32> text{};
+      std::snprintf(text.data(), text.size(), "%.15g", range.value);
+      return OptionFault{range.field, text.data(), range.bound};
     }
   }
   return std::nullopt;

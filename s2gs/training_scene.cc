@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "s2gs/image/image_file.h"
+#include "s2gs/image/photo_folder.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
 #include "sfm_split/base/file_io.h"
@@ -46,14 +47,19 @@ struct SceneFiles {
 
 bool HasMasks(const fs::path& folder, const ColmapModel& model) {
   return Exists(folder) && std::any_of(model.images.begin(), model.images.end(), [&](const auto& item) {
-           return Exists(folder / (item.second.name + ".png"));
+           return !FindMask(folder, item.second.name).empty();
          });
 }
 
 SceneFiles ReadFiles(const TrainingScenePaths& paths, TrainMode mode, Reporter& reporter) {
   SceneFiles files;
   files.object = ReadColmapModel(paths.object_model);
-  if (Exists(paths.turntable)) files.turntable = ReadTurntableFile(paths.turntable);
+  if (Exists(paths.turntable)) {
+    files.turntable = ReadTurntableFile(paths.turntable);
+    if (const std::optional<std::string> contradiction = FindContradiction(*files.turntable)) {
+      reporter.Warn(paths.turntable.string() + ": " + *contradiction);
+    }
+  }
   const bool turns = files.turntable && TableTurns(*files.turntable);
   files.mode = mode;
   if (mode == TrainMode::kAuto) {
@@ -257,8 +263,9 @@ struct Loader {
   // Empty when there is none and none is needed.
   std::vector<uint8_t> LoadMask(const fs::path& folder, const Camera& camera, bool is_needed,
                                 const ScenePhoto& photo) {
-    const fs::path path = folder / (photo.name + ".png");
-    if (!is_needed && !Exists(path)) return {};
+    fs::path path = FindMask(folder, photo.name);
+    if (path.empty() && !is_needed) return {};
+    if (path.empty()) path = folder / (photo.name + ".png");  // whose absence is the fault
     Image8 mask = Read(path, camera, 1);
     // Before pixels are mixed with their neighbours: 128 counts as much as 255.
     Binarise(&mask);

@@ -66,8 +66,8 @@ OptionCheck TsdfOptions::Check() const {
   if (!(mask_threshold > 0) || !(mask_threshold <= 1)) {
     return fault("mask_threshold", mask_threshold, "0 < mask_threshold <= 1");
   }
-  if (!(max_memory_gib > 0) || !std::isfinite(max_memory_gib)) {
-    return fault("max_memory_gib", max_memory_gib, "0 < max_memory_gib");
+  if (!(max_memory_gib > 0) || !(max_memory_gib <= 1'048'576)) {
+    return fault("max_memory_gib", max_memory_gib, "0 < max_memory_gib <= 1048576");
   }
   if (num_threads < 0 || num_threads > 4096)
     return fault("num_threads", num_threads, "0 <= num_threads <= 4096");

@@ -346,8 +346,8 @@ OptionCheck MeshRefinementOptions::Check() const {
   if (!(min_seen_pct >= 0) || !(min_seen_pct <= 100)) {
     return fault("min_seen_pct", min_seen_pct, "0 <= min_seen_pct <= 100");
   }
-  if (!(max_memory_gib > 0) || !std::isfinite(max_memory_gib)) {
-    return fault("max_memory_gib", max_memory_gib, "0 < max_memory_gib");
+  if (!(max_memory_gib > 0) || !(max_memory_gib <= 1'048'576)) {
+    return fault("max_memory_gib", max_memory_gib, "0 < max_memory_gib <= 1048576");
   }
   if (num_threads < 0 || num_threads > 4096) {
     return fault("num_threads", num_threads, "0 <= num_threads <= 4096");

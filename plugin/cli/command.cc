@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <iostream>
 #include <new>
+#include <sstream>
 #include <utility>
 
 #include "plugin/cli/console_reporter.h"
@@ -83,6 +84,9 @@ void Dispatch(const std::vector<Command>& commands, const std::vector<std::strin
   }
 }
 
+// Ends a command after its arguments.
+struct ArgumentsAccepted {};
+
 int Complain(const std::string& message, ExitCode code) {
   std::cout.flush();
   std::cerr << "s2gs: error: " << Printable(message) << std::endl;
@@ -104,8 +108,19 @@ Options& CommandContext::Declare(const std::string& summary, const std::string& 
 
 Reporter& CommandContext::Parse() {
   options_->Parse(arguments_);
+  if (parses_only_) throw ArgumentsAccepted();
   reporter_ = std::make_unique<ConsoleReporter>(options_->log_level());
   return *reporter_;
+}
+
+void CheckArguments(const Command& command, const std::vector<std::string>& arguments) {
+  std::ostringstream unused;
+  CommandContext context(command.name, arguments, unused);
+  context.parses_only_ = true;
+  try {
+    command.run(context);
+  } catch (const ArgumentsAccepted&) {
+  }
 }
 
 int RunProgram(const std::vector<Command>& commands, const std::vector<std::string>& arguments) {

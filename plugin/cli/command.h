@@ -40,8 +40,11 @@ class CommandContext {
   std::ostream& out() { return out_; }
 
  private:
+  friend void CheckArguments(const struct Command& command, const std::vector<std::string>& arguments);
+
   std::string name_;
   std::vector<std::string> arguments_;
+  bool parses_only_ = false;
   std::ostream& out_;
   std::unique_ptr<Options> options_;
   std::unique_ptr<Reporter> reporter_;
@@ -61,6 +64,9 @@ class DoubtfulResult : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// Parses a command's arguments as the command does, and runs nothing of it. Throws like Options::Parse.
+void CheckArguments(const Command& command, const std::vector<std::string>& arguments);
 
 /// Exit codes of the program.
 enum ExitCode : int {

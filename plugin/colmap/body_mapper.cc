@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <map>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -93,6 +94,7 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
   const std::vector<ColmapOption> given = GivenOptions(mapping.options);
   std::vector<MappingAttempt> attempts;
   int best = 0;
+  std::optional<ColmapKilled> killed;
   std::error_code ec;
   fs::remove_all(mapping.output, ec);
   CreateFolder(mapping.output);
@@ -120,6 +122,9 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
                             given}),
                    {{trial / "0"}}},
                   reporter);
+    } catch (const ColmapKilled& error) {
+      reporter.Warn(error.what());
+      killed = error;
     } catch (const UserError& error) {
       // A body that cannot be mapped is a finding, not a fault.
       reporter.Debug(error.what());
@@ -143,6 +148,7 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
   }
   fs::remove_all(trial, ec);
   for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(database.string() + suffix, ec);
+  if (best == 0 && killed) throw ColmapKilled(*killed);
   return attempts;
 }
 

@@ -36,7 +36,8 @@ struct MappingAttempt {
 };
 
 /// \return  the attempts made; the models are in `mapping.output`, none when every attempt failed.
-/// Throws Interrupted, and UserError when an option of `options` is no NAME=VALUE.
+/// Throws Interrupted, ColmapKilled when nothing came of it because colmap was ended by a signal, and
+/// UserError when an option of `options` is no NAME=VALUE.
 std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* colmap, Reporter& reporter);
 
 /// The models in numbered folders, those with most images first. Models that cannot be read are left out with

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <deque>
@@ -23,6 +25,8 @@ constexpr char kInstallRemedy[] =
     "Install COLMAP 3.8 or newer (on Debian: apt install colmap), or name its executable with --colmap_path";
 constexpr size_t kTailLines = 20;
 constexpr size_t kMaxHelpLines = 10000;
+
+using Clock = std::chrono::steady_clock;
 
 bool IsExecutableFile(const fs::path& path) {
   std::error_code ec;
@@ -221,8 +225,9 @@ std::optional<ColmapProgress> ParseColmapProgress(std::string_view line) {
   return std::nullopt;
 }
 
-ColmapProgram ColmapProgram::Find(const fs::path& colmap_path, Reporter& reporter, const StopGrace& grace) {
-  ColmapProgram program(FindExecutable(colmap_path), grace);
+ColmapProgram ColmapProgram::Find(const fs::path& colmap_path, Reporter& reporter,
+                                  const ColmapPatience& patience) {
+  ColmapProgram program(FindExecutable(colmap_path), patience);
   const Ended help = program.Ask({"help"}, reporter);
   // "COLMAP 3.8 -- Structure-from-Motion ..." or "COLMAP 4.2.1 (Commit ... with CUDA)".
   bool is_in_commands = false;
@@ -250,12 +255,27 @@ ColmapProgram::Ended ColmapProgram::Ask(const std::vector<std::string>& argument
   ChildCommand child{{path_.string()}, {{"QT_QPA_PLATFORM", "offscreen"}}};
   child.arguments.insert(child.arguments.end(), arguments.begin(), arguments.end());
   Ended ended;
-  ended.exit = RunChild(
-      child, grace_,
-      [&](const ChildOutput& output) {
-        if (output.is_complete && ended.lines.size() < kMaxHelpLines) ended.lines.emplace_back(output.line);
-      },
-      [&] { return reporter.StopRequested(); });
+  const Clock::time_point begin = Clock::now();
+  bool is_late = false;
+  try {
+    ended.exit = RunChild(
+        child, patience_.stop,
+        [&](const ChildOutput& output) {
+          if (output.is_complete && ended.lines.size() < kMaxHelpLines) ended.lines.emplace_back(output.line);
+        },
+        [&] {
+          is_late = is_late || Clock::now() - begin > patience_.answer;
+          return is_late || reporter.StopRequested();
+        });
+  } catch (const Interrupted&) {
+    if (!is_late || reporter.StopRequested()) throw;
+    throw UserError(
+        path_,
+        "does not answer `" + Quoted(arguments) + "` within " +
+            std::to_string(std::chrono::duration_cast<std::chrono::seconds>(patience_.answer).count()) +
+            " seconds",
+        kInstallRemedy);
+  }
   return ended;
 }
 
@@ -263,11 +283,18 @@ const std::set<std::string>& ColmapProgram::OptionsOf(const std::string& command
   const auto known = options_of_command_.find(command);
   if (known != options_of_command_.end()) return known->second;
   std::set<std::string> options;
-  for (const std::string& line : Ask({command, "-h"}, reporter).lines) {
+  const Ended help = Ask({command, "-h"}, reporter);
+  for (const std::string& line : help.lines) {
     const size_t at = line.find("--");
     if (at == std::string::npos || line.find_first_not_of(' ') != at) continue;
     const size_t begin = at + 2;
     options.insert(line.substr(begin, line.find_first_of(" =", begin) - begin));
+  }
+  if (options.empty()) {
+    throw UserError(path_,
+                    "cannot be asked for the options of " + command + " (" + Describe(help.exit) + ")" +
+                        (help.lines.empty() ? ", and prints nothing" : ": " + help.lines.back()),
+                    "Check that `colmap " + command + " -h` works; if not, install COLMAP again");
   }
   return options_of_command_.emplace(command, std::move(options)).first->second;
 }
@@ -313,9 +340,22 @@ void ColmapProgram::Run(const ColmapCommand& command, Reporter& reporter) {
 
   std::deque<std::string> tail;
   std::optional<ColmapProgress> progress;
+  Clock::time_point heard = Clock::now();
+  std::chrono::milliseconds patience = patience_.silence;
+  const auto mind_silence = [&] {
+    const auto silent = std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - heard);
+    if (silent < patience) return;
+    reporter.Warn(command_name + " has printed nothing for " + std::to_string(silent.count() / 1000) +
+                  " seconds. It may be busy (a large adjustment is silent for minutes) or stuck: `top` "
+                  "tells. Ctrl-C stops "
+                  "it; what was finished is kept");
+    patience *= 2;
+  };
   const ChildExit exit = RunChild(
-      child, grace_,
+      child, patience_.stop,
       [&](const ChildOutput& output) {
+        heard = Clock::now();
+        patience = patience_.silence;
         const auto now = ParseColmapProgress(output.line);
         if (now && !(progress && *now == *progress)) {
           progress = now;
@@ -326,14 +366,22 @@ void ColmapProgram::Run(const ColmapCommand& command, Reporter& reporter) {
         tail.emplace_back(output.line);
         if (tail.size() > kTailLines) tail.pop_front();
       },
-      [&] { return reporter.StopRequested(); });
+      [&] {
+        mind_silence();
+        return reporter.StopRequested();
+      });
 
   const auto fail = [&](const std::string& problem) {
     std::string message = command_name + " " + problem + ".\nThe command was: " + command_line +
                           "\nHow it ended: " + Describe(exit) + "\nThe end of its output:";
     for (const std::string& line : tail) message += "\n  " + line;
     if (tail.empty()) message += " nothing";
-    throw UserError(message);
+    if (exit.signal == 0) throw UserError(message);
+    if (exit.signal == SIGXFSZ)
+      message += "\nA limit on file sizes ended it: `ulimit -f unlimited` raises it.";
+    if (exit.signal == SIGKILL)
+      message += "\nThe system kills what needs too much memory: smaller photos need less.";
+    throw ColmapKilled(message);
   };
   if (!exit.Succeeded()) fail("failed");
   for (size_t i = 0; i < command.outputs.size(); ++i) {

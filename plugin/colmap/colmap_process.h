@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -10,6 +11,7 @@
 #include <vector>
 
 #include "plugin/colmap/child_process.h"
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {
@@ -34,6 +36,19 @@ struct ColmapCommand {
   std::vector<ColmapOutput> outputs;
 };
 
+/// A command that was ended by a signal: it crashed, was killed, or ran into a limit of the system.
+class ColmapKilled : public UserError {
+ public:
+  using UserError::UserError;
+};
+
+/// How long COLMAP may take or be silent.
+struct ColmapPatience {
+  StopGrace stop;
+  std::chrono::milliseconds answer{60000};   ///< to `colmap help` and `-h`, which take a second.
+  std::chrono::milliseconds silence{60000};  ///< until it is said that it is silent; again at each doubling.
+};
+
 /// Progress as read from one line of COLMAP's output.
 struct ColmapProgress {
   std::string_view task;
@@ -54,7 +69,7 @@ class ColmapProgram {
   /// \param colmap_path  the executable, or a folder that it lies in; empty: it is searched for on PATH.
   /// Throws UserError that says what to install when there is none or it does not run.
   static ColmapProgram Find(const std::filesystem::path& colmap_path, Reporter& reporter,
-                            const StopGrace& grace = {});
+                            const ColmapPatience& patience = {});
 
   const std::filesystem::path& path() const { return path_; }
   const std::string& version() const { return version_; }  ///< e.g. "3.8" or "4.2.1".
@@ -71,12 +86,14 @@ class ColmapProgram {
 
   /// Runs a command to its end, hands its output to the reporter (lines as debug messages, progress as such)
   /// and checks that its outputs were written.
-  /// Throws Interrupted when the reporter asks to stop, and UserError with the command line, how it ended and
-  /// the last lines of its output when it fails or an output is missing, empty or unchanged.
+  /// Warns when it prints nothing for a minute. Throws Interrupted when the reporter asks to stop, and
+  /// UserError (ColmapKilled when a signal ended it) with the command line, how it ended and the last lines
+  /// of its output when it fails or an output is missing, empty or unchanged.
   void Run(const ColmapCommand& command, Reporter& reporter);
 
  private:
-  ColmapProgram(std::filesystem::path path, const StopGrace& grace) : path_(std::move(path)), grace_(grace) {}
+  ColmapProgram(std::filesystem::path path, const ColmapPatience& patience)
+      : path_(std::move(path)), patience_(patience) {}
 
   struct Ended {
     ChildExit exit;
@@ -86,7 +103,7 @@ class ColmapProgram {
   const std::set<std::string>& OptionsOf(const std::string& command, Reporter& reporter);
 
   std::filesystem::path path_;
-  StopGrace grace_;
+  ColmapPatience patience_;
   std::string version_;
   bool has_cuda_ = false;
   std::set<std::string> commands_;

@@ -1,7 +1,6 @@
 #include "plugin/colmap/extract_features.h"
 
 #include <algorithm>
-#include <cctype>
 #include <map>
 #include <optional>
 #include <system_error>
@@ -11,6 +10,7 @@
 #include "plugin/cli/option_value.h"
 #include "plugin/colmap/exif_focal.h"
 #include "s2gs/image/image_file.h"
+#include "s2gs/image/photo_folder.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/scene/io/colmap_database.h"
 
@@ -21,27 +21,6 @@ namespace fs = std::filesystem;
 
 constexpr const char* kStageName = "feature_extractor";
 
-bool IsPhoto(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension == ".jpg" || extension == ".jpeg" || extension == ".png";
-}
-
-std::vector<fs::path> Photos(const fs::path& image_path) {
-  std::vector<fs::path> photos;
-  std::error_code ec;
-  for (fs::recursive_directory_iterator entry(image_path, ec), end; !ec && entry != end;
-       entry.increment(ec)) {
-    if (entry->is_regular_file() && IsPhoto(entry->path())) photos.push_back(entry->path());
-  }
-  if (ec) throw UserError(image_path, "cannot be listed (" + ec.message() + ")", "Check --image_path");
-  std::sort(photos.begin(), photos.end());
-  if (photos.empty()) throw UserError(image_path, "has no photos (.jpg, .jpeg, .png)", "Check --image_path");
-  return photos;
-}
-
-constexpr size_t kMaxNamedPhotos = 10;
 constexpr size_t kFewPhotos = 8;
 // With less space left than this, a database that lacks photos is one that the disk had no room for.
 constexpr uint64_t kMinFreeBytes = uint64_t{16} << 20;
@@ -82,16 +61,11 @@ std::vector<Look> ReadAppearance(const fs::path& image_path, const std::vector<f
       problems[i] = error.what();
     }
   }
-  std::string list;
-  size_t num_damaged = 0;
-  for (const std::string& problem : problems) {
-    if (problem.empty()) continue;
-    if (++num_damaged <= kMaxNamedPhotos) list += "\n  " + problem;
-  }
-  if (num_damaged == 0) return looks;
-  if (num_damaged > kMaxNamedPhotos) list += "\n  and more";
-  throw UserError(image_path.string() + ": " + std::to_string(num_damaged) + " of " +
-                  std::to_string(photos.size()) + " photos cannot be read:" + list);
+  problems.erase(std::remove(problems.begin(), problems.end(), ""), problems.end());
+  if (problems.empty()) return looks;
+  throw UserError(ListFaults(image_path.string() + ": " + std::to_string(problems.size()) + " of " +
+                                 std::to_string(photos.size()) + " photos cannot be read",
+                             problems));
 }
 
 template <typename T>
@@ -99,25 +73,36 @@ void AddIfGiven(const char* name, const std::optional<T>& value, std::vector<Col
   if (value) options->push_back({std::string("SiftExtraction.") + name, FormatValue(*value)});
 }
 
-// A database of ours that is removed with its logs when all is done, or nothing came of it.
+// A database of ours that is removed with its logs and list of photos when all is done, or nothing came of
+// it.
 struct DatabaseRemover {
   explicit DatabaseRemover(fs::path database) : path(std::move(database)) {}
   DatabaseRemover(const DatabaseRemover&) = delete;
   DatabaseRemover& operator=(const DatabaseRemover&) = delete;
   ~DatabaseRemover() {
     std::error_code ec;
-    for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(path.string() + suffix, ec);
+    for (const char* suffix : {"", "-wal", "-shm", ".txt"}) fs::remove(path.string() + suffix, ec);
   }
 
   const fs::path path;
 };
+
+void WritePhotoList(const fs::path& path, const std::vector<fs::path>& photos, const fs::path& image_path) {
+  std::vector<std::string> names;
+  names.reserve(photos.size());
+  for (const fs::path& photo : photos) names.push_back(photo.lexically_relative(image_path).generic_string());
+  std::sort(names.begin(), names.end());
+  WriteFileAtomically(path, [&](std::ostream& stream) {
+    for (const std::string& name : names) stream << name << '\n';
+  });
+}
 
 size_t NumImages(const fs::path& database_path) {
   return ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly).ReadImages().size();
 }
 
 void RunExtractor(const FeatureExtraction& extraction, const fs::path& database, CameraSharing sharing,
-                  bool use_gpu, ColmapProgram* colmap, Reporter& reporter) {
+                  bool use_gpu, const fs::path& photo_list, ColmapProgram* colmap, Reporter& reporter) {
   std::error_code ec;
   for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(database.string() + suffix, ec);
   const SiftExtractionOptions& sift = extraction.sift;
@@ -137,6 +122,7 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
   AddIfGiven("estimate_affine_shape", sift.estimate_affine_shape, &options);
   AddIfGiven("domain_size_pooling", sift.domain_size_pooling, &options);
   AddIfGiven("num_threads", sift.num_threads, &options);
+  if (!photo_list.empty()) options.push_back({"image_list_path", photo_list.string(), /*is_required=*/false});
   colmap->Run({"feature_extractor", std::move(options), {{database}}}, reporter);
 }
 
@@ -167,7 +153,17 @@ void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction
 
 PhotoSet ReadPhotoSet(const fs::path& image_path) {
   PhotoSet set;
-  set.photos = Photos(image_path);
+  const PhotoFolder folder = InspectPhotoFolder(image_path);
+  if (!folder.faults.empty()) {
+    throw UserError(ListFaults(image_path.string() + ": these photos cannot be used", folder.faults));
+  }
+  if (folder.photos.empty()) {
+    throw UserError(image_path, "has no photos (.jpg, .jpeg, .png)", "Check --image_path");
+  }
+  set.notes = folder.notes;
+  set.has_other_files = folder.has_other_files;
+  set.photos.reserve(folder.photos.size());
+  for (const PhotoFile& photo : folder.photos) set.photos.push_back(photo.path);
   const std::vector<Look> looks = ReadAppearance(image_path, set.photos);
   if (HaveOneLook(looks)) return set;
   std::map<fs::path, std::vector<size_t>> folders;
@@ -214,6 +210,7 @@ void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap,
                              : set.sharing == CameraSharing::kPerFolder
                                  ? "one camera for each folder"
                                  : std::to_string(set.cameras.size()) + " cameras, by size and EXIF";
+  for (const std::string& note : set.notes) reporter.Info(note);
   reporter.Info("features of " + std::to_string(num_photos) + " photos by colmap " + colmap->version() +
                 ", " + shared);
   if (num_photos < kFewPhotos) {
@@ -221,13 +218,16 @@ void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap,
                   " photos: a whole turn of the table in steps of 20 degrees has 18");
   }
   const DatabaseRemover unfinished{extraction.database_path.string() + ".extracting"};
+  // COLMAP takes every file that it can read for a photo.
+  const fs::path photo_list = set.has_other_files ? fs::path(unfinished.path.string() + ".txt") : fs::path();
+  if (!photo_list.empty()) WritePhotoList(photo_list, set.photos, extraction.image_path);
   const bool use_gpu = extraction.sift.use_gpu.value_or(colmap->has_cuda());
   try {
-    RunExtractor(extraction, unfinished.path, set.sharing, use_gpu, colmap, reporter);
+    RunExtractor(extraction, unfinished.path, set.sharing, use_gpu, photo_list, colmap, reporter);
   } catch (const UserError& error) {
     if (!use_gpu || extraction.sift.use_gpu.has_value()) throw;
     reporter.Warn(std::string("feature extraction on the GPU failed, going on without: ") + error.what());
-    RunExtractor(extraction, unfinished.path, set.sharing, /*use_gpu=*/false, colmap, reporter);
+    RunExtractor(extraction, unfinished.path, set.sharing, /*use_gpu=*/false, photo_list, colmap, reporter);
   }
   const size_t num_images = NumImages(unfinished.path);
   if (num_images < num_photos) {

@@ -51,13 +51,15 @@ enum class CameraSharing {
 
 struct PhotoSet {
   std::vector<std::filesystem::path> photos;  ///< sorted.
+  std::vector<std::string> notes;             ///< what is left alone, for the user.
+  bool has_other_files = false;               ///< beside the photos.
   CameraSharing sharing = CameraSharing::kOne;
   /// For kPerLook: names, relative to the folder, of the photos of each camera.
   std::vector<std::vector<std::string>> cameras;
 };
 
 /// Reads all photos of a folder and its folders, so that damage is known before hours of work. Throws
-/// UserError when there are no photos (JPEG, PNG), and with the names of those that cannot be read.
+/// UserError when there are no photos (JPEG, PNG), and with the names of those that cannot be used or read.
 PhotoSet ReadPhotoSet(const std::filesystem::path& image_path);
 
 /// Whether a database needs features: it is missing or has no images.

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/commands/scan_preflight.h"
 #include "plugin/report/scan_summary.h"
 #include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
@@ -134,6 +135,23 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   return steps;
 }
 
+ScanRequest RequestOf(const Settings& settings, const std::vector<Step>& steps) {
+  ScanRequest request;
+  request.workspace = Workspace{settings.workspace_path};
+  request.image_path = settings.image_path;
+  request.mask_path = settings.mask_path;
+  request.colmap_path = settings.colmap_path;
+  request.use_gpu = settings.use_gpu;
+  request.test_every = settings.test_every;
+  request.num_iterations = settings.num_iterations;
+  request.max_image_size = settings.max_image_size;
+  request.max_num_features = MaxNumFeatures(settings.quality);
+  request.trains = settings.until != Until::kSplit;
+  request.meshes = settings.until == Until::kMesh;
+  for (const Step& step : steps) request.steps.emplace_back(step.command, step.arguments);
+  return request;
+}
+
 const Command& FindCommand(const std::string& name) {
   const std::vector<Command>& commands = AllCommands();
   const auto found = std::find_if(commands.begin(), commands.end(),
@@ -200,6 +218,18 @@ void AddStages(const Workspace& workspace, const std::string& command,
   }
 }
 
+// Where nothing ran, an earlier summary says the same: a finished workspace may be read-only.
+void WriteUnlessReadOnly(const fs::path& path, const ScanSummary& summary, Reporter& reporter) {
+  try {
+    WriteScanSummary(path, summary);
+  } catch (const UserError& error) {
+    const bool has_run = std::any_of(summary.stages.begin(), summary.stages.end(),
+                                     [](const auto& stage) { return stage.has_run; });
+    if (has_run) throw;
+    reporter.Info(std::string("the summary stays as it was: ") + error.what());
+  }
+}
+
 ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
   out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
   const double started = SteadySeconds();
@@ -224,7 +254,9 @@ void RunAutomaticScanner(CommandContext& context) {
       "model, "
       "object masks and a mesh. Runs the other commands one after another; what is done is skipped, and a "
       "run "
-      "that was stopped goes on where it was. Each step's own command line is printed: run it by hand to "
+      "that was stopped goes on where it was. Options, photos, masks, disk, memory and colmap are checked "
+      "first, and "
+      "all that is wrong is listed at once. Each step's own command line is printed: run it by hand to "
       "change "
       "more of it.",
       "--workspace_path scan --image_path photos --quality medium");
@@ -263,15 +295,16 @@ void RunAutomaticScanner(CommandContext& context) {
         settings.image_path, "there is no such folder of photos",
         "Give the photos' folder as --image_path, or put them into " + workspace.Images().string());
   }
+  const std::vector<Step> steps = MakeSteps(settings, options);
+  RequireSoundScan(RequestOf(settings, steps), reporter);
   CreateFolder(workspace.root);
 
   ScanSummary summary;
   const auto finish = [&] {
     CollectFigures(workspace, &summary);
-    WriteScanSummary(workspace.ReportJson(), summary);
+    WriteUnlessReadOnly(workspace.ReportJson(), summary, reporter);
     PrintScanSummary(summary, context.out());
   };
-  const std::vector<Step> steps = MakeSteps(settings, options);
   for (size_t i = 0; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
     const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);

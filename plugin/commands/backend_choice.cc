@@ -37,12 +37,14 @@ void AddBackendOptions(Options* options, BackendChoice* choice) {
             "threads on the CPU, which results do not depend on; 0: all cores");
 }
 
+std::string GpuProblem(const BackendChoice& choice) { return ProblemOf(ListGpus(), choice.gpu_index); }
+
 std::unique_ptr<Backend> MakeBackend(const BackendChoice& choice, Reporter& reporter) {
   std::unique_ptr<Backend> backend;
   if (choice.use_gpu == UseGpu::kNo) {
     backend = MakeCpuBackend(choice.num_threads);
   } else {
-    const std::string problem = ProblemOf(ListGpus(), choice.gpu_index);
+    const std::string problem = GpuProblem(choice);
     if (!problem.empty() && choice.use_gpu == UseGpu::kYes) {
       throw UserError("no GPU can be used: " + problem + ". Give --use_gpu 0 or auto to compute on the CPU");
     }

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <string>
 
 #include "plugin/cli/options.h"
 #include "s2gs/backend/backend.h"
@@ -22,6 +23,9 @@ struct BackendChoice {
 
 /// Declares --use_gpu, --gpu_index and --num_threads.
 void AddBackendOptions(Options* options, BackendChoice* choice);
+
+/// Why the GPU that is chosen cannot be used; empty when it can.
+std::string GpuProblem(const BackendChoice& choice);
 
 /// Makes the backend and says which one and why. Throws UserError when a GPU is asked for and there is none.
 std::unique_ptr<Backend> MakeBackend(const BackendChoice& choice, Reporter& reporter);

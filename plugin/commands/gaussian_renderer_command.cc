@@ -20,6 +20,7 @@
 #include "plugin/commands/backend_choice.h"
 #include "plugin/commands/dense_folder.h"
 #include "plugin/stage/stage.h"
+#include "plugin/stage/stale_outputs.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/held_out.h"
@@ -234,6 +235,13 @@ class Renderer {
 
   const TrainingScene& scene() const { return scene_; }
 
+  // Of all photos, rendered or not.
+  std::set<std::string> PhotoNames() const {
+    std::set<std::string> names;
+    for (const ScenePhoto& photo : scene_.photos) names.insert(photo.name);
+    return names;
+  }
+
  private:
   ImageName NameOf(const ScenePhoto& photo) const { return {photo.name, workspace_.ObjectModel()}; }
 
@@ -418,7 +426,11 @@ void RunGaussianRenderer(CommandContext& context) {
                          {workspace.DepthMaps(), workspace.NormalMaps(), workspace.DenseMasks()});
     stage.depends_on.emplace_back(kUndistorterStage);
   }
-  if (!stage.outputs.empty() && !runner.Run(stage, [&] { RenderForWorkspace(a, dense_views, &lazy); })) {
+  const auto render = [&] {
+    RenderForWorkspace(a, dense_views, &lazy);
+    TidyImageOutputs(workspace, a.image_path, lazy.Get().PhotoNames(), reporter);
+  };
+  if (!stage.outputs.empty() && !runner.Run(stage, render)) {
     context.out() << "up to date       " << workspace.root.string() << '\n';
   }
   if (a.color || a.foreground || a.pictures || a.comparison) {

@@ -8,6 +8,7 @@
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/require_writable.h"
 
 namespace s2gs {
 namespace {
@@ -87,6 +88,9 @@ void RunScanEvaluator(CommandContext& context) {
 
   std::optional<ScanTruth> truth;
   if (!paths.ground_truth.empty()) truth = ReadScanTruth(paths.ground_truth);
+  for (const std::filesystem::path& path : {paths.json, paths.csv}) {
+    if (!path.empty()) RequireWritable(path);
+  }
   Figures figures;
   if (!paths.workspace.empty()) {
     const Workspace workspace{paths.workspace};

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "s2gs/image/image_file.h"
+#include "s2gs/image/photo_folder.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/matching/pair_plan.h"
@@ -17,13 +18,6 @@ namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
-
-fs::path MaskOf(const fs::path& mask_path, const std::string& image_name) {
-  fs::path full = mask_path / (image_name + ".png");
-  std::error_code ec;
-  if (fs::exists(full, ec)) return full;
-  return (mask_path / image_name).replace_extension(".png");
-}
 
 float ScaleOf(const KeypointMatrix& keypoints, Eigen::Index row) {
   if (keypoints.cols() == 4) return keypoints(row, 2);
@@ -112,7 +106,9 @@ SplitFeatures ReadSplitFeatures(const fs::path& database_path) {
   if (features.images.size() < 3) {
     throw UserError(database_path,
                     "has " + std::to_string(features.images.size()) + " images; a split needs at least three",
-                    "Run `colmap feature_extractor` on all photos first");
+                    features.images.empty()
+                        ? "Run `colmap feature_extractor` on all photos first"
+                        : "Take more photos: a whole turn of the table in steps of 20 degrees has 18");
   }
   return features;
 }
@@ -144,9 +140,8 @@ GivenMatches ReadGivenMatches(const fs::path& database_path, const SplitFeatures
 void ApplyMasks(const fs::path& mask_path, SplitFeatures* features, Reporter& reporter) {
   size_t num_without = 0;
   for (SplitImage& image : features->images) {
-    const fs::path path = MaskOf(mask_path, image.name);
-    std::error_code ec;
-    if (!fs::exists(path, ec)) {
+    const fs::path path = FindMask(mask_path, image.name);
+    if (path.empty()) {
       ++num_without;
       image.given_labels.assign(image.keypoints.size(), KeypointLabel::kUnknown);
       continue;

@@ -13,6 +13,7 @@
 #include "plugin/stage/stage.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/require_writable.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
@@ -241,6 +242,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   TsdfMesherSummary summary;
   summary.output_path = options.output_path.empty() ? workspace.TsdfMesh() : options.output_path;
   RequireMeshExtension(summary.output_path);
+  if (!options.output_path.empty()) RequireWritable(summary.output_path);
   const std::vector<ViewFiles> files = FindViews(workspace, options, reporter, &summary);
   const WorkspaceViews views(files);
   TriangleMesh mesh = MeshFromDepthMaps(views, options.tsdf, reporter, &summary.tsdf);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -15,6 +16,7 @@
 #include "plugin/colmap/body_mapper.h"
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/colmap/point_colors.h"
+#include "plugin/commands/mapping_failure.h"
 #include "plugin/commands/turntable_report.h"
 #include "plugin/report/verdict_json.h"
 #include "plugin/stage/scan_input.h"
@@ -156,6 +158,17 @@ json ReadJson(const fs::path& path) {
   }
 }
 
+// JSON's own exceptions, while `path` is made sense of, are the file's faults.
+void MakeSenseOf(const fs::path& path, const std::function<void(const json&)>& use) {
+  const json content = ReadJson(path);
+  try {
+    use(content);
+  } catch (const json::exception& error) {
+    throw UserError(path, std::string("is damaged: ") + error.what(),
+                    "Delete it and run turntable_mapper again");
+  }
+}
+
 void WriteJson(const fs::path& path, const json& content) {
   WriteFileAtomically(path, [&](std::ostream& stream) { stream << content.dump(1) << '\n'; });
 }
@@ -266,8 +279,7 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
 // All photos show one rigid body: SfM's own model, which nothing moves in.
 void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json report) {
   if (models.empty()) {
-    throw UserError(workspace_.ObjectDatabase(), "colmap mapper found no model",
-                    "Look at its output with --log_level debug; more photos with smaller steps may help");
+    throw ExplainNoModel(workspace_.ObjectDatabase(), input_.features);
   }
   ColmapModel model = models[0];
   ColorPoints(settings_.image_path, {&model}, reporter_);
@@ -309,10 +321,12 @@ void TurntableMapper::Place() {
   for (const auto& [body, folder] :
        {std::make_pair("object", ObjectFolder()), std::make_pair("background", BackgroundFolder())}) {
     if (!fs::exists(folder / "attempts.json", ec)) continue;
-    report["mapping"][body] = ReadJson(folder / "attempts.json");
-    double sum = 0;
-    for (const json& attempt : report["mapping"][body]) sum += attempt.at("seconds").get<double>();
-    seconds_[std::string("map_") + body] = sum;
+    MakeSenseOf(folder / "attempts.json", [&, name = body](const json& attempts) {
+      double sum = 0;
+      for (const json& attempt : attempts) sum += attempt.at("seconds").get<double>();
+      seconds_[std::string("map_") + name] = sum;
+      report["mapping"][name] = attempts;
+    });
   }
   std::vector<ColmapModel> objects = ReadMappedModels(ObjectFolder(), reporter_);
   if (input_.capture_case == CaptureCase::kOneBody) {
@@ -426,7 +440,7 @@ void RunTurntableMapper(CommandContext& context) {
               {workspace.ObjectModel(), workspace.Turntable(), mapper.ReportPath()},
               before},
              [&] { mapper.Place(); });
-  PrintTurntableSummary(ReadJson(mapper.ReportPath()), context.out());
+  MakeSenseOf(mapper.ReportPath(), [&](const json& report) { PrintTurntableSummary(report, context.out()); });
 }
 
 }  // namespace s2gs

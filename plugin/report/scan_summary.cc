@@ -135,6 +135,8 @@ void CollectFigures(const Workspace& workspace, ScanSummary* summary) {
       add(workspace, summary);
     } catch (const UserError&) {
       continue;  // the step that owns the file has said what is wrong with it
+    } catch (const Json::exception&) {
+      continue;  // a log or a file of labels that somebody changed: what it says is left out
     }
   }
 }

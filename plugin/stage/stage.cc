@@ -202,6 +202,15 @@ StageRunner::StageRunner(Workspace workspace, Reporter& reporter)
   RemoveStaleWorkspaceTemporaries(workspace_);
 }
 
+void StageRunner::Refresh(const std::string& name, const StageStamp& stamp) {
+  try {
+    WriteStageStamp(workspace_, name, stamp);
+  } catch (const UserError& error) {
+    // Next time the inputs are read again, which takes longer and finds the same.
+    reporter_.Debug(error.what());
+  }
+}
+
 bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
   S2GS_INVARIANT(IsStageName(stage.name));
   std::string reason = "not done yet";
@@ -210,7 +219,7 @@ bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
     const std::vector<StampedPath> known = stamp->inputs;
     reason = Reason(workspace_, stage, &*stamp, reporter_);
     if (reason.empty()) {
-      if (!HaveSameStates(known, stamp->inputs)) WriteStageStamp(workspace_, stage.name, *stamp);
+      if (!HaveSameStates(known, stamp->inputs)) Refresh(stage.name, *stamp);
       reporter_.Info(stage.name + ": up to date");
       return false;
     }

@@ -61,6 +61,9 @@ class StageRunner {
   bool Run(const Stage& stage, const std::function<void()>& work);
 
  private:
+  // Writes a stamp whose inputs look different but are not.
+  void Refresh(const std::string& name, const StageStamp& stamp);
+
   Workspace workspace_;
   Reporter& reporter_;
   WorkspaceLock lock_;

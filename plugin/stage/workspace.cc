@@ -68,6 +68,12 @@ WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
   const fs::path path = workspace.LockFile();
   // Programs that s2gs starts must not hold the lock after it ends: close-on-exec.
   fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (fd_ < 0 && (errno == EACCES || errno == EROFS || errno == EPERM)) {
+    // A finished workspace may be read-only: what is done is still found to be done.
+    const int error = errno;
+    fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    errno = error;
+  }
   if (fd_ < 0) {
     throw UserError(path, std::string("cannot be opened (") + std::strerror(errno) + ")",
                     "Check that you may write in the workspace");

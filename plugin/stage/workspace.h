@@ -86,7 +86,7 @@ std::vector<std::pair<std::filesystem::path, std::string>> WorkspaceContents(con
 class WorkspaceLock {
  public:
   /// Throws UserError when the workspace is no folder or another process works in it. Where the file system
-  /// knows no locks, warns and goes on.
+  /// knows no locks, warns and goes on. A workspace that was used before may be read-only.
   WorkspaceLock(const Workspace& workspace, Reporter& reporter);
   WorkspaceLock(const WorkspaceLock&) = delete;
   WorkspaceLock& operator=(const WorkspaceLock&) = delete;

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "s2gs/image/image_codec.h"
+#include "s2gs/image/image_header.h"
 #include "sfm_split/base/byte_reader.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -59,7 +60,7 @@ Image8 ReadImage(const std::filesystem::path& path, int channels) {
   return DecodeImage(ReadWholeFile(path, kMaxImageBytes), path, channels);
 }
 
-ImageSize ReadImageSize(const std::filesystem::path& path) {
+ImageHeader ReadImageHeader(const std::filesystem::path& path) {
   std::ifstream stream = OpenForReading(path);
   std::string begin(kPngBegin.size(), '\0');
   stream.read(begin.data(), static_cast<std::streamsize>(begin.size()));
@@ -67,8 +68,15 @@ ImageSize ReadImageSize(const std::filesystem::path& path) {
   stream.seekg(0);
   const Kind kind = KindOf(begin, path);
   ByteReader reader(stream, path);
-  return kind == Kind::kJpeg ? ReadJpegSize(reader) : ReadPngSize(reader);
+  ImageHeader header;
+  header.is_jpeg = kind == Kind::kJpeg;
+  const uint64_t num_bytes = reader.remaining();
+  header.size = header.is_jpeg ? ReadJpegSize(reader) : ReadPngSize(reader);
+  header.num_bytes = num_bytes - reader.remaining();
+  return header;
 }
+
+ImageSize ReadImageSize(const std::filesystem::path& path) { return ReadImageHeader(path).size; }
 
 void WriteImage(const std::filesystem::path& path, const Image8& image, int jpeg_quality) {
   S2GS_INVARIANT(image.channels == 1 || image.channels == 3);

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/scene/camera_check.h"
 
 namespace s2gs {
 namespace {
@@ -61,7 +62,9 @@ Camera UndistortedCamera(const Camera& camera, const std::filesystem::path& path
   const double x1 = std::floor(box.right + 0.5);
   const double y1 = std::floor(box.bottom + 0.5);
   constexpr double kMaxGrowth = 4;
-  if (!(x1 - x0 >= 2) || !(y1 - y0 >= 2) || x1 - x0 > kMaxGrowth * width || y1 - y0 > kMaxGrowth * height) {
+  if (!(x1 - x0 >= 2) || !(y1 - y0 >= 2) || x1 - x0 > kMaxGrowth * width || y1 - y0 > kMaxGrowth * height ||
+      x1 - x0 > kMaxCameraSide || y1 - y0 > kMaxCameraSide ||
+      (x1 - x0) * (y1 - y0) > static_cast<double>(kMaxCameraPixels)) {
     throw UserError(path,
                     "the lens of camera " + std::to_string(camera.camera_id) +
                         " is too wide, or its parameters too wild, for a pinhole image",

@@ -17,6 +17,7 @@
 
 #include "sfm_split/base/byte_reader.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/require_writable.h"
 
 namespace s2gs {
 namespace {
@@ -293,6 +294,17 @@ void SyncToDisk(const fs::path& path) {
     if (fs::is_directory(status)) SyncFolder(entry->path());
     if (fs::is_regular_file(status)) SyncFile(entry->path(), entry->path());
   }
+}
+
+void RequireWritable(const fs::path& path) {
+  ResolveTarget(path);
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  std::error_code ec;
+  if (!fs::is_directory(folder, ec)) {
+    throw UserError(path, "cannot be written: there is no folder " + folder.string(),
+                    "Create it, or check the path");
+  }
+  if (::access(folder.c_str(), W_OK | X_OK) != 0) ThrowSystemError(path, "cannot be written", errno);
 }
 
 void CreateFolder(const fs::path& folder) {

@@ -88,7 +88,8 @@ ImageOutputs::ImageOutputs(const fs::path& root, const fs::path& photos,
   if (!IsWithin(resolved_root_, resolved)) resolved_photos_ = resolved;
 }
 
-fs::path ImageOutputs::Make(const fs::path& folder, const ImageName& name, const std::string& suffix) const {
+fs::path ImageOutputs::Locate(const fs::path& folder, const ImageName& name,
+                              const std::string& suffix) const {
   const fs::path path = folder / (name.text() + suffix);
   const fs::path resolved = Resolved(path);
   const fs::path resolved_place = Resolved(path.parent_path()) / path.filename();
@@ -106,6 +107,11 @@ fs::path ImageOutputs::Make(const fs::path& folder, const ImageName& name, const
                              : "lies in the photos' folder, where nothing is written",
                     "Keep the photos in a folder of their own, such as images in the workspace");
   }
+  return path;
+}
+
+fs::path ImageOutputs::Make(const fs::path& folder, const ImageName& name, const std::string& suffix) const {
+  fs::path path = Locate(folder, name, suffix);
   CreateFolder(path.parent_path());
   return path;
 }

@@ -45,9 +45,11 @@ class ImageOutputs {
   ImageOutputs(const std::filesystem::path& root, const std::filesystem::path& photos,
                const std::vector<std::string>& photo_names);
 
-  /// `folder / (NAME + suffix)`; the folders on the way are made. Throws UserError when it would lie outside
-  /// the root, by its name or through a symbolic link, or would replace a photo. \param folder  below the
-  /// root.
+  /// `folder / (NAME + suffix)`. Throws UserError when it would lie outside the root, by its name or through
+  /// a symbolic link, or is a photo. \param folder  below the root.
+  std::filesystem::path Locate(const std::filesystem::path& folder, const ImageName& name,
+                               const std::string& suffix) const;
+  /// The same to write there: the folders on the way are made.
   std::filesystem::path Make(const std::filesystem::path& folder, const ImageName& name,
                              const std::string& suffix) const;
 

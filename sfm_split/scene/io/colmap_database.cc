@@ -14,7 +14,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
-#include "sfm_split/scene/camera_model.h"
+#include "sfm_split/scene/camera_check.h"
 #include "sfm_split/scene/io/colmap_columns.h"
 #include "sfm_split/scene/io/sqlite_connection.h"
 
@@ -23,7 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kMaxImageSide = int64_t{1} << 31;
 constexpr int64_t kCameraSensorType = 0;
 
 // The image's priors, where the schema has them and all values of one are there.
@@ -135,8 +134,8 @@ std::vector<DatabaseCamera> ColmapDatabase::ReadCameras() const {
                             ", which COLMAP does not have");
     }
     camera.model = info->id;
-    camera.width = static_cast<uint64_t>(statement.Integer(2, 1, kMaxImageSide));
-    camera.height = static_cast<uint64_t>(statement.Integer(3, 1, kMaxImageSide));
+    camera.width = static_cast<uint64_t>(statement.Integer(2, 1, kMaxCameraSide));
+    camera.height = static_cast<uint64_t>(statement.Integer(3, 1, kMaxCameraSide));
     const std::string_view bytes = statement.Blob(4);
     if (bytes.size() != info->NumParams() * sizeof(double)) {
       statement.FailContent("camera " + id + " has " + std::to_string(bytes.size()) +
@@ -145,8 +144,8 @@ std::vector<DatabaseCamera> ColmapDatabase::ReadCameras() const {
     }
     camera.params.resize(info->NumParams());
     std::memcpy(camera.params.data(), bytes.data(), bytes.size());
-    if (!std::all_of(camera.params.begin(), camera.params.end(), [](double p) { return std::isfinite(p); })) {
-      statement.FailContent("camera " + id + " has parameters that are not finite");
+    if (const std::optional<std::string> fault = FindCameraFault(camera)) {
+      statement.FailContent("camera " + id + " " + *fault);
     }
     row.has_prior_focal_length = statement.Integer(5) != 0;
     cameras.push_back(std::move(row));

@@ -4,12 +4,13 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/scene/camera_check.h"
 #include "sfm_split/scene/io/colmap_model_files.h"
 
 namespace s2gs {
 namespace {
 
-constexpr uint64_t kMaxImageSide = std::numeric_limits<int32_t>::max();
+constexpr double kMaxDistance = 1e12;  // of a camera, in any unit; beyond, the digits of a scene are lost
 
 std::string Name(const char* kind, uint64_t id) { return std::string(kind) + " " + std::to_string(id); }
 
@@ -160,24 +161,7 @@ void CheckFrames(const ColmapModel& model, const Faults& faults) {
 
 std::optional<std::string> FindFault(const Camera& camera) {
   const std::string name = Name("camera", camera.camera_id);
-  const CameraModelInfo& info = InfoOf(camera.model);
-  if (camera.params.size() != info.NumParams()) {
-    return name + " has " + std::to_string(camera.params.size()) + " parameters, the model " +
-           std::string(info.name) + " takes " + std::to_string(info.NumParams());
-  }
-  if (camera.width < 1 || camera.width > kMaxImageSide || camera.height < 1 ||
-      camera.height > kMaxImageSide) {
-    return name + " has images of " + std::to_string(camera.width) + " x " + std::to_string(camera.height) +
-           " pixels";
-  }
-  for (const double param : camera.params) {
-    if (!std::isfinite(param)) return name + " has a parameter that is not finite";
-  }
-  for (size_t i = 0; i < info.num_focal_params; ++i) {
-    if (!(camera.params[i] > 0)) {
-      return name + " has the focal length " + std::to_string(camera.params[i]) + ", it must be positive";
-    }
-  }
+  if (const std::optional<std::string> fault = FindCameraFault(camera)) return name + " " + *fault;
   return std::nullopt;
 }
 
@@ -188,6 +172,9 @@ std::optional<std::string> FindFault(const ColmapImage& image) {
   }
   if (!image.cam_from_world.translation.allFinite() || !image.cam_from_world.rotation.coeffs().allFinite()) {
     return name + " has a pose that is not finite";
+  }
+  if (!(image.cam_from_world.translation.cwiseAbs().maxCoeff() <= kMaxDistance)) {
+    return name + " has a pose further than 1e12 from the origin";
   }
   for (const ColmapPoint2D& point : image.points2D) {
     if (!point.xy.allFinite()) return name + " has a keypoint that is not finite";

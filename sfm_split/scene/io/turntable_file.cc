@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
@@ -19,6 +20,7 @@ using nlohmann::json;
 constexpr int kVersion = 1;
 constexpr double kMaxDeviation = 1e-6;  // single precision, with room for a few products.
 constexpr double kMinTurnDeg = 0.5;
+constexpr double kMaxContradictionDeg = 5;
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 30;
 
 // One value of the file and where it is, e.g. "images[3].station".
@@ -126,6 +128,7 @@ TurntableFile FromJson(const json& root, const std::filesystem::path& path) {
   turntable.units = units == "metre" ? LengthUnit::kMetre : LengthUnit::kSfm;
 
   const Value images = file["images"];
+  if (images.ArraySize() == 0) images.Fail("is empty");
   std::set<std::string> names;
   for (size_t i = 0; i < images.ArraySize(); ++i) {
     const Value item = images.At(i);
@@ -180,6 +183,31 @@ bool TableTurns(const TurntableFile& turntable) {
   return std::any_of(turntable.images.begin(), turntable.images.end(), [&](const TurntableImage& image) {
     return first.angularDistance(image.world_from_object.rotation) > kMinTurnDeg * M_PI / 180;
   });
+}
+
+std::optional<std::string> FindContradiction(const TurntableFile& turntable) {
+  std::map<int, const TurntableImage*> first_of_station;
+  size_t count = 0;
+  double worst = 0;
+  std::string name;
+  for (const TurntableImage& image : turntable.images) {
+    const TurntableImage& first = *first_of_station.emplace(image.station, &image).first->second;
+    // The whole turns that an angle may have count for nothing.
+    const double angle = std::remainder(image.angle_deg - first.angle_deg, 360.0) * M_PI / 180;
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(angle, turntable.axis.direction));
+    const double apart =
+        turn.angularDistance(image.world_from_object.rotation * first.world_from_object.rotation.conjugate());
+    if (apart <= kMaxContradictionDeg * M_PI / 180) continue;
+    ++count;
+    if (apart > worst) {
+      worst = apart;
+      name = image.name;
+    }
+  }
+  if (count == 0) return std::nullopt;
+  return "the angle_deg of " + std::to_string(count) + " of " + std::to_string(turntable.images.size()) +
+         " images contradict their object_to_world, that of " + name + " by " +
+         std::to_string(std::lround(worst * 180 / M_PI)) + " degrees; the matrices count";
 }
 
 TurntableFile ReadTurntableFile(std::istream& stream, const std::filesystem::path& path) {

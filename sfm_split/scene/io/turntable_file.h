@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <istream>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -30,9 +31,15 @@ struct TurntableFile {
 /// Whether the object's rotation differs between two images by half a degree or more.
 bool TableTurns(const TurntableFile& turntable);
 
+/// How the images' angles contradict their own matrices, as a sentence: "the angle_deg of 3 of 36 images
+/// ...". Nothing when all agree within 5 degrees, a quarter of a usual step; within each station, between
+/// which the object may have been laid down in another way.
+std::optional<std::string> FindContradiction(const TurntableFile& turntable);
+
 /// Reads version 1. Rotations and the axis may be off by 1e-6 (single precision) and are then made exact.
 /// Throws UserError with the path and the place in the file when a value is missing, of the wrong kind or
-/// impossible: unknown version, a matrix that is not rigid, a name twice, a station that does not exist.
+/// impossible: unknown version, no images, a matrix that is not rigid, a name that cannot be one or occurs
+/// twice, a station that does not exist.
 TurntableFile ReadTurntableFile(const std::filesystem::path& path);
 
 /// \param path  for messages only.

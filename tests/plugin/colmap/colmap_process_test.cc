@@ -69,7 +69,7 @@ class FakeColmap : public ::testing::Test {
     ::chmod((folder_ / "colmap").c_str(), 0755);
   }
   ColmapProgram Find() {
-    return ColmapProgram::Find(folder_ / "colmap", reporter_, {milliseconds(20), milliseconds(20)});
+    return ColmapProgram::Find(folder_ / "colmap", reporter_, {{milliseconds(20), milliseconds(20)}});
   }
   void Run(std::vector<ColmapOutput> outputs = {}, std::vector<ColmapOption> options = {}) {
     ColmapProgram program = Find();

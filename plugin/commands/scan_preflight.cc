@@ -1,0 +1,390 @@
+#include "plugin/commands/scan_preflight.h"
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <set>
+#include <system_error>
+
+#include "plugin/colmap/colmap_process.h"
+#include "plugin/commands/backend_choice.h"
+#include "plugin/stage/fingerprint.h"
+#include "plugin/stage/stage.h"
+#include "s2gs/image/photo_folder.h"
+#include "s2gs/train_options.h"
+#include "s2gs/training_scene.h"
+#include "sfm_split/base/error.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr size_t kMinPhotos = 3;
+constexpr int kOldestColmapMajor = 3;
+constexpr int kOldestColmapMinor = 8;
+// A photo has about one feature on so many pixels, until there are as many as may be (measured: 57 at 400
+// px).
+constexpr int64_t kPixelsPerFeature = 80;
+constexpr int64_t kBytesPerFeature = 4 * 6 + 128;  // of a keypoint and its descriptor
+constexpr int64_t kNumDatabases = 3;           // all features, those of the object, those of the background
+constexpr int64_t kMapBytesPerPixel = 4 + 12;  // of a depth map and a normal map
+// While a photo is decoded and looked for features in: RGB, grey, and a scale space of floats of a quarter of
+// it.
+constexpr int64_t kDecodedBytesPerPixel = 3 + 1 + 3;
+constexpr int64_t kTrainingBytesPerPixel = 4;  // RGB and a mask
+constexpr int kSmallestTrainingSize = 240;     // of all presets
+
+std::string InMegabytes(int64_t bytes) {
+  return bytes < 10'000'000'000 ? fmt::format("{} MB", (bytes + 999'999) / 1'000'000)
+                                : fmt::format("{:.1f} GB", static_cast<double>(bytes) * 1e-9);
+}
+
+// The folder itself or the nearest one above it that exists.
+fs::path NearestFolder(const fs::path& folder) {
+  std::error_code ec;
+  fs::path path = fs::absolute(folder, ec).lexically_normal();
+  while (!fs::exists(path, ec) && path.has_parent_path() && path != path.parent_path())
+    path = path.parent_path();
+  return path;
+}
+
+fs::path Resolved(const fs::path& path) {
+  std::error_code ec;
+  fs::path resolved = fs::weakly_canonical(fs::absolute(path, ec), ec);
+  return resolved.has_filename() ? resolved : resolved.parent_path();
+}
+
+bool IsWithin(const fs::path& path, const fs::path& folder) {
+  return std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first == folder.end();
+}
+
+// What can be had without swapping, by the machine and by the limits of a container; nothing when unknown.
+std::optional<int64_t> FreeMemoryBytes() {
+  std::optional<int64_t> free;
+  std::ifstream file("/proc/meminfo");
+  std::string word;
+  for (std::string line; std::getline(file, line);) {
+    constexpr std::string_view kAvailable = "MemAvailable:";
+    if (line.compare(0, kAvailable.size(), kAvailable) == 0)
+      free = 1024 * std::atoll(line.c_str() + kAvailable.size());
+  }
+  const auto number_in = [](const char* path) -> std::optional<int64_t> {
+    std::ifstream stream(path);
+    int64_t number = 0;
+    if (stream >> number) return number;
+    return std::nullopt;
+  };
+  const auto limit = number_in("/sys/fs/cgroup/memory.max");
+  const auto used = number_in("/sys/fs/cgroup/memory.current");
+  if (limit && used) free = std::min(free.value_or(*limit), std::max<int64_t>(*limit - *used, 0));
+  return free;
+}
+
+class Preflight {
+ public:
+  Preflight(const ScanRequest& request, Reporter& reporter) : request_(request), reporter_(reporter) {}
+
+  ScanCheck Run() {
+    CheckOptions();
+    CheckStagesDone();
+    CheckPlaces();
+    photos_ = InspectPhotoFolder(request_.image_path);
+    CheckPhotos();
+    if (!request_.mask_path.empty()) CheckMasks();
+    CheckSpace();
+    CheckColmap();
+    return std::move(check_);
+  }
+
+ private:
+  void Fault(const std::string& fault) { check_.faults.push_back(fault); }
+  void OptionFault(const OptionCheck& fault) {
+    if (fault) {
+      check_.option_faults.push_back("--" + fault->field + " " + fault->value + " violates " + fault->bound);
+    }
+  }
+
+  // Under this command's own names, then what the others would say.
+  void CheckOptions() {
+    TrainOptions train;
+    train.num_iterations = request_.num_iterations.value_or(train.num_iterations);
+    OptionFault(train.Check());
+    TrainingSceneOptions size;
+    size.max_image_size = request_.max_image_size.value_or(size.max_image_size);
+    OptionFault(size.Check());
+    TrainingSceneOptions held_out;
+    held_out.test_every = request_.test_every;
+    OptionFault(held_out.Check());
+    if (request_.use_gpu != "auto" && request_.use_gpu != "0" && request_.use_gpu != "1") {
+      check_.option_faults.push_back("--use_gpu " + request_.use_gpu + " is none of auto, 0, 1");
+    }
+    if (check_.option_faults.empty()) {
+      for (const auto& [name, arguments] : request_.steps) CheckStep(name, arguments);
+    }
+    if (request_.use_gpu == "1") {
+      BackendChoice choice;
+      choice.use_gpu = UseGpu::kYes;
+      const std::string problem = GpuProblem(choice);
+      if (!problem.empty())
+        Fault("--use_gpu 1: no GPU can be used: " + problem + ". Give --use_gpu 0 or auto");
+    }
+  }
+
+  void CheckStep(const std::string& name, const std::vector<std::string>& arguments) {
+    const std::vector<Command>& commands = AllCommands();
+    const auto command =
+        std::find_if(commands.begin(), commands.end(), [&](const Command& c) { return c.name == name; });
+    if (command == commands.end()) {
+      Fault("this program was built without " + name + " (S2GS_SFM=OFF): use one that was built with it");
+      return;
+    }
+    try {
+      CheckArguments(*command, arguments);
+    } catch (const CommandLineError& error) {
+      check_.option_faults.push_back(name + ": " + error.what());
+    }
+  }
+
+  void CheckStagesDone() {
+    Reporter silent;
+    std::error_code ec;
+    if (!fs::is_directory(request_.workspace.root, ec)) return;
+    for (const StageStatus& status : CheckStages(request_.workspace, silent)) {
+      const bool is_there = status.state == StageState::kDone ||
+                            (status.name == "feature_extractor" && status.state == StageState::kForeign);
+      if (is_there) done_.insert(status.name);
+    }
+  }
+  bool IsDone(const std::string& stage) const { return done_.count(stage) > 0; }
+  bool HasPoses() const { return IsDone("motion_splitter") && IsDone("turntable_mapper"); }
+  bool IsAllDone() const {
+    return IsDone("feature_extractor") && HasPoses() && (!request_.trains || IsDone("gaussian_trainer")) &&
+           (!request_.meshes || (IsDone("gaussian_renderer") && IsDone("tsdf_mesher")));
+  }
+
+  void CheckPlaces() {
+    const Workspace& w = request_.workspace;
+    const fs::path images = Resolved(request_.image_path);
+    const fs::path root = Resolved(w.root);
+    if (IsWithin(root, images)) {
+      Fault(w.root.string() + ": the workspace lies in the photos' folder " + request_.image_path.string() +
+            ", and its own pictures would be taken for photos. Give another --workspace_path");
+    }
+    const std::vector<fs::path> own = {w.Masks(), w.root / "dense", w.root / "split", w.root / "sparse",
+                                       w.Own()};
+    for (const fs::path& folder : own) {
+      if (IsWithin(images, Resolved(folder))) {
+        Fault(request_.image_path.string() + ": the photos lie where results are written (" +
+              folder.string() + "). Keep them in a folder of their own");
+      }
+    }
+    if (IsAllDone()) return;  // nothing will be written
+    std::vector<fs::path> written = own;
+    written.push_back(w.root);
+    for (const fs::path& folder : written) {
+      const fs::path nearest = NearestFolder(folder);
+      std::error_code ec;
+      if (!fs::is_directory(nearest, ec)) {
+        Fault(nearest.string() + ": is no folder, but " + folder.string() +
+              " must be one. Remove or rename it");
+      } else if (folder == w.root || fs::exists(folder, ec)) {
+        if (::access(nearest.c_str(), W_OK | X_OK) != 0) {
+          Fault(nearest.string() +
+                ": nothing can be written there. Check its permissions, or choose another "
+                "--workspace_path");
+        }
+      }
+    }
+  }
+
+  void CheckPhotos() {
+    check_.faults.insert(check_.faults.end(), photos_.faults.begin(), photos_.faults.end());
+    check_.notes = photos_.notes;
+    const size_t num = photos_.photos.size();
+    const std::string folder = request_.image_path.string();
+    const std::string advice = "a scan needs at least " + std::to_string(kMinPhotos) +
+                               ", and a whole turn of the table in steps of 20 degrees has 18";
+    if (num == 0 && !photos_.faults.empty()) return;
+    if (num == 0) {
+      Fault(folder + ": has no photos (.jpg, .jpeg, .png). Check --image_path");
+    } else if (num < kMinPhotos) {
+      Fault(fmt::format("{}: has {} photo{} only: {}", folder, num, num == 1 ? "" : "s", advice));
+    } else {
+      CheckCopies(folder, advice);
+    }
+  }
+
+  // Files of one length are compared.
+  void CheckCopies(const std::string& folder, const std::string& advice) {
+    std::map<uint64_t, std::vector<const PhotoFile*>> by_length;
+    for (const PhotoFile& photo : photos_.photos) by_length[photo.num_bytes].push_back(&photo);
+    size_t num_copies = 0;
+    std::string example;
+    for (const auto& [length, photos] : by_length) {
+      if (photos.size() < 2 || length == 0) continue;
+      std::map<std::string, const PhotoFile*> by_content;
+      for (const PhotoFile* photo : photos) {
+        if (reporter_.StopRequested()) throw Interrupted();
+        std::string content;
+        try {
+          content = TakeFingerprint(photo->path, reporter_).content;
+        } catch (const UserError&) {
+          continue;  // named among the faults
+        }
+        const auto [other, is_new] = by_content.emplace(content, photo);
+        if (is_new) continue;
+        if (num_copies++ == 0) example = photo->name + " is " + other->second->name;
+      }
+    }
+    if (num_copies == 0) return;
+    const size_t num_different = photos_.photos.size() - num_copies;
+    if (num_different < kMinPhotos) {
+      Fault(fmt::format("{}: its {} photos are copies of {} (for example {}): {}", folder,
+                        photos_.photos.size(), num_different == 1 ? "a single one" : "two", example, advice));
+    } else {
+      check_.warnings.push_back(
+          fmt::format("{} of the photos are copies of others: {}, for example", num_copies, example));
+    }
+  }
+
+  void CheckMasks() {
+    const fs::path& folder = request_.mask_path;
+    std::error_code ec;
+    if (!fs::is_directory(folder, ec)) {
+      Fault(folder.string() + ": there is no such folder of masks. Check --mask_path");
+      return;
+    }
+    if (fs::equivalent(folder, request_.image_path, ec)) {
+      Fault(folder.string() + ": holds the photos. Keep the masks in a folder of their own");
+      return;
+    }
+    size_t num_missing = 0;
+    std::string example;
+    for (const PhotoFile& photo : photos_.photos) {
+      const fs::path path = FindMask(folder, photo.name);
+      if (path.empty()) {
+        if (num_missing++ == 0) example = photo.name;
+        continue;
+      }
+      try {
+        const ImageSize size = ReadImageSize(path);
+        if (photo.size.width == 0 || (size.width == photo.size.width && size.height == photo.size.height))
+          continue;
+        Fault(fmt::format("{}: is {} x {} pixels, its photo {} x {}. Make masks of the photos' size",
+                          path.string(), size.width, size.height, photo.size.width, photo.size.height));
+      } catch (const UserError& error) {
+        Fault(error.what());
+      }
+    }
+    if (num_missing > 0) {
+      Fault(fmt::format(
+          "{}: {} of {} photos have no mask there, {} for example. COLMAP's convention: the mask of "
+          "sub/a.jpg is sub/a.jpg.png; give one for each photo, or leave --mask_path out",
+          folder.string(), num_missing, photos_.photos.size(), example));
+    }
+  }
+
+  // Estimates from below: what is refused here would have failed.
+  void CheckSpace() {
+    int64_t features = 0;
+    int64_t maps = 0;
+    int64_t training = 0;
+    int64_t largest = 0;
+    const double side = request_.max_image_size.value_or(kSmallestTrainingSize);
+    for (const PhotoFile& photo : photos_.photos) {
+      const int64_t pixels = int64_t{photo.size.width} * photo.size.height;
+      if (pixels == 0) continue;
+      features += kBytesPerFeature * std::min<int64_t>(request_.max_num_features, pixels / kPixelsPerFeature);
+      maps += kMapBytesPerPixel * pixels + static_cast<int64_t>(photo.num_bytes);
+      const double scale = std::min(1.0, side / std::max(photo.size.width, photo.size.height));
+      training += kTrainingBytesPerPixel * static_cast<int64_t>(scale * scale * static_cast<double>(pixels));
+      largest = std::max(largest, pixels);
+    }
+    int64_t needed = 0;
+    if (!IsDone("feature_extractor")) needed += kNumDatabases * features;
+    if (request_.meshes && !IsDone("gaussian_renderer")) needed += maps;
+    const fs::path place = NearestFolder(request_.workspace.root);
+    std::error_code ec;
+    const fs::space_info space = fs::space(place, ec);
+    if (!ec && needed > 0 && static_cast<uint64_t>(needed) > space.available) {
+      Fault(
+          fmt::format("{}: about {} are needed on that disk, {} are free. Free some space, choose another "
+                      "--workspace_path, or give smaller photos",
+                      request_.workspace.root.string(), InMegabytes(needed),
+                      InMegabytes(static_cast<int64_t>(space.available))));
+    }
+    rlimit limit = {};
+    if (!IsDone("feature_extractor") && ::getrlimit(RLIMIT_FSIZE, &limit) == 0 &&
+        limit.rlim_cur != RLIM_INFINITY && limit.rlim_cur < static_cast<uint64_t>(features)) {
+      Fault(fmt::format(
+          "files may have {} at most here (`ulimit -f`), the photos' features need about {}. Raise the "
+          "limit: ulimit -f unlimited",
+          InMegabytes(static_cast<int64_t>(limit.rlim_cur)), InMegabytes(features)));
+    }
+    const std::optional<int64_t> memory = FreeMemoryBytes();
+    if (!memory) return;
+    if (!IsDone("feature_extractor") && kDecodedBytesPerPixel * largest > *memory) {
+      Fault(
+          fmt::format("the largest photo needs about {} of memory while it is read, {} are free. Close other "
+                      "programs, or give smaller photos",
+                      InMegabytes(kDecodedBytesPerPixel * largest), InMegabytes(*memory)));
+    }
+    if (request_.trains && !IsDone("gaussian_trainer") && training > *memory) {
+      Fault(fmt::format(
+          "the photos need about {} of memory in training, {} are free. Give a smaller --max_image_size",
+          InMegabytes(training), InMegabytes(*memory)));
+    }
+  }
+
+  void CheckColmap() {
+    if (IsDone("feature_extractor") && HasPoses() && request_.colmap_path.empty()) return;
+    try {
+      const std::string version = ColmapProgram::Find(request_.colmap_path, reporter_).version();
+      int major = 0;
+      int minor = 0;
+      const char* end = version.data() + version.size();
+      const char* point = std::from_chars(version.data(), end, major).ptr;
+      if (point != end) std::from_chars(point + 1, end, minor);
+      if (std::pair(major, minor) < std::pair(kOldestColmapMajor, kOldestColmapMinor)) {
+        Fault("colmap is of version " + version +
+              ", and 3.8 or newer is needed. Install one, or name it with "
+              "--colmap_path");
+      }
+    } catch (const UserError& error) {
+      Fault(error.what());
+    }
+  }
+
+  const ScanRequest& request_;
+  Reporter& reporter_;
+  ScanCheck check_;
+  std::set<std::string> done_;
+  PhotoFolder photos_;
+};
+
+}  // namespace
+
+ScanCheck CheckScan(const ScanRequest& request, Reporter& reporter) {
+  return Preflight(request, reporter).Run();
+}
+
+void RequireSoundScan(const ScanRequest& request, Reporter& reporter) {
+  const ScanCheck check = CheckScan(request, reporter);
+  for (const std::string& note : check.notes) reporter.Info(note);
+  for (const std::string& warning : check.warnings) reporter.Warn(warning);
+  std::vector<std::string> all = check.option_faults;
+  all.insert(all.end(), check.faults.begin(), check.faults.end());
+  if (all.empty()) return;
+  const std::string message = all.size() == 1 ? all[0] : ListFaults("the scan cannot begin", all);
+  if (check.faults.empty()) throw CommandLineError(message);
+  throw UserError(message);
+}
+
+}  // namespace s2gs

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "s2gs/image/image_file.h"
+
+namespace s2gs {
+
+/// A photo as its header describes it.
+struct PhotoFile {
+  std::string name;  ///< relative to the photos' folder, with '/' between folders.
+  std::filesystem::path path;
+  ImageSize size;  ///< zero where the header cannot be read.
+  uint64_t num_bytes = 0;
+};
+
+/// What a folder of photos and the folders below it hold.
+struct PhotoFolder {
+  std::vector<PhotoFile> photos;    ///< JPEG and PNG files by their extension, sorted by path.
+  std::vector<std::string> faults;  ///< one for each file that has to be mended, without the folder's path.
+  std::vector<std::string> notes;   ///< what is left alone although it looks like a photo.
+  bool has_other_files = false;     ///< any that are no photos, hidden ones too.
+};
+
+/// Looks at names and headers only, a few kilobytes of each photo: at what is not JPEG or PNG (unless a photo
+/// of the same name stands beside it, as of cameras that write raw files besides), names that cannot be used,
+/// names that differ in case alone, empty and cut-off files, sizes out of bounds. Hidden files are left
+/// alone, like the "._" files of macOS. Throws UserError when the folder cannot be listed.
+PhotoFolder InspectPhotoFolder(const std::filesystem::path& folder);
+
+/// "HEADING:" and the faults, ten at most, one a line.
+std::string ListFaults(const std::string& heading, const std::vector<std::string>& faults);
+
+/// The mask of an image below a folder: COLMAP's NAME.png ("a.jpg.png"), else the image's name with the
+/// extension replaced ("a.png"). Empty when there is neither.
+std::filesystem::path FindMask(const std::filesystem::path& folder, const std::string& image_name);
+
+}  // namespace s2gs

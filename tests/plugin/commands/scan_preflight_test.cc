@@ -1,0 +1,140 @@
+#include "plugin/commands/scan_preflight.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <string>
+#include <vector>
+
+#include "plugin/cli/options.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/base/error.h"
+#include "tests/support/temporary_folder.h"
+
+namespace s2gs {
+namespace {
+
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+class ScanPreflight : public testing::Test {
+ protected:
+  void SetUp() override {
+    for (int i = 0; i < 4; ++i) AddPhoto("photo" + std::to_string(i) + ".png", i);
+    InstallColmap("3.8");
+    request_.workspace = Workspace{folder_ / "scan"};
+    request_.image_path = folder_ / "photos";
+    request_.colmap_path = folder_ / "colmap";
+    request_.use_gpu = "0";
+    request_.steps = {{"gaussian_trainer", {"--workspace_path", "scan"}}};
+  }
+  void AddPhoto(const std::string& name, int grey) const {
+    std::filesystem::create_directories(folder_ / "photos");
+    WriteImage(folder_ / "photos" / name,
+               Image8{32, 24, 1, std::vector<uint8_t>(32 * 24, static_cast<uint8_t>(grey))});
+  }
+  void InstallColmap(const std::string& version) const {
+    folder_.Write("colmap", "#!/bin/sh\nprintf '%s\\n' 'COLMAP " + version +
+                                " (Commit abc without CUDA)' 'Available commands:' '  mapper'\n");
+    ::chmod((folder_ / "colmap").c_str(), 0755);
+  }
+  ScanCheck Check() { return CheckScan(request_, reporter_); }
+
+  const TemporaryFolder folder_;
+  ScanRequest request_;
+  Reporter reporter_;
+};
+
+TEST_F(ScanPreflight, ASoundScanBegins) {
+  const ScanCheck check = Check();
+  EXPECT_THAT(check.option_faults, IsEmpty());
+  EXPECT_THAT(check.faults, IsEmpty());
+  EXPECT_NO_THROW(RequireSoundScan(request_, reporter_));
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "scan"));
+}
+
+TEST_F(ScanPreflight, OptionsAreNamedAsTheyWereGiven) {
+  request_.num_iterations = -1;
+  request_.test_every = 1;
+  request_.max_image_size = 5;
+  request_.use_gpu = "yes";
+  EXPECT_THAT(Check().option_faults,
+              ElementsAre("--num_iterations -1 violates 1 <= num_iterations <= 1000000000",
+                          HasSubstr("--max_image_size 5 violates"), HasSubstr("--test_every 1 violates"),
+                          "--use_gpu yes is none of auto, 0, 1"));
+  EXPECT_THROW(RequireSoundScan(request_, reporter_), CommandLineError);
+}
+
+TEST_F(ScanPreflight, OptionsOfAllCommandsAreParsed) {
+  request_.steps.push_back({"tsdf_mesher", {"--workspace_path", "scan", "--Tsdf.voxel_size", "-1"}});
+  request_.steps.push_back({"gaussian_renderer", {"--workspace_path", "scan", "--nonsense", "1"}});
+  EXPECT_THAT(Check().option_faults, ElementsAre(HasSubstr("tsdf_mesher: Tsdf.voxel_size = -1"),
+                                                 HasSubstr("gaussian_renderer: unknown option --nonsense")));
+}
+
+TEST_F(ScanPreflight, AllFaultsComeAtOnce) {
+  folder_.Write("photos/x.tif", "II*");
+  folder_.Write("photos/y.png", "");
+  request_.mask_path = folder_ / "none";
+  request_.test_every = 1;
+  InstallColmap("3.7");
+  folder_.Write("scan/masks", "a file where a folder must be");
+  try {
+    RequireSoundScan(request_, reporter_);
+    FAIL();
+  } catch (const UserError& error) {
+    for (const char* says : {"the scan cannot begin:", "--test_every 1", "x.tif", "y.png: is empty",
+                             "no such folder of masks", "colmap is of version 3.7", "masks: is no folder"}) {
+      EXPECT_THAT(error.what(), HasSubstr(says));
+    }
+  }
+}
+
+TEST_F(ScanPreflight, EveryPhotoNeedsAMaskOfItsSize) {
+  request_.mask_path = folder_ / "masks";
+  std::filesystem::create_directories(request_.mask_path);
+  const auto add_mask = [&](const std::string& name, int width) {
+    WriteImage(request_.mask_path / name,
+               Image8{width, 24, 1, std::vector<uint8_t>(static_cast<size_t>(width) * 24, 255)});
+  };
+  add_mask("photo0.png.png", 32);
+  add_mask("photo1.png.png", 31);
+  EXPECT_THAT(Check().faults,
+              ElementsAre(HasSubstr("31 x 24 pixels, its photo 32 x 24"),
+                          HasSubstr("2 of 4 photos have no mask there, photo2.png for example")));
+  add_mask("photo1.png.png", 32);
+  add_mask("photo2.png", 32);  // the shorter name
+  add_mask("photo3.png.png", 32);
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
+TEST_F(ScanPreflight, CopiesAndFewPhotos) {
+  for (int i = 0; i < 4; ++i) AddPhoto("photo" + std::to_string(i) + ".png", 7);
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("its 4 photos are copies of a single one")));
+  AddPhoto("photo0.png", 1);
+  AddPhoto("photo1.png", 2);
+  EXPECT_THAT(Check().faults, IsEmpty());
+  EXPECT_THAT(Check().warnings, ElementsAre(HasSubstr("1 of the photos are copies")));
+  for (const char* name : {"photo2.png", "photo3.png"}) std::filesystem::remove(folder_ / "photos" / name);
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("2 photos only")));
+}
+
+TEST_F(ScanPreflight, WorkspaceAndPhotosStayApart) {
+  request_.workspace = Workspace{folder_ / "photos/scan"};
+  EXPECT_THAT(Check().faults, Contains(HasSubstr("lies in the photos' folder")));
+  request_.workspace = Workspace{folder_ / "scan"};
+  std::filesystem::create_directories(folder_ / "scan");
+  std::filesystem::rename(folder_ / "photos", folder_ / "scan/masks");
+  request_.image_path = folder_ / "scan/masks";
+  EXPECT_THAT(Check().faults, Contains(HasSubstr("where results are written")));
+  // images in the workspace is where photos belong.
+  std::filesystem::rename(folder_ / "scan/masks", folder_ / "scan/images");
+  request_.image_path = folder_ / "scan/images";
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
+}  // namespace
+}  // namespace s2gs
