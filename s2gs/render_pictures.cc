@@ -11,6 +11,7 @@ namespace s2gs {
 namespace {
 
 constexpr int kErrorGain = 4;
+constexpr size_t kNumOverviewPhotos = 4;
 
 uint8_t ToByte(float value) { return static_cast<uint8_t>(std::clamp(value, 0.0F, 1.0F) * 255 + 0.5F); }
 
@@ -61,6 +62,14 @@ Image8 NormalPicture(const RenderedView& view) {
     image.pixels[3 * i + 2] = ToByte(0.5F - 0.5F * n[2] / length);
   }
   return image;
+}
+
+std::vector<size_t> OverviewPhotos(size_t num_photos) {
+  const size_t count = std::min(kNumOverviewPhotos, num_photos);
+  std::vector<size_t> photos;
+  photos.reserve(count);
+  for (size_t i = 0; i < count; ++i) photos.push_back(i * num_photos / count);
+  return photos;
 }
 
 Image8 ComparisonPicture(const Image8& photo, const Image8& rendered, const Image8& mask) {

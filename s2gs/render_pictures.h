@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <vector>
 
 #include "s2gs/backend/backend.h"
@@ -17,6 +18,9 @@ Image8 DepthPicture(const std::vector<float>& depth, int width, int height);
 
 /// Unit normals as colours, (n + 1) / 2, with y up and z towards the viewer; nothing is black.
 Image8 NormalPicture(const RenderedView& view);
+
+/// Which of so many photos an overview shows: at most four, spread evenly, ascending.
+std::vector<size_t> OverviewPhotos(size_t num_photos);
 
 /// Photo, rendering, absolute error (four times) and photo with the mask's outside darkened, side by side.
 /// All of one size; if the photo's differs, it is resized.

@@ -11,11 +11,19 @@
 namespace s2gs {
 namespace {
 
-using Loop = std::vector<uint32_t>;
+using Loop = MeshLoop;
 
 uint64_t Directed(uint32_t from, uint32_t to) { return uint64_t{from} << 32U | to; }
 
-// The closed paths along the holes, in the direction in which the triangles beside them walk.
+std::unordered_set<uint64_t> DirectedEdges(const TriangleMesh& mesh) {
+  std::unordered_set<uint64_t> edges;
+  edges.reserve(3 * mesh.triangles.size());
+  for (const Triangle& triangle : mesh.triangles) {
+    for (int i = 0; i < 3; ++i) edges.insert(Directed(triangle[i], triangle[(i + 1) % 3]));
+  }
+  return edges;
+}
+
 std::vector<Loop> HoleLoops(const TriangleMesh& mesh, const std::unordered_set<uint64_t>& edges) {
   std::vector<std::pair<uint32_t, uint32_t>> border;
   for (const Triangle& triangle : mesh.triangles) {
@@ -107,12 +115,10 @@ std::vector<Triangle> FillLoop(const Loop& loop, const TriangleMesh& mesh,
 
 }  // namespace
 
+std::vector<MeshLoop> FindHoles(const TriangleMesh& mesh) { return HoleLoops(mesh, DirectedEdges(mesh)); }
+
 int CloseHoles(int max_edges, TriangleMesh* mesh) {
-  std::unordered_set<uint64_t> edges;
-  edges.reserve(3 * mesh->triangles.size());
-  for (const Triangle& triangle : mesh->triangles) {
-    for (int i = 0; i < 3; ++i) edges.insert(Directed(triangle[i], triangle[(i + 1) % 3]));
-  }
+  std::unordered_set<uint64_t> edges = DirectedEdges(*mesh);
   int count = 0;
   for (const Loop& loop : HoleLoops(*mesh, edges)) {
     if (loop.size() < 3 || loop.size() > static_cast<size_t>(max_edges)) continue;

@@ -63,6 +63,12 @@ std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh,
 /// Keeps what lies above `height` along `up`. Triangles across it are cut; the cut stays open.
 void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());
 
+/// Vertices of a closed path along edges.
+using MeshLoop = std::vector<uint32_t>;
+
+/// The paths along the edges that only one triangle has, each in the direction in which that triangle walks.
+std::vector<MeshLoop> FindHoles(const TriangleMesh& mesh);
+
 /// Closes holes with at most `max_edges` edges by triangles between their vertices whose area is least
 /// (Barequet and Sharir, "Filling gaps in the boundary of a polyhedron", 1995). \return  how many.
 int CloseHoles(int max_edges, TriangleMesh* mesh);

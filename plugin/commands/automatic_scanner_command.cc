@@ -84,6 +84,22 @@ struct Step {
   std::vector<std::string> arguments;
 };
 
+// With what every command takes.
+Step MakeStep(const std::string& command, const std::string& title, std::vector<std::string> arguments,
+              const Options& options) {
+  const std::vector<std::string> common = {"--random_seed", std::to_string(options.random_seed()),
+                                           "--log_level", LogLevelName(options.log_level())};
+  arguments.insert(arguments.end(), common.begin(), common.end());
+  return {command, title, std::move(arguments)};
+}
+
+Step ReportStep(const Settings& settings, const Options& options) {
+  return MakeStep(
+      "report", "The report",
+      {"--workspace_path", settings.workspace_path.string(), "--image_path", settings.image_path.string()},
+      options);
+}
+
 std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   const Workspace workspace{settings.workspace_path};
   const std::string root = settings.workspace_path.string();
@@ -91,10 +107,7 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   std::vector<Step> steps;
   const auto add = [&](const std::string& command, const std::string& title,
                        std::vector<std::string> arguments) {
-    const std::vector<std::string> common = {"--random_seed", std::to_string(options.random_seed()),
-                                             "--log_level", LogLevelName(options.log_level())};
-    arguments.insert(arguments.end(), common.begin(), common.end());
-    steps.push_back({command, title, std::move(arguments)});
+    steps.push_back(MakeStep(command, title, std::move(arguments), options));
   };
   const auto with = [](std::vector<std::string> arguments, const std::string& name,
                        const std::string& value) {
@@ -202,10 +215,11 @@ std::map<std::string, StageStamp> ReadStamps(const Workspace& workspace, const s
   return stamps;
 }
 
-// Which stages of a command ran, by their stamps before and after it.
-void AddStages(const Workspace& workspace, const std::string& command,
+// Which stages of a command ran, by their stamps before and after it. Returns whether any did.
+bool AddStages(const Workspace& workspace, const std::string& command,
                const std::map<std::string, StageStamp>& before, ScanSummary* summary) {
   const std::map<std::string, StageStamp> after = ReadStamps(workspace, command);
+  bool has_any_run = false;
   for (const StandardStage& stage : StandardStages(workspace)) {
     const auto now = after.find(stage.name);
     if (now == after.end()) continue;
@@ -215,19 +229,9 @@ void AddStages(const Workspace& workspace, const std::string& command,
     const std::string reason =
         has_run ? stamp.reason : "done " + stamp.finished + ", and nothing that it depends on has changed";
     summary->stages.push_back({stage.name, has_run, reason, stamp.seconds});
+    has_any_run = has_any_run || has_run;
   }
-}
-
-// Where nothing ran, an earlier summary says the same: a finished workspace may be read-only.
-void WriteUnlessReadOnly(const fs::path& path, const ScanSummary& summary, Reporter& reporter) {
-  try {
-    WriteScanSummary(path, summary);
-  } catch (const UserError& error) {
-    const bool has_run = std::any_of(summary.stages.begin(), summary.stages.end(),
-                                     [](const auto& stage) { return stage.has_run; });
-    if (has_run) throw;
-    reporter.Info(std::string("the summary stays as it was: ") + error.what());
-  }
+  return has_any_run;
 }
 
 ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
@@ -258,7 +262,7 @@ void RunAutomaticScanner(CommandContext& context) {
       "first, and "
       "all that is wrong is listed at once. Each step's own command line is printed: run it by hand to "
       "change "
-      "more of it.",
+      "more of it. Ends with report.html, which judges the scan and shows all of it.",
       "--workspace_path scan --image_path photos --quality medium");
   options.Add("workspace_path", &settings.workspace_path, "the workspace; created when it does not exist")
       .Required();
@@ -301,15 +305,18 @@ void RunAutomaticScanner(CommandContext& context) {
 
   ScanSummary summary;
   const auto finish = [&] {
+    WriteScanRecord(workspace.ScanRecord(), summary);
+    const Step report = ReportStep(settings, options);
+    summary.steps.push_back(RunStep(report, steps.size() + 1, steps.size() + 1, context.out()));
     CollectFigures(workspace, &summary);
-    WriteUnlessReadOnly(workspace.ReportJson(), summary, reporter);
     PrintScanSummary(summary, context.out());
   };
   for (size_t i = 0; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
     const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
-    summary.steps.push_back(RunStep(steps[i], i + 1, steps.size(), context.out()));
-    AddStages(workspace, steps[i].command, before, &summary);
+    ScanSummary::Step step = RunStep(steps[i], i + 1, steps.size() + 1, context.out());
+    step.has_run = AddStages(workspace, steps[i].command, before, &summary);
+    summary.steps.push_back(step);
     if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() && !settings.force) {
       const std::string verdict = ReadPoseVerdict(workspace).verdict;
       if (verdict.empty() || verdict == "good") continue;

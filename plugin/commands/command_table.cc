@@ -2,6 +2,7 @@
 #include "plugin/commands/automatic_scanner_command.h"
 #include "plugin/commands/gaussian_renderer_command.h"
 #include "plugin/commands/gaussian_trainer_command.h"
+#include "plugin/commands/report_command.h"
 #include "plugin/commands/scan_evaluator_command.h"
 #include "plugin/commands/tsdf_mesher_command.h"
 #include "plugin/commands/work_precision_command.h"
@@ -36,6 +37,9 @@ std::vector<Command> MakeCommands() {
   commands.push_back({"gaussian_trainer",
                       "trains Gaussians that know whether they belong to the rotating part",
                       RunGaussianTrainer});
+  commands.push_back({"report",
+                      "report.html and report.json: what a scan did, how good it is, what to do next",
+                      RunReport});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
   commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});

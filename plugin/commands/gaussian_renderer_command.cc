@@ -41,7 +41,6 @@ namespace fs = std::filesystem;
 
 constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
 constexpr char kMapSuffix[] = ".geometric.bin";
-constexpr int kNumOverviewPhotos = 4;
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
 
@@ -199,10 +198,8 @@ class Renderer {
   // Comparisons of a few photos, spread evenly, below each other.
   void WriteOverview() {
     const std::vector<ScenePhoto>& all = scene_.photos;
-    const size_t count = std::min<size_t>(kNumOverviewPhotos, all.size());
     std::vector<const ScenePhoto*> photos;
-    photos.reserve(count);
-    for (size_t i = 0; i < count; ++i) photos.push_back(&all[i * all.size() / count]);
+    for (const size_t i : OverviewPhotos(all.size())) photos.push_back(&all[i]);
     std::vector<Image8> rows;
     rows.reserve(photos.size());
     Image8 overview{kOverviewWidth, 0, 3, {}};

@@ -125,6 +125,10 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
                      {"angle_max_deg", angles.empty() ? 0 : *std::max_element(angles.begin(), angles.end())},
                      {"focal_px", joint.focal_sigma_px},
                      {"scale_rel", joint.scale_sigma_rel}};
+  if (joint.angle_sigma_deg.size() == aligned.scene.views.size()) {
+    for (size_t i = 0; i < aligned.scene.views.size(); ++i)
+      report["angle_sigma_deg"][aligned.scene.views[i].name] = joint.angle_sigma_deg[i];
+  }
   report["cameras"] = json::array();
   for (const Camera& camera : aligned.scene.cameras) {
     report["cameras"].push_back(

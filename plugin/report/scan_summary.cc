@@ -103,10 +103,11 @@ void AddFiles(const Workspace& workspace, ScanSummary* summary) {
       {"Gaussians", workspace.PointCloud()},   {"picture", workspace.Overview()},
       {"training log", workspace.Log()},       {"rotating part", workspace.ObjectModel()},
       {"background", workspace.StaticModel()}, {"table", workspace.Turntable()},
-      {"top view", workspace.TopView()},       {"this summary", workspace.ReportJson()},
+      {"top view", workspace.TopView()},       {"report", workspace.ReportHtml()},
+      {"its figures", workspace.ReportJson()},
   };
   for (const auto& [what, path] : candidates) {
-    if (Exists(path) || path == workspace.ReportJson()) summary->files.emplace_back(what, path);
+    if (Exists(path)) summary->files.emplace_back(what, path);
   }
 }
 
@@ -141,16 +142,16 @@ void CollectFigures(const Workspace& workspace, ScanSummary* summary) {
   }
 }
 
-void WriteScanSummary(const fs::path& path, const ScanSummary& summary) {
-  Json json;
-  json["steps"] = Json::array();
+nlohmann::ordered_json SummaryToJson(const ScanSummary& summary) {
+  nlohmann::ordered_json json;
+  json["steps"] = nlohmann::ordered_json::array();
   for (const ScanSummary::Step& step : summary.steps) {
     json["steps"].push_back({{"command", step.command},
                              {"line", step.shell_line},
                              {"wall_seconds", step.wall_seconds},
                              {"cpu_seconds", step.cpu_seconds}});
   }
-  json["stages"] = Json::array();
+  json["stages"] = nlohmann::ordered_json::array();
   for (const ScanSummary::Stage& stage : summary.stages) {
     json["stages"].push_back(
         {{"name", stage.name}, {"run", stage.has_run}, {"reason", stage.reason}, {"seconds", stage.seconds}});
@@ -161,13 +162,54 @@ void WriteScanSummary(const fs::path& path, const ScanSummary& summary) {
                        {"reasons", summary.verdict.reasons},
                        {"advice", summary.verdict.advice}};
   }
-  json["left_out"] = Json::array();
+  json["left_out"] = nlohmann::ordered_json::array();
   for (const auto& [what, why] : summary.left_out) json["left_out"].push_back({{"what", what}, {"why", why}});
-  json["figures"] = Json::object();
+  json["figures"] = nlohmann::ordered_json::object();
   for (const auto& [name, value] : summary.figures) json["figures"][name] = value;
-  json["files"] = Json::object();
+  json["files"] = nlohmann::ordered_json::object();
   for (const auto& [what, where] : summary.files) json["files"][what] = where.string();
-  WriteFileAtomically(path, [&](std::ostream& out) { out << json.dump(2) << '\n'; });
+  return json;
+}
+
+void WriteScanRecord(const fs::path& path, const ScanSummary& summary) {
+  const ScanSummary before = ReadScanRecord(path);
+  ScanSummary record;
+  record.stages = summary.stages;
+  for (ScanSummary::Stage& stage : record.stages) {
+    const auto then = std::find_if(before.stages.begin(), before.stages.end(),
+                                   [&](const ScanSummary::Stage& s) { return s.name == stage.name; });
+    if (!stage.has_run && then != before.stages.end()) stage = *then;
+  }
+  for (ScanSummary::Step step : summary.steps) {
+    const auto then = std::find_if(before.steps.begin(), before.steps.end(), [&](const ScanSummary::Step& s) {
+      return s.shell_line == step.shell_line;
+    });
+    if (!step.has_run && then != before.steps.end()) step = *then;
+    record.steps.push_back(step);
+  }
+  const std::string text =
+      SummaryToJson(record).dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  if (Exists(path) && ReadWholeFile(path, kMaxJsonBytes) == text) return;
+  WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
+}
+
+ScanSummary ReadScanRecord(const fs::path& path) {
+  ScanSummary record;
+  const Json json = ReadJson(path);
+  try {
+    if (!json.is_object()) return {};
+    for (const Json& step : json.at("steps")) {
+      record.steps.push_back({step.at("command").get<std::string>(), "", step.at("line").get<std::string>(),
+                              step.at("wall_seconds").get<double>(), step.at("cpu_seconds").get<double>()});
+    }
+    for (const Json& stage : json.at("stages")) {
+      record.stages.push_back({stage.at("name").get<std::string>(), stage.at("run").get<bool>(),
+                               stage.at("reason").get<std::string>(), stage.at("seconds").get<double>()});
+    }
+  } catch (const Json::exception&) {
+    return {};
+  }
+  return record;
 }
 
 void PrintScanSummary(const ScanSummary& summary, std::ostream& out) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 #include <utility>
@@ -18,6 +19,7 @@ struct ScanSummary {
     std::string shell_line;  ///< runs this step alone.
     double wall_seconds = 0;
     double cpu_seconds = 0;  ///< of all threads and of `colmap`.
+    bool has_run = true;     ///< false: all its stages were done before.
   };
   std::vector<Step> steps;
   /// A stage of one of the steps' commands.
@@ -49,10 +51,17 @@ ScanSummary::PoseVerdict ReadPoseVerdict(const Workspace& workspace);
 /// workspace. What cannot be read is missing from the summary.
 void CollectFigures(const Workspace& workspace, ScanSummary* summary);
 
-/// report.json: {"steps": [...], "stages": [...], "verdict": {"verdict",
-/// "reasons": [...], "advice": [...]} or null, "left_out": [...], "figures": {...}, "files": {...}}.
-/// Throws UserError.
-void WriteScanSummary(const std::filesystem::path& path, const ScanSummary& summary);
+/// {"steps": [...], "stages": [...], "verdict": {"verdict", "reasons": [...], "advice": [...]} or null,
+/// "left_out": [...], "figures": {...}, "files": {...}}, as in report.json.
+nlohmann::ordered_json SummaryToJson(const ScanSummary& summary);
+
+/// s2gs/scan.json: steps and stages of the scanner's last run, from which a report can be made again. A step
+/// none of whose stages had to run keeps the times that the record has for the same line, so that a run which
+/// did nothing leaves the record as it was. Throws UserError.
+void WriteScanRecord(const std::filesystem::path& path, const ScanSummary& summary);
+
+/// Empty when there is none, or a damaged one.
+ScanSummary ReadScanRecord(const std::filesystem::path& path);
 
 void PrintScanSummary(const ScanSummary& summary, std::ostream& out);
 

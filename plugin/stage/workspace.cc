@@ -27,7 +27,7 @@ std::vector<StandardStage> StandardStages(const Workspace& w) {
       {"image_undistorter", {w.DenseImages(), w.DenseModel()}, "gaussian_renderer"},
       {"gaussian_renderer", {w.Masks(), w.DepthMaps()}, "gaussian_renderer"},
       {"tsdf_mesher", {w.TsdfMesh()}, "tsdf_mesher"},
-      {"report", {w.ReportHtml(), w.ReportJson()}, ""},
+      {"report", {w.ReportHtml(), w.ReportJson()}, "report"},
   };
 }
 
@@ -54,7 +54,8 @@ std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace&
       {w.PoissonMesh(), "COLMAP's Poisson mesh"},
       {w.DelaunayMesh(), "COLMAP's Delaunay mesh"},
       {w.Log(), "log"},
-      {w.ReportHtml(), "report: error against run time"},
+      {w.ScanRecord(), "command lines and times of the scanner's last run"},
+      {w.ReportHtml(), "report: what the scan did and how good it is"},
       {w.ReportJson(), "the report's figures"},
   };
 }

@@ -24,6 +24,7 @@ struct Workspace {
   Path SplitLabels() const { return root / "split" / "labels.json"; }
   Path SplitOverlays() const { return root / "split" / "overlays"; }
 
+  Path TurntableMapper() const { return root / "split" / "turntable_mapper.json"; }  ///< what it found.
   Path TopView() const { return root / "split" / "top_view.svg"; }
 
   Path ObjectModel() const { return root / "sparse" / "0"; }       ///< poses are cam_from_object.
@@ -61,6 +62,7 @@ struct Workspace {
   Path Checkpoints() const { return Own() / "checkpoints"; }
   Path Plan() const { return Own() / "plan.json"; }
   Path Log() const { return Own() / "log.jsonl"; }
+  Path ScanRecord() const { return Own() / "scan.json"; }  ///< the scanner's last run.
   Path Stages() const { return Own() / "stages"; }
   Path StageStamp(const std::string& stage) const { return Stages() / (stage + ".json"); }
   Path LockFile() const { return Own() / "lock"; }

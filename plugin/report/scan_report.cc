@@ -1,0 +1,85 @@
+#include "plugin/report/scan_report.h"
+
+#include <utility>
+#include <vector>
+
+#include "plugin/report/page_parts.h"
+#include "plugin/report/sections.h"
+#include "sfm_split/base/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string TitleOf(const Workspace& workspace) {
+  std::error_code ec;
+  const fs::path root = fs::weakly_canonical(workspace.root, ec);
+  const std::string name = (ec ? workspace.root : root).filename().string();
+  return name.empty() ? "scan" : name;
+}
+
+std::string Page(const std::string& title, const std::vector<ReportSection>& sections) {
+  HtmlWriter out;
+  out.Append("<!DOCTYPE html>\n");
+  out.Open("html", {{"lang", "en"}}).Open("head");
+  out.Void("meta", {{"charset", "utf-8"}});
+  out.Void("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}});
+  // The page may not fetch anything, whatever stands in it.
+  out.Void("meta",
+           {{"http-equiv", "Content-Security-Policy"},
+            {"content",
+             "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"}});
+  out.Void("meta", {{"name", "color-scheme"}, {"content", "light dark"}});
+  out.Element("title", title + ": scan report");
+  out.Open("style").Append(kPageStyle).Close();
+  out.Close().Open("body");
+  out.Open("header").Open("div").Element("span", "Scan report").Element("h1", title).Close();
+  out.Open("nav");
+  for (const ReportSection& section : sections) {
+    if (!section.title.empty()) out.Element("a", section.title, {{"href", "#" + section.id}});
+  }
+  out.Close().Close();
+  out.Open("main");
+  for (const ReportSection& section : sections) {
+    out.Open("section", {{"id", section.id}});
+    if (!section.title.empty()) out.Element("h2", section.title);
+    out.Append(section.html.html());
+    out.Close();
+  }
+  out.Close();
+  for (const char* script : {kPageScript, kViewerScript}) out.Open("script").Append(script).Close();
+  out.Close().Close();
+  return out.html();
+}
+
+}  // namespace
+
+void WriteScanReport(const Workspace& workspace, const fs::path& image_path, Reporter& reporter) {
+  const ReportInput input = ReadReportInput(workspace, image_path, reporter);
+  ScanSummary summary = ReadScanRecord(workspace.ScanRecord());
+  CollectFigures(workspace, &summary);
+  std::vector<ReportSection> sections;
+  sections.push_back(VerdictSection(input));
+  sections.push_back(StagesSection(input, summary));
+  sections.push_back(PhotosSection(input, reporter));
+  sections.push_back(TableSection(input));
+  sections.push_back(ResidualsSection(input));
+  sections.push_back(GeometrySection(input));
+  sections.push_back(PicturesSection(input, reporter));
+  sections.push_back(MeshSection(input, reporter));
+  sections.push_back(CurvesSection(input));
+  sections.push_back(ProvenanceSection(input, summary, reporter));
+
+  nlohmann::ordered_json json = SummaryToJson(summary);
+  // What other programs ask first stands at the top.
+  for (const char* key : {"verdict", "reasons", "advice"}) json[key] = sections.front().numbers[key];
+  for (const ReportSection& section : sections) json["report"][section.id] = section.numbers;
+  const std::string page = Page(TitleOf(workspace), sections);
+  // Names of files may hold any bytes.
+  const std::string text = json.dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  WriteFilesTogether({{workspace.ReportHtml(), [&](std::ostream& out) { out << page; }},
+                      {workspace.ReportJson(), [&](std::ostream& out) { out << text; }}});
+}
+
+}  // namespace s2gs

@@ -1,0 +1,171 @@
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <set>
+#include <system_error>
+
+#include "plugin/report/data_uri.h"
+#include "plugin/report/sections.h"
+#include "s2gs/image/photos.h"
+#include "s2gs/render_pictures.h"
+#include "sfm_split/base/error.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr size_t kMaxOverlays = 4;
+constexpr int kOverlaySide = 420;  // [px]
+constexpr int kPanelSide = 480;    // [px]
+constexpr int kQuality = 78;
+// As comparison.jpg has them from left to right (s2gs/render_pictures.h).
+constexpr int kNumPanels = 4;
+
+std::vector<fs::path> Overlays(const fs::path& folder) {
+  std::vector<fs::path> paths;
+  std::error_code ec;
+  fs::recursive_directory_iterator entry(folder, fs::directory_options::skip_permission_denied, ec);
+  for (const fs::recursive_directory_iterator end; !ec && entry != end; entry.increment(ec)) {
+    std::error_code file_ec;
+    if (entry->is_regular_file(file_ec) && entry->path().extension() == ".jpg")
+      paths.push_back(entry->path());
+  }
+  std::sort(paths.begin(), paths.end());
+  return paths;
+}
+
+void WriteOverlays(const ReportInput& input, Reporter& reporter, ReportSection* section) {
+  HtmlWriter& out = section->html;
+  const std::vector<fs::path> paths = Overlays(input.workspace.SplitOverlays());
+  out.Element("h3", "Keypoints by body");
+  if (paths.empty()) {
+    WriteMissing("There are no overlays: motion_splitter draws them into split/overlays.", &out);
+    return;
+  }
+  out.Open("div", {{"class", "pictures"}});
+  const size_t count = std::min(kMaxOverlays, paths.size());
+  for (size_t i = 0; i < count; ++i) {
+    const fs::path& path = paths[i * paths.size() / count];
+    const std::string name = path.lexically_relative(input.workspace.SplitOverlays()).generic_string();
+    try {
+      const std::string uri = JpegDataUri(Thumbnail(ReadImage(path, 3), kOverlaySide), kQuality);
+      out.Open("figure").Void("img", {{"src", uri}, {"alt", "keypoints of " + name}});
+      out.Element("figcaption", name).Close();
+      section->numbers["overlays"].push_back(name);
+    } catch (const UserError& error) {
+      reporter.Warn(std::string("no picture: ") + error.what());
+    }
+  }
+  out.Close();
+  out.Element("p", "Orange: rotating part; blue: background; small and grey: unknown.", {{"class", "note"}});
+}
+
+// Rows of photo, rendering, error and mask below each other, all of one size; none when the picture has
+// another shape than that of whole rows.
+std::vector<Image8> ComparisonPanels(const Image8& picture, size_t num_rows) {
+  std::vector<Image8> panels;
+  const int width = picture.width / kNumPanels;
+  const int height = num_rows > 0 ? picture.height / static_cast<int>(num_rows) : 0;
+  if (width == 0 || height == 0 || picture.height % height != 0) return panels;
+  for (size_t row = 0; row < num_rows; ++row) {
+    for (int p = 0; p < kNumPanels; ++p) {
+      panels.push_back(CutAndShrink(picture, {p * width, static_cast<int>(row) * height, width, height}, 1));
+    }
+  }
+  return panels;
+}
+
+// The photos of s2gs/comparison.jpg; none unless the renderer drew them all at one size.
+std::vector<std::string> ComparedPhotos(const ReportInput& input) {
+  std::vector<std::string> names;
+  std::set<std::pair<uint64_t, uint64_t>> sizes;
+  if (!input.object) return names;
+  for (const std::string& name : input.photos) {
+    const ColmapImage* image = input.ObjectImage(name);
+    if (image == nullptr || (input.turntable && input.TableImage(name) == nullptr)) continue;
+    names.push_back(name);
+    const Camera& camera = input.object->cameras.at(image->camera_id);
+    const Camera pinhole = PlanUndistortion(camera, input.workspace.ObjectModel()).pinhole;
+    sizes.insert({pinhole.width, pinhole.height});
+  }
+  if (sizes.size() != 1) return {};
+  std::vector<std::string> compared;
+  for (const size_t i : OverviewPhotos(names.size())) compared.push_back(names[i]);
+  return compared;
+}
+
+void WriteComparison(const ReportInput& input, Reporter& reporter, ReportSection* section) {
+  HtmlWriter& out = section->html;
+  out.Element("h3", "Photo against model");
+  std::error_code ec;
+  if (!fs::exists(input.workspace.Overview(), ec)) {
+    WriteMissing("There is no comparison yet: gaussian_renderer draws it from the trained model.", &out);
+    return;
+  }
+  Image8 picture;
+  std::vector<std::string> names;
+  try {
+    picture = ReadImage(input.workspace.Overview(), 3);
+    names = ComparedPhotos(input);
+  } catch (const UserError& error) {
+    reporter.Warn(std::string("no picture: ") + error.what());
+    WriteMissing("The comparison cannot be read.", &out);
+    return;
+  }
+  const std::vector<Image8> panels = ComparisonPanels(picture, names.size());
+  if (panels.empty()) {
+    const std::string uri = JpegDataUri(Thumbnail(picture, 1200), kQuality);
+    out.Void("img",
+             {{"class", "whole"}, {"src", uri}, {"alt", "photo, rendering, error and mask of some photos"}});
+    return;
+  }
+  out.Open("div", {{"class", "compare"}, {"id", "compare"}});
+  out.Open("p", {{"class", "controls"}});
+  out.Open("span").Text("Photo against ");
+  // The panels' order in the file is photo, rendering, error, mask.
+  for (const auto& [panel, label] :
+       {std::pair("1", "rendering"), std::pair("3", "mask"), std::pair("2", "error × 4")}) {
+    out.Element("button", label, {{"type", "button"}, {"data-panel", panel}});
+  }
+  out.Close().Open("span").Text(" of ");
+  for (size_t row = 0; row < names.size(); ++row) {
+    out.Element("button", names[row], {{"type", "button"}, {"data-row", std::to_string(row)}});
+  }
+  out.Close().Close();
+  out.Open("div", {{"class", "stage"}});
+  for (size_t i = 0; i < panels.size(); ++i) {
+    const size_t row = i / kNumPanels;
+    const size_t panel = i % kNumPanels;
+    static constexpr const char* kNames[kNumPanels] = {"photo", "rendering", "error", "mask"};
+    HtmlAttributes attributes = {{"src", JpegDataUri(Thumbnail(panels[i], kPanelSide), kQuality)},
+                                 {"alt", fmt::format("{}: {}", names[row], kNames[panel])},
+                                 {"data-row", std::to_string(row)},
+                                 {"data-panel", std::to_string(panel)}};
+    // Without the script the first photo and its rendering show.
+    if (row != 0 || panel > 1) attributes.emplace_back("hidden", "");
+    if (panel != 0) attributes.emplace_back("class", "over");
+    out.Void("img", attributes);
+  }
+  out.Void("input", {{"type", "range"},
+                     {"min", "0"},
+                     {"max", "100"},
+                     {"value", "50"},
+                     {"step", "0.5"},
+                     {"aria-label", "how much of the photo shows"}});
+  out.Close().Close();
+  section->numbers["compared"] = names;
+}
+
+}  // namespace
+
+ReportSection PicturesSection(const ReportInput& input, Reporter& reporter) {
+  ReportSection section{"pictures", "Split and model against the photos", {}, {}};
+  section.numbers = nlohmann::ordered_json::object();
+  WriteOverlays(input, reporter, &section);
+  WriteComparison(input, reporter, &section);
+  return section;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,99 @@
+#include "plugin/report/html_writer.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "plugin/report/data_uri.h"
+#include "plugin/report/plot.h"
+
+namespace s2gs {
+namespace {
+
+TEST(EscapeHtml, NothingOfATextCanBecomeATagOrAnAttribute) {
+  EXPECT_EQ(EscapeHtml("<script>alert('x')</script> & \"y\""),
+            "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt; &amp; &quot;y&quot;");
+  EXPECT_EQ(EscapeHtml("a\tb\nc"), "a\tb\nc");
+  // Every byte alone: what is left has none of the characters that mean something.
+  for (int c = 0; c < 256; ++c) {
+    const std::string escaped = EscapeHtml(std::string(1, static_cast<char>(c)));
+    EXPECT_EQ(escaped.find_first_of("<>\"'"), std::string::npos) << c;
+    EXPECT_TRUE(escaped.size() > 1 || (c >= 0x20 && c < 0x7f) || c == '\t' || c == '\n') << c;
+  }
+}
+
+TEST(EscapeHtml, KeepsUtf8AndReplacesWhatIsNone) {
+  const std::string ok = "Grüße 写真 😀";
+  EXPECT_EQ(EscapeHtml(ok), ok);
+  const std::string mark = "\xef\xbf\xbd";
+  EXPECT_EQ(EscapeHtml("a\xff"), "a" + mark);
+  EXPECT_EQ(EscapeHtml("\xc3"), mark);                                   // cut off
+  EXPECT_EQ(EscapeHtml("\xc0\xbc"), mark + mark);                        // '<', overlong
+  EXPECT_EQ(EscapeHtml("\xed\xa0\x80"), mark + mark + mark);             // a surrogate
+  EXPECT_EQ(EscapeHtml("\xf4\x90\x80\x80"), mark + mark + mark + mark);  // past U+10FFFF
+}
+
+TEST(HtmlWriter, EscapesTextAndAttributes) {
+  HtmlWriter out;
+  out.Open("p", {{"title", "a\"><b"}}).Text("1 < 2").Void("img", {{"alt", "x'y"}}).Close();
+  EXPECT_EQ(out.html(), "<p title=\"a&quot;&gt;&lt;b\">1 &lt; 2<img alt=\"x&#39;y\"/>\n</p>\n");
+}
+
+TEST(Numbers, ForPeople) {
+  EXPECT_EQ(ShortNumber(1.5), "1.5");
+  EXPECT_EQ(ShortNumber(-0.001), "0");
+  EXPECT_EQ(ShortNumber(200), "200");
+  EXPECT_EQ(ShortNumber(NAN), "–");
+  EXPECT_EQ(Significant(0.0123456), "0.0123");
+  EXPECT_EQ(Significant(123456.7), "123457");
+  EXPECT_EQ(Significant(9.995, 2), "10.0");
+  EXPECT_EQ(Significant(HUGE_VAL), "–");
+}
+
+// RFC 4648, section 10.
+TEST(Base64, TestVectors) {
+  EXPECT_EQ(Base64(""), "");
+  EXPECT_EQ(Base64("f"), "Zg==");
+  EXPECT_EQ(Base64("fo"), "Zm8=");
+  EXPECT_EQ(Base64("foo"), "Zm9v");
+  EXPECT_EQ(Base64("foob"), "Zm9vYg==");
+  EXPECT_EQ(Base64("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(Base64(std::string("\xff\x00\xfe", 3)), "/wD+");
+}
+
+TEST(Plot, MarksOfAxes) {
+  const auto expect = [](const std::vector<double>& marks, const std::vector<double>& expected) {
+    ASSERT_EQ(marks.size(), expected.size());
+    for (size_t i = 0; i < marks.size(); ++i)
+      EXPECT_NEAR(marks[i], expected[i], 1e-12 * std::abs(expected[i]));
+  };
+  expect(AxisMarks(0, 1, false), {0, 0.2, 0.4, 0.6, 0.8, 1});
+  expect(AxisMarks(-7, 31, false), {0, 10, 20, 30});
+  expect(AxisMarks(0.02, 3000, true), {0.1, 1, 10, 100, 1000});
+  expect(AxisMarks(3, 30, true), {5, 10, 20});
+  // So short a stretch has none of 1, 2 and 5 in it.
+  EXPECT_GE(AxisMarks(3.1, 3.3, true).size(), 2u);
+}
+
+TEST(Plot, LeavesOutWhatCannotBeDrawn) {
+  Plot plot{"t <i>", {"x", true}, {"y", true}, {}, false};
+  PlotSeries series;
+  series.mark = PlotMark::kDots;
+  series.points = {{1, 1}, {0, 1}, {1, NAN}, {2, -1}, {10, 3}};
+  plot.series = {series};
+  HtmlWriter out;
+  WritePlot(plot, &out);
+  size_t dots = 0;
+  for (size_t at = 0; (at = out.html().find("<circle", at)) != std::string::npos; ++at) ++dots;
+  EXPECT_EQ(dots, 2u);
+  EXPECT_EQ(out.html().find("nan"), std::string::npos);
+  EXPECT_EQ(out.html().find("<i>,"), std::string::npos);
+
+  HtmlWriter empty;
+  plot.series[0].points = {{0, 1}};
+  WritePlot(plot, &empty);
+  EXPECT_NE(empty.html().find("nothing was recorded"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace s2gs

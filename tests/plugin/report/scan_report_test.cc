@@ -1,0 +1,174 @@
+#include "plugin/report/scan_report.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "mesh/surface/triangle_mesh.h"
+#include "plugin/report/report_input.h"
+#include "plugin/report/scan_summary.h"
+#include "plugin/report/scan_verdict.h"
+#include "s2gs/image/image_file.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/temporary_folder.h"
+
+namespace s2gs {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+struct Report {
+  std::string page;
+  json numbers;
+};
+
+Report Make(const Workspace& workspace) {
+  Reporter reporter;
+  WriteScanReport(workspace, "", reporter);
+  return {ReadAll(workspace.ReportHtml()), json::parse(ReadAll(workspace.ReportJson()))};
+}
+
+// What no page of ours may hold: anything that is fetched, and numbers that are none.
+void ExpectSelfContained(const std::string& page) {
+  for (const char* fetched : {"http://", "https://", "src=\"/", "url(", "@import", "<link", "<iframe"}) {
+    EXPECT_EQ(page.find(fetched), std::string::npos) << fetched;
+  }
+  for (const char* number : {"nan", "inf "}) {
+    EXPECT_EQ(page.find(std::string("=\"") + number), std::string::npos) << number;
+  }
+}
+
+SyntheticTurntable Table() {
+  SyntheticTurntableOptions options;
+  options.stations = 2;
+  options.steps = 8;
+  options.step_deg = 45;
+  options.pixel_noise = 0.3;
+  options.width = 64;
+  options.height = 48;
+  return MakeSyntheticTurntable(options);
+}
+
+TEST(ScanReport, OfAnEmptyWorkspaceSaysWhatIsMissing) {
+  const TemporaryFolder folder;
+  const Report report = Make({folder.path()});
+  ExpectSelfContained(report.page);
+  EXPECT_EQ(report.numbers.at("verdict"), "unknown");
+  EXPECT_EQ(report.numbers.at("report").at("verdict").at("next_command"), "motion_splitter");
+  for (const char* missing :
+       {"No photos are known yet", "There is no mesh yet", "There are no sparse models yet"}) {
+    EXPECT_THAT(report.page, HasSubstr(missing));
+  }
+}
+
+TEST(ScanReport, NamesOfPhotosStayText) {
+  const TemporaryFolder folder;
+  SyntheticTurntable table = Table();
+  const std::string hostile = "\"><img src=x onerror=alert(1)>'&.jpg";
+  table.scene.views[3].name = hostile;
+  WriteSyntheticWorkspace(folder.path(), table);
+  const Workspace workspace{folder.path()};
+  for (const View& view : table.scene.views) {
+    std::filesystem::create_directories(workspace.Images());
+    WriteImage(workspace.Images() / view.name, Image8{64, 48, 3, std::vector<uint8_t>(64 * 48 * 3, 90)});
+  }
+  const Report report = Make(workspace);
+  ExpectSelfContained(report.page);
+  EXPECT_THAT(report.page, Not(HasSubstr("<img src=x")));
+  EXPECT_THAT(report.page, HasSubstr("&quot;&gt;&lt;img src=x onerror=alert(1)&gt;&#39;&amp;.jpg"));
+  bool is_listed = false;
+  for (const json& photo : report.numbers.at("report").at("photos")) is_listed |= photo.at("name") == hostile;
+  EXPECT_TRUE(is_listed);
+}
+
+TEST(ScanReport, NumbersOfASyntheticScan) {
+  const TemporaryFolder folder;
+  const SyntheticTurntable table = Table();
+  WriteSyntheticWorkspace(folder.path(), table);
+  const Workspace workspace{folder.path()};
+  TriangleMesh mesh;
+  mesh.vertices = {{0, 0, 0}, {0.1F, 0, 0}, {0, 0.1F, 0}, {0, 0, 0.1F}};
+  mesh.triangles = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}};
+  WriteAll(workspace.TsdfMesh(), "");
+  WritePlyMesh(workspace.TsdfMesh(), mesh);
+  WriteAll(workspace.Log(),
+           "{\"stage\":\"train\",\"event\":\"loss\",\"wall_s\":1,\"loss\":{\"total\":0.5,\"l1\":0.25}}\n"
+           "broken\n"
+           "{\"stage\":\"train\",\"event\":\"held_out\",\"wall_s\":2,\"psnr_db\":20,\"object_psnr_db\":null,"
+           "\"ssim\":0.9}\n");
+  WriteAll(workspace.Masks() / "a.jpg.png", "no picture");
+  WriteAll(workspace.Overview(), "no picture either");
+  const Report report = Make(workspace);
+  ExpectSelfContained(report.page);
+  const json& parts = report.numbers.at("report");
+  EXPECT_EQ(parts.at("photos").size(), table.scene.views.size());
+  for (const json& station : parts.at("table").at("stations")) {
+    EXPECT_NEAR(station.at("step_deg").get<double>(), 45, 1e-6);
+    EXPECT_EQ(station.at("photos"), 8);
+  }
+  // Lengths of noise of .3 px in x and in y: rms .3 sqrt(2), known to a few percent from so many.
+  EXPECT_NEAR(parts.at("residuals").at("object").at("rms_px").get<double>(), 0.3 * std::sqrt(2.0), 0.03);
+  EXPECT_EQ(parts.at("geometry").at("cameras").at(0).at("corner_shift_px"), 0);
+  EXPECT_EQ(parts.at("mesh").at("triangles"), 3);
+  EXPECT_EQ(parts.at("mesh").at("holes").at("count"), 1);
+  EXPECT_NEAR(parts.at("mesh").at("holes").at("rim_length").get<double>(), 0.3 * std::sqrt(2.0), 1e-6);
+  EXPECT_NEAR(parts.at("curves").at("held_out").at("rms").at(0).at(1).get<double>(), 0.1, 1e-12);
+  EXPECT_TRUE(parts.at("curves").at("held_out").at("object_rms").at(0).at(1).is_null());
+  EXPECT_EQ(parts.at("curves").at("training").at("l1").at(0).at(1), 0.25);
+}
+
+ReportInput Mapped(const json& mapper) {
+  ReportInput input;
+  input.mapper = mapper;
+  return input;
+}
+
+TEST(ScanVerdict, IsTheMappersWhereItGaveOne) {
+  const ScanVerdict verdict =
+      JudgeScan(Mapped({{"verdict", "doubtful"}, {"reasons", {"a"}}, {"advice", {"b", "c"}}}));
+  EXPECT_EQ(verdict.grade, ScanVerdict::Grade::kDoubtful);
+  EXPECT_EQ(verdict.reasons, std::vector<std::string>{"a"});
+  EXPECT_EQ(verdict.advice.size(), 2u);
+}
+
+TEST(ScanVerdict, ElseComesFromFigures) {
+  EXPECT_EQ(JudgeScan(Mapped(nullptr)).grade, ScanVerdict::Grade::kUnknown);
+  json mapper = {{"images", 60}, {"registered", 60}, {"stable", true}, {"observability", {{"nullity", 0}}}};
+  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kGood);
+  mapper["registered"] = 54;
+  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kGood);
+  mapper["registered"] = 53;
+  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kDoubtful);
+  mapper["registered"] = 60;
+  mapper["observability"]["nullity"] = 1;
+  EXPECT_EQ(JudgeScan(Mapped(mapper)).reasons.size(), 1u);
+  mapper["registered"] = 0;
+  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kFailed);
+}
+
+TEST(ScanRecord, ARunThatDidNothingLeavesItAsItWas) {
+  const TemporaryFolder folder;
+  ScanSummary first;
+  first.steps = {{"tsdf_mesher", "The mesh", "s2gs tsdf_mesher --workspace_path 'a b'", 10, 20, true}};
+  first.stages = {{"tsdf_mesher", true, "not done yet", 9}};
+  WriteScanRecord(folder / "scan.json", first);
+  const std::string written = ReadAll(folder / "scan.json");
+  ScanSummary second = first;
+  second.steps[0].wall_seconds = 0.01;
+  second.steps[0].has_run = false;
+  second.stages[0] = {"tsdf_mesher", false, "done", 9};
+  WriteScanRecord(folder / "scan.json", second);
+  EXPECT_EQ(ReadAll(folder / "scan.json"), written);
+  EXPECT_EQ(ReadScanRecord(folder / "scan.json").steps.at(0).wall_seconds, 10);
+  second.steps[0].has_run = true;
+  WriteScanRecord(folder / "scan.json", second);
+  EXPECT_EQ(ReadScanRecord(folder / "scan.json").steps.at(0).wall_seconds, 0.01);
+  WriteAll(folder / "scan.json", "{\"steps\": 3}");
+  EXPECT_TRUE(ReadScanRecord(folder / "scan.json").steps.empty());
+}
+
+}  // namespace
+}  // namespace s2gs
