@@ -60,7 +60,7 @@ void AddOptions(Options& options, Settings* settings) {
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
       "its pairs, instead of planning pairs and matching them");
   options.Add(
-      "weak_features", &settings.weak_features,
+      "weak_features", &settings->weak_features,
       "where what changes has few features, look there again at lower thresholds, given --image_path");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);

@@ -24,7 +24,8 @@ int64_t AddWeakFeatures(const std::filesystem::path& image_path, const ScanPictu
 
 /// One grey PNG a photo, NAME.png: how much each pixel of the reduced photo differs from what its station
 /// shows in most photos, in units of ChangeMap::kLevelsPerSigma. Photos of stations with too few have none.
-void WriteChangeMaps(const std::filesystem::path& folder, const SceneChanges& changes,
-                     const SplitFeatures& features);
+/// Throws UserError for a name whose map would lie outside the folder, or replace a photo in `image_path`.
+void WriteChangeMaps(const std::filesystem::path& folder, const std::filesystem::path& image_path,
+                     const SceneChanges& changes, const SplitFeatures& features);
 
 }  // namespace s2gs
