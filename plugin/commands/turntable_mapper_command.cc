@@ -205,6 +205,7 @@ class TurntableMapper {
  private:
   std::vector<uint8_t> ReadDescriptorsOf(const ColmapDatabase& database, int image) const;
   void WriteScene(ScanCandidate* candidate, json report);
+  [[noreturn]] void Fail(json report, const std::string& problem);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
 
   const Settings& settings_;
@@ -255,19 +256,32 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
   report.update(DescribeScene(aligned, candidate->refined));
   const RefineReport& refined = candidate->refined;
-  const ScanEvidence evidence = GatherEvidence(input_.features, aligned.scene, refined.joint,
-                                               refined.held_back, settings_.placement.refine.max_error_px);
+  const ScanEvidence evidence = GatherEvidence(input_.features, aligned, refined.joint, refined.held_back,
+                                               settings_.placement.refine.max_error_px);
   report["verdict"] = ToJson(JudgeScan(evidence), evidence);
   seconds_["write"] = watch.Lap();
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
 }
 
+// Nothing has a place: leaves a report with the verdict, and says what to photograph differently.
+void TurntableMapper::Fail(json report, const std::string& problem) {
+  ScanEvidence evidence = GatherOneBodyEvidence(input_.features, {}, 0);
+  evidence.is_one_body = input_.capture_case == CaptureCase::kOneBody;
+  const ScanVerdict verdict = JudgeScan(evidence);
+  report["registered"] = 0;
+  report["verdict"] = ToJson(verdict, evidence);
+  report["seconds"] = seconds_;
+  WriteJson(ReportPath(), report);
+  std::string remedy = "Look at the models in split/ with `colmap gui`. What helps: ";
+  for (size_t k = 0; k < verdict.advice.size(); ++k) remedy += (k > 0 ? "; " : "") + verdict.advice[k];
+  throw UserError(workspace_.ObjectDatabase(), problem, remedy);
+}
+
 // All photos show one rigid body: SfM's own model, which nothing moves in.
 void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json report) {
   if (models.empty()) {
-    throw UserError(workspace_.ObjectDatabase(), "colmap mapper found no model",
-                    "Look at its output with --log_level debug; more photos with smaller steps may help");
+    Fail(std::move(report), "colmap mapper found no model");
   }
   ColmapModel model = models[0];
   ColorPoints(settings_.image_path, {&model}, reporter_);
@@ -352,10 +366,7 @@ void TurntableMapper::Place() {
     WriteOneBody(objects, report);
     return;
   }
-  throw UserError(
-      workspace_.ObjectDatabase(), "the photos do not make a turntable: " + placement.findings,
-      "Look at the models in split/ with `colmap gui`; more photos with smaller steps, or a speckled "
-      "sheet on the table, help");
+  Fail(std::move(report), "the photos do not make a turntable: " + placement.findings);
 }
 
 }  // namespace
