@@ -37,9 +37,8 @@ std::vector<Command> MakeCommands() {
   commands.push_back({"gaussian_trainer",
                       "trains Gaussians that know whether they belong to the rotating part",
                       RunGaussianTrainer});
-  commands.push_back({"report",
-                      "report.html and report.json: what a scan did, how good it is, what to do next",
-                      RunReport});
+  commands.push_back(
+      {"report", "report.html and report.json: what a scan did, how good it is, what to do next", RunReport});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
   commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});

@@ -218,6 +218,8 @@ class TurntableMapper {
  private:
   std::vector<uint8_t> ReadDescriptorsOf(const ColmapDatabase& database, int image) const;
   void WriteScene(ScanCandidate* candidate, json report);
+  ScanVerdict RecordFailure(json report);
+  [[noreturn]] void Fail(json report, const std::string& problem);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
 
   const Settings& settings_;
@@ -268,17 +270,38 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
   report.update(DescribeScene(aligned, candidate->refined));
   const RefineReport& refined = candidate->refined;
-  const ScanEvidence evidence = GatherEvidence(input_.features, aligned.scene, refined.joint,
-                                               refined.held_back, settings_.placement.refine.max_error_px);
+  const ScanEvidence evidence = GatherEvidence(input_.features, aligned, refined.joint, refined.held_back,
+                                               settings_.placement.refine.max_error_px);
   report["verdict"] = ToJson(JudgeScan(evidence), evidence);
   seconds_["write"] = watch.Lap();
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
 }
 
+// Leaves a report with the verdict where nothing has a place.
+ScanVerdict TurntableMapper::RecordFailure(json report) {
+  ScanEvidence evidence = GatherOneBodyEvidence(input_.features, {}, 0);
+  evidence.is_one_body = input_.capture_case == CaptureCase::kOneBody;
+  ScanVerdict verdict = JudgeScan(evidence);
+  report["registered"] = 0;
+  report["verdict"] = ToJson(verdict, evidence);
+  report["seconds"] = seconds_;
+  WriteJson(ReportPath(), report);
+  return verdict;
+}
+
+// The same, and says what to photograph differently.
+void TurntableMapper::Fail(json report, const std::string& problem) {
+  const ScanVerdict verdict = RecordFailure(std::move(report));
+  std::string remedy = "Look at the models in split/ with `colmap gui`. What helps: ";
+  for (size_t k = 0; k < verdict.advice.size(); ++k) remedy += (k > 0 ? "; " : "") + verdict.advice[k];
+  throw UserError(workspace_.ObjectDatabase(), problem, remedy);
+}
+
 // All photos show one rigid body: SfM's own model, which nothing moves in.
 void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json report) {
   if (models.empty()) {
+    RecordFailure(std::move(report));
     throw ExplainNoModel(workspace_.ObjectDatabase(), input_.features);
   }
   ColmapModel model = models[0];
@@ -366,10 +389,7 @@ void TurntableMapper::Place() {
     WriteOneBody(objects, report);
     return;
   }
-  throw UserError(
-      workspace_.ObjectDatabase(), "the photos do not make a turntable: " + placement.findings,
-      "Look at the models in split/ with `colmap gui`; more photos with smaller steps, or a speckled "
-      "sheet on the table, help");
+  Fail(std::move(report), "the photos do not make a turntable: " + placement.findings);
 }
 
 }  // namespace

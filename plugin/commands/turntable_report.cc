@@ -37,8 +37,12 @@ json BodyToJson(const ColmapModel& model, double rms_px, int adjusted_observatio
   return body;
 }
 
-// A number for people; what is not observable is null in the file.
-std::string Number(const json& value, const char* format = "{:.4g}") {
+// What is not observable, and what was not computed, is null in the file.
+json SigmaToJson(double sigma) { return sigma >= 0 && std::isfinite(sigma) ? json(sigma) : json(nullptr); }
+
+// A standard deviation for people.
+std::string Number(const json& value, bool is_computed = true, const char* format = "{:.4g}") {
+  if (!is_computed) return "not computed";
   if (!value.is_number()) return "not observable";
   return fmt::format(fmt::runtime(format), value.get<double>());
 }
@@ -118,16 +122,27 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   for (const double sigma : joint.angle_sigma_deg) {
     if (sigma > 0) angles.push_back(sigma);
   }
-  report["sigma"] = {{"pixel", joint.sigma_px},
-                     {"axis_direction_deg", joint.axis_direction_sigma_deg},
-                     {"axis_point", joint.axis_point_sigma},
-                     {"angle_median_deg", UpperMedian(angles)},
-                     {"angle_max_deg", angles.empty() ? 0 : *std::max_element(angles.begin(), angles.end())},
-                     {"focal_px", joint.focal_sigma_px},
-                     {"scale_rel", joint.scale_sigma_rel}};
+  const double none = -1;
+  json focals = json::array();
+  for (const double sigma : joint.focal_sigma_px) focals.push_back(SigmaToJson(sigma));
+  json not_computed = json::array();
+  if (joint.axis_direction_sigma_deg < 0) not_computed.push_back("axis_direction_deg");
+  if (joint.axis_point_sigma < 0) not_computed.push_back("axis_point");
+  if (angles.empty()) not_computed.push_back("angle_deg");
+  if (joint.focal_sigma_px.empty()) not_computed.push_back("focal_px");
+  if (joint.scale_sigma_rel < 0) not_computed.push_back("scale_rel");
+  report["sigma"] = {
+      {"pixel", joint.sigma_px},
+      {"axis_direction_deg", SigmaToJson(joint.axis_direction_sigma_deg)},
+      {"axis_point", SigmaToJson(joint.axis_point_sigma)},
+      {"angle_median_deg", SigmaToJson(angles.empty() ? none : UpperMedian(angles))},
+      {"angle_max_deg", SigmaToJson(angles.empty() ? none : *std::max_element(angles.begin(), angles.end()))},
+      {"focal_px", std::move(focals)},
+      {"scale_rel", SigmaToJson(joint.scale_sigma_rel)},
+      {"not_computed", std::move(not_computed)}};
   if (joint.angle_sigma_deg.size() == aligned.scene.views.size()) {
     for (size_t i = 0; i < aligned.scene.views.size(); ++i)
-      report["angle_sigma_deg"][aligned.scene.views[i].name] = joint.angle_sigma_deg[i];
+      report["angle_sigma_deg"][aligned.scene.views[i].name] = SigmaToJson(joint.angle_sigma_deg[i]);
   }
   report["cameras"] = json::array();
   for (const Camera& camera : aligned.scene.cameras) {
@@ -215,9 +230,17 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
   }
   row("joint model", joint.at("chosen").get<std::string>() + why + (why.empty() ? "" : ")"));
   const json& sigma = report.at("sigma");
-  row("axis direction", "+- " + Number(sigma.at("axis_direction_deg")) + " degrees");
-  row("table angles", fmt::format("+- {} degrees (worst {})", Number(sigma.at("angle_median_deg")),
-                                  Number(sigma.at("angle_max_deg"))));
+  const json left = sigma.value("not_computed", json::array());
+  const auto is_computed = [&](const char* name) {
+    return std::find(left.begin(), left.end(), name) == left.end();
+  };
+  const auto degrees = [&](const char* name, const char* of) {
+    const std::string number = Number(sigma.at(name), is_computed(of));
+    return sigma.at(name).is_number() ? "+- " + number + " degrees" : "standard deviation " + number;
+  };
+  row("axis direction", degrees("axis_direction_deg", "axis_direction_deg"));
+  row("table angles", degrees("angle_median_deg", "angle_deg") + " (worst " +
+                          Number(sigma.at("angle_max_deg"), is_computed("angle_deg")) + ")");
   for (size_t c = 0; c < sigma.at("focal_px").size(); ++c) {
     row("focal length",
         fmt::format("{:.2f} +- {} px", report.at("cameras").at(c).at("params").at(0).get<double>(),
@@ -227,7 +250,7 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
     const json& scale = sigma.at("scale_rel");
     row("object / background", scale.is_number()
                                    ? fmt::format("+- {:.3g} % of scale", 100 * scale.get<double>())
-                                   : std::string("not observable"));
+                                   : "scale " + Number(scale, is_computed("scale_rel")));
   } else {
     row("object / background", "scale cannot be observed from one station");
   }
@@ -236,7 +259,7 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
     row("observability",
         fmt::format("nullity {} of {} parameters, gap {}", observability.at("nullity").get<int>(),
                     observability.at("parameters").get<int>(),
-                    Number(observability.at("singular_value_gap"), "{:.2g}")));
+                    Number(observability.at("singular_value_gap"), true, "{:.2g}")));
     for (const auto& direction : observability.at("null_directions"))
       row("  free", direction.get<std::string>());
   }

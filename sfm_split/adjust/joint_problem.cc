@@ -6,6 +6,7 @@
 #include <set>
 
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {
@@ -85,7 +86,7 @@ void ScatterBody(const JointProblem& problem, const JointBody& body, ColmapModel
 }
 
 // The axis of freely placed objects: that of the turntable closest to them.
-void FitAxisToObjectPoses(const JointProblem& problem, TurntableScene* scene) {
+void FitAxisToObjectPoses(TurntableScene* scene) {
   std::vector<TurntablePose> poses;
   for (const View& view : scene->views) {
     poses.push_back({view.name, view.station, view.CamFromObject(), view.cam_from_world});
@@ -95,10 +96,6 @@ void FitAxisToObjectPoses(const JointProblem& problem, TurntableScene* scene) {
   const TurntableSolution solution = SolveTurntable(poses, options);
   if (solution.motion != TurntableMotion::kRotates) return;
   scene->axis = {solution.groups[0].point_in_world, solution.groups[0].axis_in_world};
-  const double zero = solution.images[problem.reference].angle_rad;
-  for (size_t i = 0; i < scene->views.size(); ++i) {
-    scene->views[i].angle_deg = WrapAngle(solution.images[i].angle_rad - zero) * 180 / kPi;
-  }
 }
 
 }  // namespace
@@ -187,7 +184,10 @@ void ApplyJointProblem(const JointProblem& problem, AlignedScene* aligned) {
     view.angle_deg = WrapAngle(problem.images[i].angle_rad) * 180 / kPi;
   }
   scene.axis = {problem.AxisPoint(), problem.AxisDirection()};
-  if (problem.free_object) FitAxisToObjectPoses(problem, &scene);
+  if (problem.free_object) {
+    FitAxisToObjectPoses(&scene);
+    for (View& view : scene.views) view.angle_deg = TableAngleDeg(scene.axis, view.world_from_object);
+  }
 
   const auto set_poses = [&] {
     std::map<std::string, const View*> view_of_name;

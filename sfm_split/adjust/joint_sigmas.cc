@@ -93,11 +93,52 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
     report->focal_sigma_px.push_back(std::sqrt(variance(system.IntrinsicsBlock(static_cast<int>(c)), 0)));
   }
-  if (problem.free_object) return;
+  // Of a sum of parameters, each times its weight.
+  const auto variance_of = [&](const std::vector<std::pair<std::pair<int, int>, double>>& weights) {
+    double largest = 0;
+    for (const Eigen::MatrixXd* covariance : covariances) {
+      double sum = 0;
+      for (const auto& [a, weight_a] : weights) {
+        for (const auto& [b, weight_b] : weights) {
+          const auto first = index_of.find(a);
+          const auto second = index_of.find(b);
+          if (first == index_of.end() || second == index_of.end()) continue;
+          sum += weight_a * weight_b * (*covariance)(first->second, second->second);
+        }
+      }
+      largest = std::max(largest, sum);
+    }
+    return largest;
+  };
+  const Vector3d axis_direction = problem.AxisDirection();
+  std::vector<int> images_of_pose(problem.cam_from_world.size(), 0);
+  for (const JointImage& image : problem.images) ++images_of_pose[static_cast<size_t>(image.pose)];
+  const bool has_background =
+      std::any_of(problem.background.observations.begin(), problem.background.observations.end(),
+                  [](const JointObservation& observation) { return observation.active; });
   for (size_t i = 0; i < problem.images.size(); ++i) {
-    const double sigma = std::sqrt(variance(system.AngleBlock(static_cast<int>(i)), 0)) * 180 / kPi;
-    report->angle_sigma_deg.push_back(system.IsTied(problem.images[i].pose) ? sigma : kInfinity);
+    const int pose = problem.images[i].pose;
+    std::vector<std::pair<std::pair<int, int>, double>> weights;
+    if (problem.free_object) {
+      // The object's rotation is exp(w) R: about the axis, in the world.
+      for (int k = 0; k < 3; ++k)
+        weights.push_back({{system.ObjectPoseBlock(static_cast<int>(i)), k}, axis_direction(k)});
+    } else {
+      weights.push_back({{system.AngleBlock(static_cast<int>(i)), 0}, 1.0});
+      if (!has_background && images_of_pose[static_cast<size_t>(pose)] == 1) {
+        // A camera of its own, exp(w) R, whose turn about the axis nothing tells: that of the object against
+        // it.
+        const Vector3d in_camera =
+            problem.cam_from_world[static_cast<size_t>(pose)].rotation * axis_direction;
+        for (int k = 0; k < 3; ++k) weights.push_back({{system.PoseBlock(pose), k}, in_camera(k)});
+      } else if (!system.IsTied(pose)) {
+        report->angle_sigma_deg.push_back(kInfinity);
+        continue;
+      }
+    }
+    report->angle_sigma_deg.push_back(std::sqrt(variance_of(weights)) * 180 / kPi);
   }
+  if (problem.free_object) return;
   if (!system.blocks()[system.AxisBlock()].used) return;
   const auto worst = [](const Eigen::Matrix2d& covariance) {
     return std::sqrt(

@@ -15,7 +15,6 @@ namespace s2gs {
 namespace {
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr uint64_t kHeldBackOneIn = 10;
 constexpr float kLeastMovePx = 3;       // less may be the background's
 constexpr int kNextInOrder = 2;         // photos so far apart in order are neighbours
 constexpr int kLeastOfTurn = 6;         // photos of a station that can be a turn
@@ -23,14 +22,8 @@ constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their rob
 constexpr double kNoiseRange = 6;       // of the bound, over which errors are looked at
 constexpr int kLeastSupport = 15;       // COLMAP's least motion between two photos
 constexpr double kMagnification = 2;    // of what is near over what is far, on a turntable, at most
+constexpr double kFarMoving = 0.8;      // of matches move less: those at the axis hardly move
 constexpr double kOutlying = 0.02;      // of keypoints, left out on either side of what the object sweeps
-
-uint64_t Mix(uint64_t x) {  // SplitMix64's
-  x += 0x9e3779b97f4a7c15ULL;
-  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
-  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
-  return x ^ (x >> 31);
-}
 
 class Gatherer {
  public:
@@ -85,6 +78,7 @@ class Gatherer {
     return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
   }
   FeatureMatches Proven(const ImagePairMatches& pair) const;
+  int TurnsOf(int station) const;
 
   const ScanFeatures& features_;
   double bound_px_;
@@ -166,6 +160,7 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       pairs[kSeam].push_back(&pair);
     }
   }
+  std::set<int> closed;  // stations whose end shows what their beginning does
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
     AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
@@ -179,8 +174,29 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
       evidence->seam_pairs += kind == kSeam ? 1 : 0;
       evidence->contradicted_seams += kind == kSeam && is_contradicted ? 1 : 0;
+      if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pairs[kind][p]->image1));
     }
   }
+  for (const int station : closed) evidence->turns_of_nothing += TurnsOf(station) == 0 ? 1 : 0;
+}
+
+// The steps of a station in order, and the one from its last photo to its first, in whole turns.
+int Gatherer::TurnsOf(int station) const {
+  double sum = 0;
+  const View* first = nullptr;
+  const View* before = nullptr;
+  const auto step = [](const View& from, const View& to) {
+    return WrapAngle((to.angle_deg - from.angle_deg) * kDegree);
+  };
+  for (const int image : order_.at(station)) {
+    const View* view = view_of_[static_cast<size_t>(image)];
+    if (view == nullptr) continue;
+    if (before != nullptr) sum += step(*before, *view);
+    if (first == nullptr) first = view;
+    before = view;
+  }
+  if (first != nullptr) sum += step(*before, *first);
+  return static_cast<int>(std::lround(sum / (360 * kDegree)));
 }
 
 // A point that turns by an angle moves no farther than its distance from the axis times the angle; what the
@@ -197,6 +213,12 @@ void Gatherer::Steps(ScanEvidence* evidence) {
       y_of[station].push_back(KeypointsOf(pair.image1)[match.point2D_idx1].y());
     }
   }
+  const auto upper = [](std::vector<double> values) {
+    const auto at =
+        values.begin() + static_cast<std::ptrdiff_t>(kFarMoving * static_cast<double>(values.size()));
+    std::nth_element(values.begin(), at, values.end());
+    return *at;
+  };
   const auto extent = [](std::vector<float>* values) {
     std::sort(values->begin(), values->end());
     const auto out = static_cast<size_t>(kOutlying * static_cast<double>(values->size()));
@@ -205,7 +227,7 @@ void Gatherer::Steps(ScanEvidence* evidence) {
   std::vector<double> steps;
   std::vector<double> least;
   for (const auto& [station, images] : order_) {
-    const double swept = std::hypot(extent(&x_of[station]), extent(&y_of[station]));
+    const double swept = std::max(extent(&x_of[station]), extent(&y_of[station]));
     for (size_t k = 1; k < images.size(); ++k) {
       const int before = images[k - 1];
       const int after = images[k];
@@ -222,11 +244,43 @@ void Gatherer::Steps(ScanEvidence* evidence) {
                          KeypointsOf(found->second->image2)[match.point2D_idx2])
                             .norm());
       }
-      if (swept > 0) least.push_back(UpperMedian(moved) / (kMagnification * swept) / kDegree);
+      if (swept > 0) least.push_back(upper(moved) / (kMagnification * swept) / kDegree);
     }
   }
   if (!steps.empty()) evidence->median_step_deg = UpperMedian(steps);
   if (!least.empty()) evidence->least_step_deg = UpperMedian(least);
+}
+
+// Where the axis lies between the cameras and the object's points.
+void RecordAxis(const AlignedScene& aligned, ScanEvidence* evidence) {
+  const TurntableAxis& axis = aligned.scene.axis;
+  const auto radial = [&](const Eigen::Vector3d& x) -> Eigen::Vector3d {
+    const Eigen::Vector3d from_axis = x - axis.point;
+    return from_axis - axis.direction * axis.direction.dot(from_axis);
+  };
+  std::vector<double> radii;
+  std::vector<double> heights;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const auto& [id, point] : aligned.object.points3D) {
+    const Eigen::Vector3d r = radial(point.xyz);
+    radii.push_back(r.norm());
+    heights.push_back(axis.direction.dot(point.xyz));
+    mean += r / std::max(r.norm(), 1e-300);
+  }
+  if (static_cast<int>(radii.size()) < kLeastSupport) return;
+  const double radius = UpperMedian(radii);
+  const double height = UpperMedian(heights);
+  std::vector<double> camera_radii;
+  std::vector<double> camera_heights;
+  for (const View& view : aligned.scene.views) {
+    const Eigen::Vector3d centre = CameraCentre(view.cam_from_world);
+    camera_radii.push_back(radial(centre).norm());
+    camera_heights.push_back(std::abs(axis.direction.dot(centre) - height));
+  }
+  if (!(radius > 0) || camera_radii.empty()) return;
+  evidence->camera_radius_rel = UpperMedian(camera_radii) / radius;
+  evidence->points_one_side = mean.norm() / static_cast<double>(radii.size());
+  evidence->camera_height_rel = UpperMedian(camera_heights) / radius;
 }
 
 void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& cameras, ScanEvidence* evidence) {
@@ -242,51 +296,10 @@ void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& came
 
 }  // namespace
 
-HeldBackKeypoints HoldBack(const ScanFeatures& features) {
-  const size_t num = features.images.size();
-  std::vector<size_t> first(num + 1, 0);
-  for (size_t i = 0; i < num; ++i) first[i + 1] = first[i] + features.images[i].keypoints.size();
-  std::vector<std::vector<size_t>> matched(first.back());
-  for (const ImagePairMatches& pair : features.object_pairs) {
-    for (const FeatureMatch& match : pair.matches) {
-      const size_t a = first[static_cast<size_t>(pair.image1)] + match.point2D_idx1;
-      const size_t b = first[static_cast<size_t>(pair.image2)] + match.point2D_idx2;
-      matched[a].push_back(b);
-      matched[b].push_back(a);
-    }
-  }
-  const auto image_of = [&](size_t k) {
-    return std::upper_bound(first.begin(), first.end(), k) - first.begin() - 1;
-  };
-  std::vector<bool> seen(first.back(), false);
-  std::vector<bool> held(first.back(), false);
-  for (size_t start = 0; start < matched.size(); ++start) {
-    if (seen[start] || matched[start].empty()) continue;
-    std::vector<size_t> set = {start};
-    seen[start] = true;
-    for (size_t at = 0; at < set.size(); ++at) {
-      for (const size_t next : matched[set[at]]) {
-        if (!seen[next]) set.push_back(next);
-        seen[next] = true;
-      }
-    }
-    if (Mix(start) % kHeldBackOneIn != 0) continue;
-    std::set<std::ptrdiff_t> images;
-    for (const size_t k : set) images.insert(image_of(k));
-    if (images.size() != set.size()) continue;
-    for (const size_t k : set) held[k] = true;
-  }
-  HeldBackKeypoints result(num);
-  for (size_t i = 0; i < num; ++i) {
-    result[i].assign(held.begin() + static_cast<std::ptrdiff_t>(first[i]),
-                     held.begin() + static_cast<std::ptrdiff_t>(first[i + 1]));
-  }
-  return result;
-}
-
-ScanEvidence GatherEvidence(const ScanFeatures& features, const TurntableScene& scene,
+ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& aligned,
                             const JointReport& joint, const HeldBackKeypoints& held_back,
                             double max_error_px) {
+  const TurntableScene& scene = aligned.scene;
   ScanEvidence evidence;
   evidence.bound_px = max_error_px;
   evidence.placed = static_cast<int>(scene.views.size());
@@ -296,6 +309,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const TurntableScene& 
   gatherer.VerifiedMatches(held_back, &evidence);
   gatherer.ProvenPairs(&evidence);
   gatherer.Steps(&evidence);
+  RecordAxis(aligned, &evidence);
 
   if (!joint.observability.computed) return evidence;
   std::vector<double> sigmas;
@@ -309,6 +323,8 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const TurntableScene& 
   for (size_t c = 0; c < joint.focal_sigma_px.size() && c < scene.cameras.size(); ++c) {
     const double relative = joint.focal_sigma_px[c] / FocalLengths(scene.cameras[c]).x();
     if (relative > 0) evidence.focal_sigma_rel = std::max(evidence.focal_sigma_rel.value_or(0), relative);
+    const auto prior = features.has_prior_focal.find(scene.cameras[c].camera_id);
+    evidence.is_focal_guessed |= relative == 0 && prior != features.has_prior_focal.end() && !prior->second;
   }
   if (joint.scale_sigma_rel >= 0) evidence.scale_sigma_rel = joint.scale_sigma_rel;
   return evidence;

@@ -1,26 +1,19 @@
 #pragma once
 
-#include <string>
 #include <vector>
 
+#include "sfm_split/adjust/held_back.h"
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/verdict.h"
 #include "sfm_split/scene/scan_features.h"
 
 namespace s2gs {
 
-/// Keypoints that no adjustment may see, by image and keypoint.
-using HeldBackKeypoints = std::vector<std::vector<bool>>;
-
-/// A tenth of what is matched: of the sets of keypoints that verified matches of the object tie together,
-/// those that a hash of their first keypoint chooses. Sets with two keypoints of one photo hold a wrong
-/// match, and are never chosen. The same features give the same choice.
-HeldBackKeypoints HoldBack(const ScanFeatures& features);
-
 /// What the matches say of poses that were adjusted without the keypoints held back.
+/// \param aligned       the scene, with the object's points.
 /// \param joint         of the last adjustment.
 /// \param max_error_px  distance from its epipolar line at which a match agrees.
-ScanEvidence GatherEvidence(const ScanFeatures& features, const TurntableScene& scene,
+ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& aligned,
                             const JointReport& joint, const HeldBackKeypoints& held_back,
                             double max_error_px);
 

@@ -16,8 +16,12 @@ constexpr double kHalf = 0.5;
 // Cameras of photogrammetry, from fisheye to long telephoto.
 constexpr double kLeastFocalWidths = 0.3;
 constexpr double kMostFocalWidths = 10;
+// Points around the axis have their mean near it; those of a distant body, all of its distance away.
+constexpr double kAround = 0.9;
 // Fewer matches than COLMAP asks of a motion between two photos tell nothing.
 constexpr int64_t kLeastMatches = 15;
+// Points were built from keypoints within so many standard deviations of a coordinate (scan_refinement.cc).
+constexpr double kErrorSigmas = 5;
 // Excess of the held-back noise over the adjusted one, in its standard deviations: three are one in 700.
 constexpr double kNoiseSigmas = 3;
 // Noise that the adjustment cannot have seen grows with the parameters a match pays for; doubled, the poses
@@ -43,6 +47,7 @@ class Judge {
     JudgePlaced();
     if (!evidence_.is_one_body) {
       JudgeSteps();
+      JudgeAxis();
       JudgeSeam();
       JudgePairs();
       JudgeHeldBack();
@@ -123,7 +128,24 @@ class Judge {
         {kFocal, kTexture});
   }
 
+  // An axis between the camera and the object, or through the camera, makes a turn what is none: details move
+  // by it as they do when the camera swings. Only a camera above the table may be nearer to the axis than
+  // what turns.
+  void JudgeAxis() {
+    if (!evidence_.camera_radius_rel || !evidence_.points_one_side || !evidence_.camera_height_rel) return;
+    if (*evidence_.camera_radius_rel >= 1 || *evidence_.camera_height_rel >= 1) return;
+    if (*evidence_.points_one_side < kAround) return;
+    Add(Verdict::kFailed, "the table's axis came out nearer to the camera than to what turns",
+        {kTexture, kFocal});
+  }
+
   void JudgeSeam() {
+    if (evidence_.turns_of_nothing > 0) {
+      Add(Verdict::kDoubtful,
+          "the last photos and the first share details, but by the poses the table went and came back the "
+          "same way",
+          {kTexture, kSmallerSteps, kFocal});
+    }
     const std::optional<double> seam = evidence_.seam.Share();
     if (!seam || evidence_.seam.all < kLeastMatches) return;
     const double others = evidence_.neighbours.Share().value_or(1);
@@ -168,6 +190,13 @@ class Judge {
                static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps});
     }
+    if (evidence_.adjusted_noise_px && kErrorSigmas * *evidence_.adjusted_noise_px > evidence_.bound_px) {
+      Add(Verdict::kDoubtful,
+          Text("matches miss their lines by %.2g px, more than the %.2g px of keypoints that the poses are "
+               "for",
+               *evidence_.adjusted_noise_px, evidence_.bound_px / kErrorSigmas),
+          {kTexture, kLight, kFixedCamera});
+    }
     if (!evidence_.adjusted_noise_px || !evidence_.held_back_noise_px) return;
     const double adjusted = *evidence_.adjusted_noise_px;
     const double held_back = *evidence_.held_back_noise_px;
@@ -197,10 +226,13 @@ class Judge {
       Add(Verdict::kFailed, Text("the focal length came out as %.2g times the photos' width", widths),
           {kFocal});
     }
+    if (evidence_.is_focal_guessed) {
+      Add(Verdict::kDoubtful, "the focal length is a guess that the photos do not check", {kFocal, kTexture});
+    }
     if (evidence_.focal_prior_share && *evidence_.focal_prior_share > kMaxPriorShare &&
         evidence_.focal_sigma_rel && evidence_.angle_sigma_max_deg &&
         kSigmas * *evidence_.angle_sigma_max_deg > kMaxAngleDeg) {
-      Add(Verdict::kDoubtful, "the focal length is a guess that the photos do not check", {kFocal});
+      Add(Verdict::kDoubtful, "most of what is known of the focal length is a guess", {kFocal});
     }
   }
 

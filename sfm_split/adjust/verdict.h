@@ -56,15 +56,26 @@ struct ScanEvidence {
   int contradicted_neighbours = 0;  ///< pairs of which fewer than half agree.
   int seam_pairs = 0;
   int contradicted_seams = 0;
+  /// Stations whose last photos and first share details, though their steps and the one across the end add up
+  /// to no turn at all: the table went and came back the same way.
+  int turns_of_nothing = 0;
 
   /// The table's steps by the poses, and the least that lets the object's keypoints move as they do.
   std::optional<double> median_step_deg;
   std::optional<double> least_step_deg;
 
+  /// Where the axis came out: the cameras' distance from it over that of the object's points (medians); the
+  /// length of the mean of the points' directions from it, 1 when all lie on one side; the cameras' height
+  /// over the points, over the same distance.
+  std::optional<double> camera_radius_rel;
+  std::optional<double> points_one_side;
+  std::optional<double> camera_height_rel;
+
   std::vector<double> focal_widths;  ///< of each camera, over the photo's width.
   /// Standard deviations; the shares that rest on priors.
   std::optional<double> focal_sigma_rel;
   std::optional<double> focal_prior_share;
+  bool is_focal_guessed = false;  ///< neither the photos' data nor the adjustment tells it.
   std::optional<double> angle_sigma_median_deg;
   std::optional<double> angle_sigma_max_deg;
   std::optional<double> scale_sigma_rel;

@@ -291,6 +291,24 @@ void ScanRefiner::SettleLoneCameras(int enough_observations) {
   }
 }
 
+// Without a background nothing tells what a camera of its own moved from what the object did. A station's
+// camera stands still, so that it is the object that was shifted or tilted: its pose is what the camera sees,
+// and its angle what of that is a turn about the axis.
+void ScanRefiner::StandCamerasStill() {
+  std::vector<View>& views = aligned_->scene.views;
+  std::map<int, Rigid3> camera_of_station;
+  for (const View& view : views) {
+    if (IsReference(view)) camera_of_station[view.station] = view.cam_from_world;
+  }
+  for (View& view : views) {
+    const auto [entry, is_first] = camera_of_station.try_emplace(view.station, view.cam_from_world);
+    if (is_first || IsReference(view)) continue;
+    view.world_from_object = entry->second.Inverse() * view.CamFromObject();
+    view.cam_from_world = entry->second;
+    view.angle_deg = TableAngleDeg(aligned_->scene.axis, view.world_from_object);
+  }
+}
+
 // Each station may be wrong by its angle about the axis, where the object alone placed it or the background's
 // reconstruction failed: matches on the background say where it stands, and whether they do.
 void ScanRefiner::PlaceStations(double max_error_px) {

@@ -481,6 +481,7 @@ RefineReport ScanRefiner::Run() {
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;
   if (cameras_are_free_ && has_background_) SettleLoneCameras(1);
+  if (cameras_are_free_ && !has_background_) StandCamerasStill();
   IndexViews();
   TakeRawMatches(max_error_px);
   object_points_ = Triangulate(true, max_error_px);

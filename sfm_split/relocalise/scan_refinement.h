@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/adjust/held_back.h"
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/scan_evidence.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/scan_features.h"

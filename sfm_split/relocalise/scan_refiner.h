@@ -64,6 +64,7 @@ class ScanRefiner {
   std::optional<double> TurnFromReconstruction(int station) const;
   void PlaceByReconstruction(const std::set<int>& stations, const TieOptions& options);
   void SettleLoneCameras(int enough_observations);
+  void StandCamerasStill();
   std::vector<StationMatches> MatchesOfStations() const;
   void TurnStation(int station, double turn_rad, const RelocalisedImage& how);
   void DropUntiedStations();

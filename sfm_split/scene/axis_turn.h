@@ -20,6 +20,14 @@ inline double AngleAboutAxis(const TurntableAxis& axis, const Eigen::Vector3d& f
   return std::atan2(n.dot(u.cross(v)), u.dot(v) - n.dot(u) * n.dot(v));
 }
 
+/// The table's angle [degrees, in (-180, 180]] that an object's pose shows: its turn about the axis since the
+/// reference image, where the object's frame is the world's. A pose that is tilted or shifted besides has
+/// that of the nearest pure turn.
+inline double TableAngleDeg(const TurntableAxis& axis, const Rigid3& world_from_object) {
+  constexpr double kDegree = 3.14159265358979323846 / 180;
+  return AngleAbout(axis.direction, world_from_object.rotation.toRotationMatrix()) / kDegree;
+}
+
 inline Rigid3 TurnAbout(const TurntableAxis& axis, double angle_rad) {
   const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, angle_rad);
   return {Eigen::Quaterniond(turn), axis.point - turn * axis.point};

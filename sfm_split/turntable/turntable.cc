@@ -7,6 +7,7 @@
 #include <map>
 #include <numeric>
 #include <random>
+#include <set>
 #include <utility>
 
 #include "sfm_split/base/rotation.h"
@@ -165,6 +166,54 @@ void RecordImages(const std::vector<TurntableMeasurement>& all, const std::vecto
   }
 }
 
+// How far each image lies from a group's axis and from where its offset should be, in the group's own bounds.
+std::vector<double> MisfitsOf(const std::vector<TurntableMeasurement>& all, const GroupFit& group) {
+  std::vector<double> misfits;
+  misfits.reserve(all.size());
+  for (const TurntableMeasurement& one : all) {
+    misfits.push_back(std::max(TurntableAxisResidual(one, group.axis.n, group.axis.m) / group.axis.bound,
+                               TurntableOffsetResidual(one, group.offset) / group.offset.bound));
+  }
+  return misfits;
+}
+
+// Whether the images of a further group, in order of names within their stations, are runs that begin and end
+// with a jump: an object that was moved lies elsewhere from one photo to the next, and as far from there
+// until the end. What a lens or a focal length that is not modelled bends grows slowly and is as small at its
+// ends as the bound.
+bool IsMoved(const std::vector<TurntablePose>& poses, const std::vector<double>& misfits,
+             const std::vector<int>& inliers, size_t num_known) {
+  std::map<std::pair<int, std::string>, bool> is_inlier;  // in order of station and name
+  std::map<std::pair<int, std::string>, double> misfit_of;
+  for (size_t t = 0; t < poses.size(); ++t) {
+    if (!std::isfinite(misfits[t])) continue;
+    is_inlier[{poses[t].station, poses[t].name}] = false;
+    misfit_of[{poses[t].station, poses[t].name}] = misfits[t];
+  }
+  std::vector<double> of_group;
+  for (const int t : inliers) {
+    is_inlier[{poses[t].station, poses[t].name}] = true;
+    of_group.push_back(misfits[t]);
+  }
+  const double half = 0.5 * UpperMedian(of_group);
+  size_t runs = 0;
+  std::set<int> stations;
+  const std::pair<const std::pair<int, std::string>, bool>* before = nullptr;
+  for (const auto& entry : is_inlier) {
+    stations.insert(entry.first.first);
+    const bool follows = before != nullptr && before->first.first == entry.first.first;
+    if (entry.second && !(follows && before->second)) {
+      ++runs;
+      if (follows && misfit_of[entry.first] < half) return false;
+    }
+    if (!entry.second && follows && before->second && misfit_of[before->first] < half) return false;
+    before = &entry;
+  }
+  // Each station may have been taken after the object was moved, and back; images that fit nothing break runs
+  // too.
+  return runs <= stations.size() + num_known && half > 1;
+}
+
 double UpSignOf(const std::vector<TurntablePose>& poses, const std::vector<int>& use, const Vector3d& axis) {
   std::vector<Matrix3d> cam_from_world;
   cam_from_world.reserve(use.size());
@@ -262,6 +311,7 @@ TurntableSolution SolveTurntable(const std::vector<TurntablePose>& poses, const 
   std::mt19937 rng(options.random_seed);
   const size_t smallest_group = std::max<size_t>(4, (rest.size() + 9) / 10);
 
+  std::vector<double> misfits;  // of the first group
   std::optional<double> scale = options.known_scale;
   while (solution.groups.empty() ? rest.size() >= 2 : rest.size() >= smallest_group) {
     const GroupFit group = FitGroup(all, rest, scale, options, &rng);
@@ -271,7 +321,8 @@ TurntableSolution SolveTurntable(const std::vector<TurntablePose>& poses, const 
       if (motion == TurntableMotion::kRotates && group.inliers.size() < 2) break;
       solution.motion = motion;
       if (motion != TurntableMotion::kRotates) return solution;
-    } else if (group.inliers.size() < smallest_group || group.axis.axis_sigma > 3 * kDegree) {
+    } else if (group.inliers.size() < smallest_group || group.axis.axis_sigma > 3 * kDegree ||
+               !IsMoved(poses, misfits, group.inliers, solution.groups.size())) {
       break;
     }
     TurntableGroup out;
@@ -284,6 +335,7 @@ TurntableSolution SolveTurntable(const std::vector<TurntablePose>& poses, const 
     out.num_images = static_cast<int>(group.inliers.size());
     if (first) {
       scale = group.offset.scale;
+      misfits = MisfitsOf(all, group);
       RecordScale(poses, all, group, &solution);
     }
     solution.groups.push_back(out);

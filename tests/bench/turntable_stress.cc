@@ -4,8 +4,10 @@
 //
 //   turntable_stress [SEEDS] [THREADS] [--cells TEXT...]
 //
-// prints a Markdown table of all cells, or of those whose names contain one of the texts, each row as soon as
-// it is done, and runs that failed on stderr.
+// prints a Markdown table of all cells (angles' errors that are within two of their standard deviations, and
+// how many runs were called good, and of these how many have a place that is wrong by more than a degree,
+// beside the errors), or of those whose names contain one of the texts, each row as soon as it is done, and
+// runs that failed on stderr.
 
 #include <algorithm>
 #include <array>
@@ -21,6 +23,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/adjust/scan_evidence.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/pose_error.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -47,6 +50,10 @@ struct Outcome {
   double angle_max_deg = 0;
   double rotation_median_deg = 0;
   double rotation_max_deg = 0;
+  int with_sigma = 0;     // images whose table angle has a standard deviation
+  int within_sigmas = 0;  // of these, errors within two of them
+  Verdict verdict = Verdict::kFailed;
+  bool is_wrong = false;  // a place is wrong by more than a degree, whether or not all images are there
 };
 
 // A run succeeds when every image is there and no table angle is wrong by more.
@@ -153,6 +160,34 @@ double Median(std::vector<double> values) {
   return *middle;
 }
 
+// Errors of the table's angles against the reference's, in their standard deviations. The sense of the axis
+// is that of the truth or the other one.
+void CountWithinSigmas(const TurntableScene& scene, const std::map<std::string, const View*>& truth_of,
+                       const std::vector<double>& sigmas, Outcome* outcome) {
+  if (sigmas.size() != scene.views.size()) return;
+  const auto reference =
+      std::find_if(scene.views.begin(), scene.views.end(), [](const View& v) { return v.angle_deg == 0; });
+  if (reference == scene.views.end()) return;
+  const double zero = truth_of.at(reference->name)->angle_deg;
+  int best = -1;
+  for (const double sense : {1.0, -1.0}) {
+    int all = 0;
+    int within = 0;
+    for (size_t i = 0; i < scene.views.size(); ++i) {
+      if (!(sigmas[i] > 0) || !std::isfinite(sigmas[i])) continue;
+      const View& view = scene.views[i];
+      const double error =
+          std::remainder(sense * view.angle_deg - (truth_of.at(view.name)->angle_deg - zero), 360.0);
+      ++all;
+      within += std::abs(error) <= 2 * sigmas[i] ? 1 : 0;
+    }
+    if (within <= best) continue;
+    best = within;
+    outcome->with_sigma = all;
+    outcome->within_sigmas = within;
+  }
+}
+
 Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
   SyntheticTurntableOptions options = Baseline();
   options.seed = seed;
@@ -248,6 +283,15 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
   for (const double error : errors.rotation_deg) {
     outcome.rotation_max_deg = std::max(outcome.rotation_max_deg, error);
   }
+  outcome.is_wrong = outcome.images == 0 || outcome.angle_max_deg > kMaxAngleErrorDeg ||
+                     outcome.rotation_max_deg > kMaxAngleErrorDeg;
+  CountWithinSigmas(aligned.scene, truth_of, refined.joint.angle_sigma_deg, &outcome);
+  if (outcome.images > 0) {
+    features.raw_pairs = features.object_pairs;
+    outcome.verdict = JudgeScan(GatherEvidence(features, aligned, refined.joint, refined.held_back,
+                                               RefineOptions().max_error_px))
+                          .verdict;
+  }
   outcome.success = outcome.images == static_cast<int>(turntable.scene.views.size()) && !angles.empty() &&
                     outcome.angle_max_deg <= kMaxAngleErrorDeg;
   return outcome;
@@ -267,9 +311,20 @@ std::string Summary(const std::vector<Outcome>& outcomes) {
     angle_max = std::max(angle_max, outcome.angle_max_deg);
     rotation_max = std::max(rotation_max, outcome.rotation_max_deg);
   }
-  char text[160];
-  std::snprintf(text, sizeof(text), "%d of %zu | %.3f / %.2f | %.3f / %.2f", successes, outcomes.size(),
-                Median(angle_medians), angle_max, Median(rotation_medians), rotation_max);
+  int with_sigma = 0;
+  int within_sigmas = 0;
+  int good = 0;
+  int good_of_wrong = 0;
+  for (const Outcome& outcome : outcomes) {
+    with_sigma += outcome.with_sigma;
+    within_sigmas += outcome.within_sigmas;
+    good += outcome.verdict == Verdict::kGood ? 1 : 0;
+    good_of_wrong += outcome.verdict == Verdict::kGood && outcome.is_wrong ? 1 : 0;
+  }
+  char text[200];
+  std::snprintf(text, sizeof(text), "%d of %zu | %.3f / %.2f | %.3f / %.2f | %.0f %% | %d, %d", successes,
+                outcomes.size(), Median(angle_medians), angle_max, Median(rotation_medians), rotation_max,
+                100.0 * within_sigmas / std::max(1, with_sigma), good, good_of_wrong);
   return text;
 }
 
@@ -281,8 +336,11 @@ class Table {
       for (std::vector<Outcome>& outcomes : row.outcomes) outcomes.resize(static_cast<size_t>(seeds));
       row.left = 2 * seeds;
     }
-    std::printf("| | free SfM: success | angle | rotation | single axis: success | angle | rotation |\n");
-    std::printf("|---|---|---|---|---|---|---|\n");
+    std::printf(
+        "| | free SfM: success | angle | rotation | within 2 sigma | good, of wrong ones | single axis: "
+        "success | "
+        "angle | rotation | within 2 sigma | good, of wrong ones |\n");
+    std::printf("|---|---|---|---|---|---|---|---|---|---|---|\n");
     std::fflush(stdout);
   }
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "sfm_split/adjust/scan_evidence.h"
+#include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
 #include "tests/support/synthetic_turntable.h"
 
@@ -64,6 +65,13 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
        [](ScanEvidence* e) { e->angle_sigma_max_deg = 0.8; }},
       {"cannot be told", Verdict::kDoubtful,
        [](ScanEvidence* e) { e->angle_sigma_max_deg = std::numeric_limits<double>::infinity(); }},
+      {"nearer to the camera", Verdict::kFailed,
+       [](ScanEvidence* e) {
+         e->camera_radius_rel = 0.1;
+         e->points_one_side = 0.99;
+         e->camera_height_rel = 0.2;
+       }},
+      {"a guess", Verdict::kDoubtful, [](ScanEvidence* e) { e->is_focal_guessed = true; }},
       {"focal length", Verdict::kFailed, [](ScanEvidence* e) { e->focal_widths = {0.036}; }},
       {"different camera places", Verdict::kFailed,
        [](ScanEvidence* e) {
@@ -129,7 +137,10 @@ Scan MakeScan() {
 }
 
 ScanEvidence Gather(const Scan& scan, const TurntableScene& scene) {
-  return GatherEvidence(scan.features, scene, JointReport(), HoldBack(scan.features), 4);
+  AlignedScene aligned;
+  aligned.scene = scene;
+  aligned.object = SyntheticObjectModel(scan.turntable);
+  return GatherEvidence(scan.features, aligned, JointReport(), HoldBack(scan.features), 4);
 }
 
 TEST(ScanEvidence, ATenthIsHeldBackInWholeSets) {
@@ -164,6 +175,7 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_GT(*evidence.across_stations.Share(), 0.95);
   EXPECT_NEAR(*evidence.median_step_deg, 20, 1e-9);
   EXPECT_LT(*evidence.least_step_deg, 20);
+  EXPECT_GT(*evidence.camera_radius_rel, 2);
   EXPECT_NEAR(*evidence.held_back_noise_px, 0.3, 0.05);
   EXPECT_NEAR(*evidence.adjusted_noise_px, 0.3, 0.05);
   const ScanVerdict verdict = JudgeScan(evidence);
