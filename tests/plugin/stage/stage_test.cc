@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -262,6 +263,20 @@ TEST(CheckStages, SurvivesStampsThatDependOnEachOther) {
   }
   EXPECT_EQ(p.Status("a").reason, "missing.txt is missing");
   EXPECT_EQ(p.Status("b").reason, "a is stale");
+}
+
+TEST(StageRunner, AnotherVersionRunsEveryStageAgain) {
+  Pipeline pipeline;
+  pipeline.Run();
+  EXPECT_THAT(pipeline.Run(), IsEmpty());
+  std::optional<StageStamp> stamp = ReadStageStamp(pipeline.workspace, "match", pipeline.log);
+  ASSERT_TRUE(stamp);
+  stamp->program_version = "0.0.1";
+  WriteStageStamp(pipeline.workspace, "match", *stamp);
+  EXPECT_EQ(pipeline.Status("match").state, StageState::kStale);
+  EXPECT_THAT(pipeline.Status("match").reason, HasSubstr("0.0.1"));
+  EXPECT_THAT(pipeline.Run(), ElementsAre("match", "train", "mesh"));
+  EXPECT_THAT(pipeline.Run(), IsEmpty());
 }
 
 TEST(StageRunner, ADamagedStampMakesTheStageRunAgain) {
