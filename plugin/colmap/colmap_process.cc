@@ -253,7 +253,7 @@ ColmapProgram::Ended ColmapProgram::Ask(const std::vector<std::string>& argument
     if (!is_late || reporter.StopRequested()) throw;
     throw UserError(
         path_,
-        "does not answer `" + Quoted(arguments) + "` within " +
+        "does not answer `" + ShellQuoted(arguments) + "` within " +
             std::to_string(std::chrono::duration_cast<std::chrono::seconds>(patience_.answer).count()) +
             " seconds",
         kInstallRemedy);
