@@ -189,7 +189,8 @@ std::vector<double> AxisMarks(double low, double high, bool is_log) {
         if (mark >= low && mark <= high && (digit == 1 || has_few)) marks.push_back(mark);
       }
     }
-    if (!marks.empty()) return marks;
+    if (marks.size() >= 2) return marks;
+    marks.clear();
   }
   const double rough = (high - low) / 5;
   const double power = std::pow(10.0, std::floor(std::log10(rough)));
@@ -226,7 +227,7 @@ void WritePlot(const Plot& plot, HtmlWriter* out) {
   out->Open("p", {{"class", "legend"}});
   for (const PlotSeries& series : plot.series) {
     if (series.name.empty()) continue;
-    out->Open("span", {{"class", SeriesClass(series.color)}}).Void("i").Text(series.name).Close();
+    out->Open("span", {{"class", SeriesClass(series.color)}}).Element("i", "").Text(series.name).Close();
   }
   out->Close().Close();
 }

@@ -12,6 +12,7 @@ namespace {
 
 // Once in so many fields, one cell of pure noise may look systematic.
 constexpr double kFalseAlarms = 0.05;
+constexpr size_t kMinPoints = 10;  // of a cell: from fewer their variance is a guess
 
 }  // namespace
 
@@ -29,7 +30,7 @@ ModelResiduals ComputeResiduals(const ColmapModel& model) {
         ++residuals.num_behind;
         continue;
       }
-      observations.push_back({keypoint.xy, keypoint.xy - *projected});
+      observations.push_back({keypoint.xy, keypoint.xy - *projected, keypoint.point3D_id});
     }
     residuals.num_observations += observations.size();
     residuals.by_image.emplace(id, std::move(observations));
@@ -55,36 +56,43 @@ ResidualField ComputeResidualField(const std::vector<const ColmapModel*>& models
   field.cell_px = static_cast<double>(std::max(camera.width, camera.height)) / across;
   struct Sum {
     Eigen::Vector2d residual = Eigen::Vector2d::Zero();
-    double squares = 0;
     size_t count = 0;
   };
-  std::map<std::pair<int, int>, Sum> sums;
+  using Point = std::pair<size_t, uint64_t>;  // model and id
+  std::map<std::pair<int, int>, std::map<Point, Sum>> sums;
   for (size_t m = 0; m < models.size(); ++m) {
     for (const auto& [id, observations] : residuals[m]->by_image) {
       if (models[m]->images.at(id).camera_id != camera.camera_id) continue;
       for (const ModelResiduals::Observation& observation : observations) {
         const Eigen::Vector2d cell = observation.xy / field.cell_px;
         if (!(cell.minCoeff() >= 0 && cell.maxCoeff() < across + 1)) continue;
-        Sum& sum = sums[{static_cast<int>(cell.x()), static_cast<int>(cell.y())}];
+        Sum& sum =
+            sums[{static_cast<int>(cell.x()), static_cast<int>(cell.y())}][{m, observation.point3D_id}];
         sum.residual += observation.residual;
-        sum.squares += observation.residual.squaredNorm();
         ++sum.count;
       }
     }
   }
-  for (const auto& [at, sum] : sums) {
+  for (const auto& [at, points] : sums) {
     ResidualField::Cell cell;
     cell.middle = field.cell_px * Eigen::Vector2d(at.first + 0.5, at.second + 0.5);
-    cell.count = sum.count;
-    const auto n = static_cast<double>(sum.count);
-    cell.mean = sum.residual / n;
-    // Of n residuals with variance s^2 in each coordinate the mean's length r has the tail
+    cell.count = points.size();
+    cell.mean.setZero();
+    double squares = 0;
+    for (const auto& [point, sum] : points) {
+      const Eigen::Vector2d mean = sum.residual / static_cast<double>(sum.count);
+      cell.mean += mean;
+      squares += mean.squaredNorm();
+    }
+    const auto n = static_cast<double>(points.size());
+    cell.mean /= n;
+    // Of n points whose residuals have the variance s^2 in each coordinate the mean's length r has the tail
     // exp(-n r^2 / (2 s^2)) (Rayleigh). From fewer than ten, s is a guess.
-    const double twice_variance = sum.squares / n - cell.mean.squaredNorm();
+    const double twice_variance = squares / n - cell.mean.squaredNorm();
     const double log_tail = twice_variance > 0 ? -n * cell.mean.squaredNorm() / twice_variance
                                                : (cell.mean.norm() > 0 ? -1e300 : 0.0);
     cell.is_systematic =
-        sum.count >= 10 && log_tail < std::log(kFalseAlarms / static_cast<double>(sums.size()));
+        cell.count >= kMinPoints && log_tail < std::log(kFalseAlarms / static_cast<double>(sums.size()));
     field.cells.push_back(cell);
   }
   return field;

@@ -14,6 +14,7 @@ struct ModelResiduals {
   struct Observation {
     Eigen::Vector2d xy;        ///< the keypoint [px].
     Eigen::Vector2d residual;  ///< where the keypoint lies from where its point is projected to [px].
+    uint64_t point3D_id;
   };
   std::map<uint32_t, std::vector<Observation>> by_image;  ///< key: image id.
   size_t num_behind = 0;                                  ///< points that the camera cannot see.
@@ -26,12 +27,13 @@ ModelResiduals ComputeResiduals(const ColmapModel& model);
 /// sqrt of the mean squared length; NaN when there are none.
 double RmsLength(const std::vector<ModelResiduals::Observation>& observations);
 
-/// Mean residuals over the parts of the frame.
+/// Mean residuals over the parts of the frame. What several photos show of one point in one part counts as
+/// one: photos of one station see the background's points at the same pixels, with the same error.
 struct ResidualField {
   struct Cell {
     Eigen::Vector2d middle;  ///< [px]
     Eigen::Vector2d mean;    ///< [px]
-    size_t count = 0;
+    size_t count = 0;        ///< of points.
     /// Whether chance would hardly give such a mean: less than once in twenty such fields.
     bool is_systematic = false;
   };

@@ -60,7 +60,7 @@ void WriteScanReport(const Workspace& workspace, const fs::path& image_path, Rep
   ScanSummary summary = ReadScanRecord(workspace.ScanRecord());
   CollectFigures(workspace, &summary);
   std::vector<ReportSection> sections;
-  sections.push_back(VerdictSection(input));
+  sections.push_back(VerdictSection(input, summary));
   sections.push_back(StagesSection(input, summary));
   sections.push_back(PhotosSection(input, reporter));
   sections.push_back(TableSection(input));
@@ -72,8 +72,6 @@ void WriteScanReport(const Workspace& workspace, const fs::path& image_path, Rep
   sections.push_back(ProvenanceSection(input, summary, reporter));
 
   nlohmann::ordered_json json = SummaryToJson(summary);
-  // What other programs ask first stands at the top.
-  for (const char* key : {"verdict", "reasons", "advice"}) json[key] = sections.front().numbers[key];
   for (const ReportSection& section : sections) json["report"][section.id] = section.numbers;
   const std::string page = Page(TitleOf(workspace), sections);
   // Names of files may hold any bytes.

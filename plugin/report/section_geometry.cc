@@ -67,6 +67,13 @@ std::string Observations(const Json& body, const char* name) {
   return fmt::format("{} keypoints of the {}", count, name);
 }
 
+// How much of the focal length's standard deviation is what was assumed before, not what the photos say.
+std::string PriorShare(const ReportInput& input) {
+  const double share = NumberOr(Part(Part(input.mapper, "verdict"), "measured"), "focal_prior_share");
+  return std::isnan(share) ? ""
+                           : fmt::format("; {} % on what was assumed before", ShortNumber(100 * share, 1));
+}
+
 void AddCameras(const ReportInput& input, const std::string& keypoints, std::vector<Row>* rows, Plot* plot,
                 nlohmann::ordered_json* numbers) {
   const Json& focal_sigmas = Part(Part(input.mapper, "sigma"), "focal_px");

@@ -251,9 +251,7 @@ ReportSection PhotosSection(const ReportInput& input, Reporter& reporter) {
     out.Element("button", label, {{"type", "button"}, {"data-key", key}});
   }
   out.Close();
-  out.Open("ul", {{"class", "photos"},
-                  {"id", "photo-list"},
-                  {"style", fmt::format("--side:{}px", std::max(110, ThumbnailSide(photos.size())))}});
+  out.Open("ul", {{"class", "photos"}, {"id", "photo-list"}});
   for (const Photo& photo : photos) WriteCard(photo, &out);
   out.Close();
   out.Element(

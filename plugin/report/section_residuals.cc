@@ -162,15 +162,15 @@ void WriteField(const std::vector<Body>& bodies, ReportSection* section) {
                         {"x2", ShortNumber(to.x(), 1)},
                         {"y2", ShortNumber(to.y(), 1)}});
       out.Void("circle", {{"cx", ShortNumber(from.x(), 1)}, {"cy", ShortNumber(from.y(), 1)}, {"r", "1.8"}});
-      out.Element("title", fmt::format("{} px from {}", Significant(cell.mean.norm(), 2),
-                                       Count(cell.count, "keypoint")));
+      out.Element("title",
+                  fmt::format("{} px from {}", Significant(cell.mean.norm(), 2), Count(cell.count, "point")));
       out.Close();
     }
     out.Close();
     out.Element(
         "p",
         fmt::format("The longest arrow is {} px. {} of {} cells are coloured: there the mean is larger than "
-                    "chance would make it, so something that the camera model lacks is left.",
+                    "chance would make it, so that something that the camera model lacks is left.",
                     Significant(longest, 2), systematic, field.cells.size()),
         {{"class", "note"}});
     out.Close();
@@ -269,8 +269,8 @@ ReportSection ResidualsSection(const ReportInput& input) {
   }
   section.html.Open("div", {{"class", "figures"}});
   WriteHistogram(bodies, &section);
-  WriteField(bodies, &section);
   WriteTracks(bodies, &section);
+  WriteField(bodies, &section);
   WriteMatches(input, bodies, &section);
   section.html.Close();
   return section;

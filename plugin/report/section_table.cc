@@ -34,20 +34,20 @@ void WriteDial(const ReportInput& input, const std::map<std::string, double>& si
                     {"role", "img"},
                     {"aria-label", "Table angles by station"}});
   const double middle = kDial / 2;
-  const auto radius = [&](int station) { return 62 + (station + 0.5) * (middle - 62 - 26) / stations; };
+  const auto radius = [&](int station) { return 62 + (station + 0.5) * (middle - 62 - 36) / stations; };
   const auto place = [&](double degrees, double r) {
     const double angle = degrees * kPi / 180;
     return Eigen::Vector2d(middle + r * std::cos(angle), middle - r * std::sin(angle));
   };
   for (int degrees = 0; degrees < 360; degrees += 30) {
     const Eigen::Vector2d from = place(degrees, 46);
-    const Eigen::Vector2d to = place(degrees, middle - 22);
+    const Eigen::Vector2d to = place(degrees, middle - 36);
     out->Void("line", {{"class", "grid"},
                        {"x1", ShortNumber(from.x())},
                        {"y1", ShortNumber(from.y())},
                        {"x2", ShortNumber(to.x())},
                        {"y2", ShortNumber(to.y())}});
-    const Eigen::Vector2d label = place(degrees, middle - 12);
+    const Eigen::Vector2d label = place(degrees, middle - 19);
     out->Element(
         "text", fmt::format("{}°", degrees),
         {{"x", ShortNumber(label.x())}, {"y", ShortNumber(label.y() + 4)}, {"text-anchor", "middle"}});

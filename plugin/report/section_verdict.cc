@@ -3,13 +3,10 @@
 #include <cmath>
 #include <system_error>
 
-#include "plugin/report/scan_verdict.h"
 #include "plugin/report/sections.h"
 
 namespace s2gs {
 namespace {
-
-using Grade = ScanVerdict::Grade;
 
 // What a scan still lacks: the command to run next; empty when everything is there.
 std::string NextCommand(const ReportInput& input) {
@@ -24,33 +21,38 @@ std::string NextCommand(const ReportInput& input) {
   return "";
 }
 
-std::string Joined(const std::vector<std::string>& phrases) {
-  std::string text;
-  for (const std::string& phrase : phrases) text += (text.empty() ? "" : "; ") + phrase;
-  return text;
+std::string Sentence(const ReportInput& input, const ScanSummary::PoseVerdict& verdict) {
+  const nlohmann::json& mapper = input.mapper;
+  if (mapper.is_null()) return "No judgement yet: the cameras have not been computed.";
+  if (verdict.verdict.empty()) {
+    return "No judgement: an older turntable_mapper made the poses; run it again to have them judged.";
+  }
+  const std::string photos =
+      fmt::format("{} of {} photos have a pose", NumberOr(mapper, "registered"), NumberOr(mapper, "images"));
+  if (verdict.verdict == "failed") return fmt::format("The scan failed: {}.", photos);
+  std::string text = fmt::format("The scan is {}: {}", verdict.verdict, photos);
+  const double angle = NumberOr(mapper.value("sigma", nlohmann::json::object()), "angle_median_deg");
+  const double rms = NumberOr(mapper.value("object", nlohmann::json::object()), "adjusted_rms_px");
+  if (verdict.verdict == "good" && std::isfinite(angle) && std::isfinite(rms)) {
+    text += fmt::format(", table angles are known to ±{}° and the object's keypoints are met to {} px",
+                        Significant(angle, 2), Significant(rms, 2));
+  }
+  return text + ".";
 }
 
-std::string Sentence(const ReportInput& input, const ScanVerdict& verdict) {
-  const nlohmann::json& mapper = input.mapper;
-  switch (verdict.grade) {
-    case Grade::kUnknown:
-      return "No judgement yet: the cameras have not been computed.";
-    case Grade::kFailed:
-      return "The scan failed: " + Joined(verdict.reasons) + ".";
-    case Grade::kDoubtful:
-      return "The scan is doubtful: " + Joined(verdict.reasons) + ".";
-    case Grade::kGood:
-      break;
+// A class of the page's style: a file's text must not become one.
+std::string StyleOf(const std::string& verdict) {
+  for (const char* known : {"good", "doubtful", "failed"}) {
+    if (verdict == known) return verdict;
   }
-  std::string text = fmt::format("The scan is good: {} of {} photos have a pose",
-                                 NumberOr(mapper, "registered"), NumberOr(mapper, "images"));
-  const nlohmann::json sigma = mapper.value("sigma", nlohmann::json::object());
-  const double angle = NumberOr(sigma, "angle_median_deg");
-  if (std::isfinite(angle)) text += fmt::format(", table angles are known to ±{}°", Significant(angle, 2));
-  const double rms = NumberOr(mapper.value("object", nlohmann::json::object()), "adjusted_rms_px");
-  if (std::isfinite(rms))
-    text += fmt::format(" and the object's keypoints are met to {} px", Significant(rms, 2));
-  return text + ".";
+  return "unknown";
+}
+
+void WriteList(const char* title, const std::vector<std::string>& lines, HtmlWriter* out) {
+  if (lines.empty()) return;
+  out->Element("h3", title).Open("ul");
+  for (const std::string& line : lines) out->Element("li", line);
+  out->Close();
 }
 
 std::vector<Tile> KeyFigures(const ReportInput& input) {
@@ -67,6 +69,15 @@ std::vector<Tile> KeyFigures(const ReportInput& input) {
     const double rms = NumberOr(mapper.value("object", nlohmann::json::object()), "adjusted_rms_px");
     if (std::isfinite(rms)) {
       tiles.push_back({"Residual", Significant(rms, 2) + " px", "rms of the rotating part's keypoints"});
+    }
+    const nlohmann::json verdict = mapper.value("verdict", nlohmann::json::object());
+    if (verdict.is_object()) {
+      const nlohmann::json measured = verdict.value("measured", nlohmann::json::object());
+      const double share = NumberOr(measured.value("held_back", nlohmann::json::object()), "share");
+      if (std::isfinite(share)) {
+        tiles.push_back({"Matches held back", ShortNumber(100 * share, 1) + " %",
+                         "of them agree with the poses, chance taken off"});
+      }
     }
     const double angle = NumberOr(sigma, "angle_median_deg");
     if (std::isfinite(angle)) {
@@ -93,32 +104,30 @@ std::vector<Tile> KeyFigures(const ReportInput& input) {
 
 }  // namespace
 
-ReportSection VerdictSection(const ReportInput& input) {
+ReportSection VerdictSection(const ReportInput& input, const ScanSummary& summary) {
   ReportSection section{"verdict", "", {}, {}};
-  const ScanVerdict verdict = JudgeScan(input);
+  const ScanSummary::PoseVerdict& verdict = summary.verdict;
   const std::string sentence = Sentence(input, verdict);
   const std::string next = NextCommand(input);
-  section.numbers = {{"verdict", GradeName(verdict.grade)},
+  const std::string style = StyleOf(verdict.verdict);
+  section.numbers = {{"verdict", style},
                      {"sentence", sentence},
                      {"reasons", verdict.reasons},
                      {"advice", verdict.advice},
                      {"next_command", next}};
   HtmlWriter& out = section.html;
-  out.Open("div", {{"class", std::string("verdict ") + GradeName(verdict.grade)}});
-  out.Element("b", GradeName(verdict.grade), {{"class", "grade"}});
+  out.Open("div", {{"class", "verdict " + style}});
+  out.Element("b", style == "unknown" ? "no judgement" : style, {{"class", "grade"}});
   out.Element("p", sentence, {{"class", "sentence"}});
-  if (!verdict.advice.empty()) {
-    out.Open("ul");
-    for (const std::string& advice : verdict.advice) out.Element("li", advice + ".");
-    out.Close();
-  }
+  WriteList("Why", verdict.reasons, &out);
+  WriteList("What to photograph differently", verdict.advice, &out);
   if (!next.empty()) {
     out.Open("p").Text("Not everything has run: next comes ").Element("code", "s2gs " + next);
     out.Text(", or ")
         .Element("code", "s2gs automatic_scanner")
         .Text(", which runs all that is missing.")
         .Close();
-  } else if (verdict.grade == Grade::kGood) {
+  } else if (verdict.verdict == "good") {
     out.Element("p", "Nothing needs to be photographed again: look at the warnings below, then at the mesh.");
   }
   for (const std::string& problem : input.problems) WriteMissing(problem, &out);

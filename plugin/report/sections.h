@@ -9,7 +9,8 @@ namespace s2gs {
 /// failing; a damaged picture is warned about.
 
 /// One sentence that judges the scan, why, what to do next, and the key figures.
-ReportSection VerdictSection(const ReportInput& input);
+/// \param summary  with CollectFigures().
+ReportSection VerdictSection(const ReportInput& input, const ScanSummary& summary);
 
 /// Stages with their times, and what was left out with the reason.
 /// \param summary  of the scanner's last run, with CollectFigures().

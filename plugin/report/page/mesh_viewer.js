@@ -114,7 +114,7 @@
 
   let turn = 0.6;
   let tilt = 0.45;
-  let distance = 2.7 * radius;
+  let distance = 2.2 * radius;
   let mode = photographed.length > 0 ? "color" : "shape";
   let asked = false;
 

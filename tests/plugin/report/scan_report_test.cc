@@ -6,9 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "mesh/surface/triangle_mesh.h"
-#include "plugin/report/report_input.h"
 #include "plugin/report/scan_summary.h"
-#include "plugin/report/scan_verdict.h"
 #include "s2gs/image/image_file.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/temporary_folder.h"
@@ -56,7 +54,7 @@ TEST(ScanReport, OfAnEmptyWorkspaceSaysWhatIsMissing) {
   const TemporaryFolder folder;
   const Report report = Make({folder.path()});
   ExpectSelfContained(report.page);
-  EXPECT_EQ(report.numbers.at("verdict"), "unknown");
+  EXPECT_TRUE(report.numbers.at("verdict").is_null());
   EXPECT_EQ(report.numbers.at("report").at("verdict").at("next_command"), "motion_splitter");
   for (const char* missing :
        {"No photos are known yet", "There is no mesh yet", "There are no sparse models yet"}) {
@@ -120,33 +118,21 @@ TEST(ScanReport, NumbersOfASyntheticScan) {
   EXPECT_EQ(parts.at("curves").at("training").at("l1").at(0).at(1), 0.25);
 }
 
-ReportInput Mapped(const json& mapper) {
-  ReportInput input;
-  input.mapper = mapper;
-  return input;
-}
-
-TEST(ScanVerdict, IsTheMappersWhereItGaveOne) {
-  const ScanVerdict verdict =
-      JudgeScan(Mapped({{"verdict", "doubtful"}, {"reasons", {"a"}}, {"advice", {"b", "c"}}}));
-  EXPECT_EQ(verdict.grade, ScanVerdict::Grade::kDoubtful);
-  EXPECT_EQ(verdict.reasons, std::vector<std::string>{"a"});
-  EXPECT_EQ(verdict.advice.size(), 2u);
-}
-
-TEST(ScanVerdict, ElseComesFromFigures) {
-  EXPECT_EQ(JudgeScan(Mapped(nullptr)).grade, ScanVerdict::Grade::kUnknown);
-  json mapper = {{"images", 60}, {"registered", 60}, {"stable", true}, {"observability", {{"nullity", 0}}}};
-  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kGood);
-  mapper["registered"] = 54;
-  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kGood);
-  mapper["registered"] = 53;
-  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kDoubtful);
-  mapper["registered"] = 60;
-  mapper["observability"]["nullity"] = 1;
-  EXPECT_EQ(JudgeScan(Mapped(mapper)).reasons.size(), 1u);
-  mapper["registered"] = 0;
-  EXPECT_EQ(JudgeScan(Mapped(mapper)).grade, ScanVerdict::Grade::kFailed);
+TEST(ScanReport, TellsTheMappersVerdict) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  WriteAll(workspace.TurntableMapper(),
+           "{\"images\": 60, \"registered\": 41, \"verdict\": {\"verdict\": \"doubtful\", \"reasons\": "
+           "[\"the <seam> is "
+           "open\"], \"advice\": [\"smaller steps\"], \"measured\": {\"held_back\": {\"share\": 0.875}}}}");
+  const Report report = Make(workspace);
+  EXPECT_EQ(report.numbers.at("verdict").at("verdict"), "doubtful");
+  EXPECT_EQ(report.numbers.at("report").at("verdict").at("advice").at(0), "smaller steps");
+  for (const char* shown :
+       {"The scan is doubtful: 41 of 60 photos have a pose.", "<li>the &lt;seam&gt; is open</li>",
+        "<li>smaller steps</li>", "87.5 %", "class=\"verdict doubtful\""}) {
+    EXPECT_THAT(report.page, HasSubstr(shown));
+  }
 }
 
 TEST(ScanRecord, ARunThatDidNothingLeavesItAsItWas) {
