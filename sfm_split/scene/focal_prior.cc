@@ -9,9 +9,7 @@ constexpr double kUsualFocalShare = 1.2;  // of the longer side
 constexpr double kUsualSigma = 0.44;      // half of log(2.9 / 1.2)
 constexpr double kExifSigma = 0.05;
 
-double LongerSide(const Camera& camera) {
-  return static_cast<double>(std::max(camera.width, camera.height));
-}
+double LongerSide(const Camera& camera) { return static_cast<double>(std::max(camera.width, camera.height)); }
 
 }  // namespace
 

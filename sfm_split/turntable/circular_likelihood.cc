@@ -20,7 +20,6 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 constexpr double kRootTwoPi = 2.50662827463100050;
-constexpr double kTether = 0.5;  // [rad] standard deviation about its start of an angle that no match tells
 constexpr int kShareIterations = 6;
 constexpr int kMaxAttempts = 8;  // of one step, with ever more damping
 
@@ -148,13 +147,14 @@ struct PairMixture {
   }
 };
 
-PairMixture MixtureOf(const std::vector<double>& errors, double sigma_px, double chance) {
+PairMixture MixtureOf(const CircularMatches::Pair& pair, const std::vector<double>& errors, double sigma_px) {
   PairMixture mixture;
   mixture.over_chance.reserve(errors.size());
-  const double peak = 1 / (sigma_px * kRootTwoPi * chance);
-  for (const double error : errors) {
-    const double ratio = error / sigma_px;
-    mixture.over_chance.push_back(std::isfinite(error) ? peak * std::exp(-0.5 * ratio * ratio) : 0);
+  const double peak = 1 / (sigma_px * kRootTwoPi);
+  for (size_t m = 0; m < errors.size(); ++m) {
+    const double ratio = errors[m] / sigma_px;
+    mixture.over_chance.push_back(
+        std::isfinite(errors[m]) ? peak / pair.matches[m].chance * std::exp(-0.5 * ratio * ratio) : 0);
   }
   // As if one match more were right and one more wrong: the share stays inside (0, 1).
   mixture.share = 0.5;
@@ -166,6 +166,12 @@ PairMixture MixtureOf(const std::vector<double>& errors, double sigma_px, double
   for (const double over : mixture.over_chance)
     mixture.gain += std::log(1 - mixture.share + mixture.share * over);
   return mixture;
+}
+
+double AngleSigma(const CircularPriors& priors, size_t station) {
+  const std::vector<double>& angles = priors.angles[station].angles;
+  const double span = angles.size() > 1 ? std::abs(angles.back() - angles.front()) : 0;
+  return std::max(priors.angle_share * span / std::max(1.0, static_cast<double>(angles.size()) - 1), 1e-4);
 }
 
 double LogPriors(const CircularPriors& priors, const CircularState& state) {
@@ -180,8 +186,9 @@ double LogPriors(const CircularPriors& priors, const CircularState& state) {
     }
   }
   for (size_t s = 0; s < priors.angles.size(); ++s) {
+    const double sigma = AngleSigma(priors, s);
     for (size_t i = 0; i < priors.angles[s].angles.size(); ++i) {
-      const double off = (state.turns[s].angles[i] - priors.angles[s].angles[i]) / kTether;
+      const double off = (state.turns[s].angles[i] - priors.angles[s].angles[i]) / sigma;
       sum -= 0.5 * off * off;
     }
   }
@@ -229,7 +236,7 @@ NormalEquations Linearize(const std::vector<CircularMatches>& data, const Circul
     const CircularMatches& station = data[s];
     for (const CircularMatches::Pair& pair : station.pairs) {
       ErrorsOf(pair, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], true, &errors);
-      const PairMixture mixture = MixtureOf(errors.errors, state.sigma_px, station.chance);
+      const PairMixture mixture = MixtureOf(pair, errors.errors, state.sigma_px);
       Matrix6d matrix = Matrix6d::Zero();
       Vector6d right = Vector6d::Zero();
       for (size_t m = 0; m < errors.errors.size(); ++m) {
@@ -265,12 +272,13 @@ NormalEquations Linearize(const std::vector<CircularMatches>& data, const Circul
       }
     }
     if (columns.steps() != CircularSteps::kFree || priors.angles.empty()) continue;
+    const double sigma = AngleSigma(priors, s);
+    const double of_angle = 1 / (sigma * sigma);
     for (int i = 1; i < station.num_photos; ++i) {
       const int column = columns.OfAngle(s, i);
-      normal.matrix(column, column) += 1 / (kTether * kTether);
-      normal.right(column) -= (state.turns[s].angles[static_cast<size_t>(i)] -
-                               priors.angles[s].angles[static_cast<size_t>(i)]) /
-                              (kTether * kTether);
+      normal.matrix(column, column) += of_angle;
+      normal.right(column) -= of_angle * (state.turns[s].angles[static_cast<size_t>(i)] -
+                                          priors.angles[s].angles[static_cast<size_t>(i)]);
     }
   }
   for (size_t c = 0; c < state.lenses.size(); ++c) {
@@ -330,7 +338,7 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
     if (with_photos) figures.gain_of_photo.emplace_back(static_cast<size_t>(station.num_photos), 0.0);
     for (const CircularMatches::Pair& pair : station.pairs) {
       ErrorsOf(pair, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], false, &errors);
-      const PairMixture mixture = MixtureOf(errors.errors, state.sigma_px, station.chance);
+      const PairMixture mixture = MixtureOf(pair, errors.errors, state.sigma_px);
       figures.gain.back() += mixture.gain;
       for (size_t m = 0; m < errors.errors.size(); ++m) {
         const double right = mixture.Responsibility(m);
@@ -382,7 +390,8 @@ CircularFigures RefineCircular(const std::vector<CircularMatches>& data, const C
   if (focal_sigma_log != nullptr) {
     NormalEquations normal = Linearize(data, priors, *state, columns);
     normal.matrix.diagonal() += VectorXd::Constant(columns.size(), 1e-9);
-    const MatrixXd covariance = normal.matrix.ldlt().solve(MatrixXd::Identity(columns.size(), columns.size()));
+    const MatrixXd covariance =
+        normal.matrix.ldlt().solve(MatrixXd::Identity(columns.size(), columns.size()));
     focal_sigma_log->clear();
     for (size_t c = 0; c < state->lenses.size(); ++c) {
       const auto at = static_cast<Eigen::Index>(2 * c);

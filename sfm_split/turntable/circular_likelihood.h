@@ -28,14 +28,19 @@ struct CircularState {
 };
 
 /// A station's matches about the principal point, in pixels of one size in x and y.
+struct CircularMatch {
+  Eigen::Vector2d first;
+  Eigen::Vector2d second;
+  double chance = 0;  ///< density of a wrong match's epipolar error [1 / px].
+};
+
 struct CircularMatches {
   int lens = 0;
   int num_photos = 0;
-  double chance = 0;  ///< density of a wrong match's epipolar error [1 / px].
   struct Pair {
     int photo1 = 0;
     int photo2 = 0;
-    std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> matches;
+    std::vector<CircularMatch> matches;
   };
   std::vector<Pair> pairs;
 };
@@ -44,9 +49,12 @@ struct CircularPriors {
   std::vector<FocalPrior> focal;        ///< per lens.
   std::vector<double> least_log_focal;  ///< per lens: bounds, whatever the matches say.
   std::vector<double> most_log_focal;
-  std::vector<double> distortion;     ///< per lens: its mean.
-  double distortion_sigma = 0;        ///< 0: distortion is held.
-  std::vector<CircularTurn> angles;   ///< what angles that no match tells stay near; empty: none.
+  std::vector<double> distortion;  ///< per lens: its mean.
+  double distortion_sigma = 0;     ///< 0: distortion is held.
+  /// Standard deviation of a free angle about equal steps, as a share of the step: tables turn one way, by
+  /// hand from mark to mark at worst.
+  double angle_share = 0.3;
+  std::vector<CircularTurn> angles;  ///< equal steps that free angles lie about; empty: no such prior.
 };
 
 /// How steps are free.
@@ -60,9 +68,9 @@ struct CircularFigures {
   double log_posterior = 0;  ///< of everything, over chance.
   double sigma_px = 0;       ///< of the matches' errors, by their probabilities to be right.
   double inliers = 0;
-  std::vector<double> gain;                         ///< per station.
-  std::vector<int> inliers_of_station;              ///< matches rather right than wrong.
-  std::vector<std::vector<double>> gain_of_photo;   ///< per station and photo.
+  std::vector<double> gain;                        ///< per station.
+  std::vector<int> inliers_of_station;             ///< matches rather right than wrong.
+  std::vector<std::vector<double>> gain_of_photo;  ///< per station and photo.
 };
 
 /// \param with_photos  fill in gain_of_photo.

@@ -10,6 +10,7 @@
 
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_likelihood.h"
+#include "sfm_split/turntable/wrong_matches.h"
 
 namespace s2gs {
 namespace {
@@ -21,11 +22,14 @@ using Eigen::Vector3d;
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kDegree = kPi / 180;
 constexpr double kDistortionSigma = 0.15;  // lenses have -0.35 to 0.1
-constexpr size_t kRankMatches = 300;       // that rank the starting points
-constexpr size_t kSearchMatches = 1500;    // that these are refined with
-constexpr int kSearchSteps = 4;            // between the photos of the pairs in the search, around the circle
-constexpr double kCoarseNoise = 4;         // times the noise, while everything is far off
-constexpr double kLeastSigmaPx = 0.1;      // rounding is no noise
+constexpr size_t kRankMatches = 1000;      // that rank the starting points
+constexpr double kMinMatches = 30;         // of a station
+constexpr size_t kSearchMatches = 3000;    // that these are refined with
+constexpr int kSearchSteps = 3;            // between the photos of the pairs in the search, around the circle
+constexpr size_t kMaxLenses = 8;           // that all stations together start from
+constexpr size_t kNumFinished = 3;         // of the refined starts
+constexpr double kCoarseNoise = 2;         // times the noise, while everything is far off
+constexpr double kLeastSigmaPx = 0.3;      // keypoints are no better; below, the likelihood is all needles
 constexpr double kCertain = 8;             // e^-8: what is believed against chance
 constexpr double kUniformWidth = 3.4641;   // of a uniform distribution, over its standard deviation
 
@@ -42,9 +46,7 @@ bool IsPerspective(CameraModelId model) {
          model == CameraModelId::kOpenCV || model == CameraModelId::kFullOpenCV;
 }
 
-bool HasDistortion(CameraModelId model) {
-  return IsPerspective(model) && InfoOf(model).num_extra_params > 0;
-}
+bool HasDistortion(CameraModelId model) { return IsPerspective(model) && InfoOf(model).num_extra_params > 0; }
 
 double DistortionOf(const Camera& camera) {
   return HasDistortion(camera.model) ? camera.params[InfoOf(camera.model).FirstExtraParam()] : 0;
@@ -70,8 +72,8 @@ class Fitter {
                         double elevation, double step) const;
   void Search(size_t station, std::optional<Start>* closed, std::optional<Start>* open) const;
   Start RefineAll(const std::vector<const Start*>& starts) const;
-  CircularPriors PriorsOf(size_t lens, bool with_distortion) const;
-  CircularPriors AllPriors(const std::vector<bool>& with_distortion) const;
+  CircularPriors PriorsOf(size_t lens) const;
+  CircularPriors AllPriors(bool with_distortion) const;
   CircularFigures Settle(const CircularPriors& priors, CircularSteps steps, CircularState* state) const;
   void Report(const CircularState& state, CircularMotion* motion) const;
 
@@ -84,6 +86,33 @@ class Fitter {
   std::vector<CircularMatches> data_;
   std::vector<size_t> station_of_data_;
 };
+
+int StepsBetween(const CircularMatches::Pair& pair, int num_photos) {
+  const int steps = std::abs(pair.photo2 - pair.photo1);
+  return std::min(steps, num_photos - steps);
+}
+
+// \param extent  of the object [px].
+void FillChance(double extent, CircularMatches* data) {
+  std::vector<const CircularMatches::Pair*> pairs;
+  size_t total = 0;
+  for (const CircularMatches::Pair& pair : data->pairs) {
+    pairs.push_back(&pair);
+    total += pair.matches.size();
+  }
+  std::stable_sort(pairs.begin(), pairs.end(), [&](const auto* a, const auto* b) {
+    return StepsBetween(*a, data->num_photos) > StepsBetween(*b, data->num_photos);
+  });
+  std::vector<Vector2d> moves;
+  for (const CircularMatches::Pair* pair : pairs) {
+    if (static_cast<double>(moves.size()) > kFarShare * static_cast<double>(total)) break;
+    for (const CircularMatch& match : pair->matches) moves.emplace_back(match.second - match.first);
+  }
+  const WrongMatches wrong(moves, extent);
+  for (CircularMatches::Pair& pair : data->pairs) {
+    for (CircularMatch& match : pair.matches) match.chance = wrong.Chance(match.second - match.first);
+  }
+}
 
 // Matches as seen from the principal point. Nothing when the station has too little to fit.
 std::optional<CircularMatches> Fitter::Collect(const CircularStation& station) {
@@ -102,31 +131,29 @@ std::optional<CircularMatches> Fitter::Collect(const CircularStation& station) {
     if (given.matches.empty()) continue;
     CircularMatches::Pair pair{given.photo1, given.photo2, {}};
     for (const auto& [first, second] : given.matches) {
-      pair.matches.emplace_back((first - middle).cwiseProduct(aspect),
-                                (second - middle).cwiseProduct(aspect));
+      pair.matches.push_back(
+          {(first - middle).cwiseProduct(aspect), (second - middle).cwiseProduct(aspect), 0});
     }
     std::shuffle(pair.matches.begin(), pair.matches.end(), rng_);
     if (pair.matches.size() > static_cast<size_t>(options_.max_matches))
       pair.matches.resize(static_cast<size_t>(options_.max_matches));
-    for (const auto& [first, second] : pair.matches) {
-      sum += first + second;
-      squares += first.cwiseAbs2() + second.cwiseAbs2();
+    for (const CircularMatch& match : pair.matches) {
+      sum += match.first + match.second;
+      squares += match.first.cwiseAbs2() + match.second.cwiseAbs2();
       num += 2;
     }
     result.pairs.push_back(std::move(pair));
   }
-  if (num < 2 * kRankMatches / 10.0) return std::nullopt;
+  if (num < 2 * kMinMatches) return std::nullopt;
   const Vector2d mean = sum / num;
-  const double deviation = std::sqrt(std::max(1.0, (squares / num - mean.cwiseAbs2()).mean()));
-  result.chance = 1 / (kUniformWidth * deviation);
+  FillChance(kUniformWidth * std::sqrt(std::max(1.0, (squares / num - mean.cwiseAbs2()).mean())), &result);
   return result;
 }
 
 // Matches of photos a few steps apart, around the circle, evenly.
 CircularMatches Fitter::Sample(const CircularMatches& all, size_t num) const {
   const auto is_close = [&](const CircularMatches::Pair& pair) {
-    const int steps = std::abs(pair.photo2 - pair.photo1);
-    return std::min(steps, all.num_photos - steps) <= kSearchSteps;
+    return StepsBetween(pair, all.num_photos) <= kSearchSteps;
   };
   size_t total = 0;
   for (const CircularMatches::Pair& pair : all.pairs) total += is_close(pair) ? pair.matches.size() : 0;
@@ -167,11 +194,10 @@ void AddFocalPrior(const Camera& camera, const FocalPrior& prior, CircularPriors
   priors->most_log_focal.push_back(side + std::log(kMostFocalShare));
 }
 
-CircularPriors Fitter::PriorsOf(size_t lens, bool with_distortion) const {
+CircularPriors Fitter::PriorsOf(size_t lens) const {
   CircularPriors priors;
   AddFocalPrior(cameras_[lens], priors_[lens], &priors);
   priors.distortion = {DistortionOf(cameras_[lens])};
-  priors.distortion_sigma = with_distortion ? kDistortionSigma : 0;
   return priors;
 }
 
@@ -184,14 +210,14 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
   Vector2d middle = Vector2d::Zero();
   double num = 0;
   for (const CircularMatches::Pair& pair : many[0].pairs) {
-    for (const auto& [first, second] : pair.matches) {
-      middle += first + second;
+    for (const CircularMatch& match : pair.matches) {
+      middle += match.first + match.second;
       num += 2;
     }
   }
   if (num == 0) return;
   middle /= num;
-  const CircularPriors priors = PriorsOf(lens, HasDistortion(cameras_[lens].model));
+  const CircularPriors priors = PriorsOf(lens);
   std::vector<double> steps;
   for (const double degrees : {1.5, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 90.0})
     steps.push_back(degrees * kDegree);
@@ -199,14 +225,13 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
     std::vector<Start> starts;
     for (const double factor : {-1.5, 0.0, 1.5}) {
       const double focal_px = priors_[lens].focal_px * std::exp(factor * priors_[lens].sigma_log);
-      for (const double elevation_deg : {5.0, 20.0, 40.0, 60.0, 80.0}) {
+      for (const double elevation_deg : {3.0, 10.0, 18.0, 26.0, 34.0, 42.0, 50.0, 58.0, 68.0, 80.0}) {
         for (const double step :
              is_closed ? std::vector<double>{2 * kPi / data_[station].num_photos} : steps) {
           for (const double sense : {1.0, -1.0}) {
             Start start;
             start.is_closed = is_closed;
-            start.state =
-                StateOf(few[0], middle, focal_px, elevation_deg * kDegree, sense * step);
+            start.state = StateOf(few[0], middle, focal_px, elevation_deg * kDegree, sense * step);
             start.state.lenses[0].distortion = priors.distortion[0];
             start.state.sigma_px = kCoarseNoise * options_.noise_px;
             start.log_posterior = EvaluateCircular(few, priors, start.state, false).log_posterior;
@@ -222,13 +247,22 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
     std::optional<Start>& best = is_closed ? *closed : *open;
     for (Start& start : starts) {
       if (reporter_.StopRequested()) throw Interrupted();
-      RefineCircular(few, priors, mode, 15, &start.state, nullptr);
-      start.state.sigma_px = 2 * options_.noise_px;
-      RefineCircular(many, priors, mode, 15, &start.state, nullptr);
+      RefineCircular(few, priors, mode, 12, &start.state, nullptr);
       start.state.sigma_px = options_.noise_px;
+      start.log_posterior = RefineCircular(few, priors, mode, 8, &start.state, nullptr).log_posterior;
+    }
+    std::stable_sort(starts.begin(), starts.end(),
+                     [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+    starts.resize(std::min(starts.size(), kNumFinished));
+    for (Start& start : starts) {
+      start.state.sigma_px = 0.5 * options_.noise_px;
       start.log_posterior = RefineCircular(many, priors, mode, 15, &start.state, nullptr).log_posterior;
       if (!best || start.log_posterior > best->log_posterior) best = start;
     }
+    reporter_.Debug(std::string(is_closed ? "closed" : "open") + ": log-likelihood " +
+                    std::to_string(best->log_posterior) + ", step " +
+                    std::to_string(best->state.turns[0].angles[1] / kDegree) + ", focal length " +
+                    std::to_string(std::exp(best->state.lenses[0].log_focal)));
   }
 }
 
@@ -245,15 +279,13 @@ CircularFigures Fitter::Settle(const CircularPriors& priors, CircularSteps steps
   return EvaluateCircular(data_, priors, *state, false);
 }
 
-CircularPriors Fitter::AllPriors(const std::vector<bool>& with_distortion) const {
+CircularPriors Fitter::AllPriors(bool with_distortion) const {
   CircularPriors priors;
-  bool any = false;
   for (size_t c = 0; c < cameras_.size(); ++c) {
     AddFocalPrior(cameras_[c], priors_[c], &priors);
     priors.distortion.push_back(DistortionOf(cameras_[c]));
-    any |= with_distortion[c];
   }
-  priors.distortion_sigma = any ? kDistortionSigma : 0;
+  priors.distortion_sigma = with_distortion ? kDistortionSigma : 0;
   return priors;
 }
 
@@ -261,41 +293,60 @@ CircularPriors Fitter::AllPriors(const std::vector<bool>& with_distortion) const
 Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
   Start all;
   all.is_closed = std::all_of(starts.begin(), starts.end(), [](const Start* s) { return s->is_closed; });
-  std::vector<std::vector<CircularLens>> lenses(cameras_.size());
+  for (size_t c = 0; c < cameras_.size(); ++c) {
+    all.state.lenses.push_back({std::log(priors_[c].focal_px), DistortionOf(cameras_[c])});
+  }
+  std::vector<std::vector<CircularLens>> lenses = {all.state.lenses};
   for (size_t s = 0; s < starts.size(); ++s) {
     all.state.turns.push_back(starts[s]->state.turns[0]);
-    lenses[static_cast<size_t>(data_[s].lens)].push_back(starts[s]->state.lenses[0]);
+    lenses.push_back(lenses[0]);
+    lenses.back()[static_cast<size_t>(data_[s].lens)] = starts[s]->state.lenses[0];
+    if (lenses.size() > kMaxLenses) break;
   }
-  std::vector<bool> with_distortion;
-  for (size_t c = 0; c < cameras_.size(); ++c) {
-    std::vector<CircularLens>& of_camera = lenses[c];
-    CircularLens lens{std::log(priors_[c].focal_px), DistortionOf(cameras_[c])};
-    if (!of_camera.empty()) {
-      std::sort(of_camera.begin(), of_camera.end(), [](const CircularLens& a, const CircularLens& b) {
-        return a.log_focal < b.log_focal;
-      });
-      lens = of_camera[of_camera.size() / 2];
-    }
-    all.state.lenses.push_back(lens);
-    with_distortion.push_back(HasDistortion(cameras_[c].model));
+  for (size_t s = all.state.turns.size(); s < starts.size(); ++s)
+    all.state.turns.push_back(starts[s]->state.turns[0]);
+  CircularPriors priors = AllPriors(false);
+  all.steps = all.is_closed ? CircularSteps::kEqualHeld : CircularSteps::kEqual;
+  // One lens for all: stations that were fitted alone disagree on it, and each may be right.
+  const CircularState start = all.state;
+  double best = 0;
+  for (size_t k = 0; k < lenses.size(); ++k) {
+    CircularState state = start;
+    state.lenses = lenses[k];
+    state.sigma_px = options_.noise_px;
+    RefineCircular(data_, priors, all.steps, 12, &state, nullptr);
+    state.sigma_px = 0.5 * options_.noise_px;
+    const double there = RefineCircular(data_, priors, all.steps, 12, &state, nullptr).log_posterior;
+    if (k > 0 && there <= best) continue;
+    best = there;
+    all.state = std::move(state);
   }
-  CircularPriors priors = AllPriors(with_distortion);
-  // One lens for all first: stations that were fitted alone disagree on it.
-  all.state.sigma_px = 2 * options_.noise_px;
-  RefineCircular(data_, priors, CircularSteps::kEqual, 15, &all.state, nullptr);
-  all.state.sigma_px = options_.noise_px;
-  const CircularFigures equal = Settle(priors, CircularSteps::kEqual, &all.state);
+  const CircularFigures equal = Settle(priors, all.steps, &all.state);
+  const double charge = 0.5 * std::log(std::max(2.0, equal.inliers));  // for one more unknown
   all.log_posterior = equal.log_posterior;
+  if (all.is_closed) {
+    // Steps that close leave nothing open; others have to be worth one unknown a station.
+    CircularState open = all.state;
+    const CircularFigures opened = Settle(priors, CircularSteps::kEqual, &open);
+    const double worth = opened.log_posterior - charge * static_cast<double>(data_.size());
+    if (worth > all.log_posterior) {
+      all.log_posterior = worth;
+      all.state = std::move(open);
+      all.steps = CircularSteps::kEqual;
+    }
+  } else {
+    all.log_posterior -= charge * static_cast<double>(data_.size());
+  }
 
   CircularState free = all.state;
   priors.angles = free.turns;
-  free.sigma_px = kCoarseNoise * options_.noise_px;
-  RefineCircular(data_, priors, CircularSteps::kFree, 15, &free, nullptr);
   free.sigma_px = options_.noise_px;
+  RefineCircular(data_, priors, CircularSteps::kFree, 15, &free, nullptr);
   const CircularFigures freed = Settle(priors, CircularSteps::kFree, &free);
   double extra = 0;
   for (const CircularMatches& station : data_) extra += station.num_photos - 2;
-  const double worth = freed.log_posterior - 0.5 * extra * std::log(std::max(2.0, freed.inliers));
+  const double worth = freed.log_posterior - (extra + static_cast<double>(data_.size())) * 0.5 *
+                                                 std::log(std::max(2.0, freed.inliers));
   if (worth > all.log_posterior) {
     all.log_posterior = worth;
     all.state = std::move(free);
@@ -305,8 +356,7 @@ Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
 }
 
 void Fitter::Report(const CircularState& state, CircularMotion* motion) const {
-  const CircularFigures figures = EvaluateCircular(data_, AllPriors(std::vector<bool>(cameras_.size(), false)),
-                                                   state, true);
+  const CircularFigures figures = EvaluateCircular(data_, AllPriors(false), state, true);
   for (size_t s = 0; s < data_.size(); ++s) {
     const CircularMatches& data = data_[s];
     CircularStationFit& fit = motion->stations[station_of_data_[s]];
@@ -376,26 +426,26 @@ CircularMotion Fitter::Fit() {
     if (other.log_posterior > best.log_posterior) best = std::move(other);
   }
 
-  // Distortion counts as one parameter a camera and has to be worth it.
-  std::vector<bool> with_distortion;
-  for (const Camera& camera : cameras_) with_distortion.push_back(HasDistortion(camera.model));
-  CircularPriors held = AllPriors(std::vector<bool>(cameras_.size(), false));
-  held.angles = best.state.turns;
-  Start simple = best;
-  for (size_t c = 0; c < cameras_.size(); ++c) simple.state.lenses[c].distortion = held.distortion[c];
-  const CircularFigures bent = EvaluateCircular(data_, AllPriors(with_distortion), best.state, false);
-  const CircularFigures straight = Settle(held, simple.steps, &simple.state);
-  const auto num_free = std::count(with_distortion.begin(), with_distortion.end(), true);
-  const double cost = 0.5 * static_cast<double>(num_free) * std::log(std::max(2.0, straight.inliers));
-  const bool is_free = bent.log_posterior - straight.log_posterior > cost;
-  if (!is_free) {
-    simple.log_posterior += straight.log_posterior - bent.log_posterior;
-    best = std::move(simple);
-  }
-  CircularPriors priors = is_free ? AllPriors(with_distortion) : held;
+  // Distortion counts as one unknown a camera and has to be worth it.
+  CircularPriors priors = AllPriors(true);
   priors.angles = best.state.turns;
+  Start bent = best;
+  const CircularFigures figures = Settle(priors, bent.steps, &bent.state);
+  const auto num_free = std::count_if(cameras_.begin(), cameras_.end(),
+                                      [](const Camera& camera) { return HasDistortion(camera.model); });
+  const double cost = 0.5 * static_cast<double>(num_free) * std::log(std::max(2.0, figures.inliers));
+  const double straight = EvaluateCircular(data_, AllPriors(false), best.state, false).log_posterior;
+  const double gain = figures.log_posterior - straight - cost;
+  const bool is_free = num_free > 0 && gain > 0;
+  if (is_free) {
+    best = std::move(bent);
+    best.log_posterior += gain;
+  } else {
+    priors = AllPriors(false);
+    priors.angles = best.state.turns;
+  }
   RefineCircular(data_, priors, best.steps, 5, &best.state, &motion.focal_sigma_log);
-  motion.steps_are_equal = best.steps == CircularSteps::kEqual;
+  motion.steps_are_equal = best.steps != CircularSteps::kFree;
 
   motion.log_posterior = best.log_posterior;
   motion.sigma_px = best.state.sigma_px;
@@ -405,7 +455,7 @@ CircularMotion Fitter::Fit() {
     if (!IsPerspective(camera.model)) continue;
     const double factor = std::exp(best.state.lenses[c].log_focal) / FocalLengths(camera).x();
     for (size_t k = 0; k < info.num_focal_params; ++k) camera.params[k] *= factor;
-    if (!is_free || !with_distortion[c]) continue;
+    if (!is_free || !HasDistortion(camera.model)) continue;
     camera.params[info.FirstExtraParam()] = best.state.lenses[c].distortion;
     motion.distortion_is_free[c] = 1;
   }

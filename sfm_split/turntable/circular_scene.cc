@@ -19,7 +19,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr float kLeastMovePx = 3;  // of a match that may be the object's, between photos of one station
+constexpr float kLeastMovePx = 3;    // of a match that may be the object's, between photos of one station
 constexpr size_t kMaxCrossing = 60;  // matches of a pair of photos of two stations
 constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
 
@@ -202,9 +202,8 @@ int SceneBuilder::Place() {
       const std::vector<CrossingPair> pairs = CrossingPairs(static_cast<int>(s));
       if (pairs.empty()) continue;
       const double extent_px = 0.5 * (looks_[s].extent_px + looks_[static_cast<size_t>(root)].extent_px);
-      const CircularTie tie =
-          TieCircularStation(pairs, StartOf(static_cast<int>(s), root), finding_.motion.sigma_px,
-                             1 / (kUniformWidth * extent_px));
+      const CircularTie tie = TieCircularStation(pairs, StartOf(static_cast<int>(s), root),
+                                                 finding_.motion.sigma_px, 1 / (kUniformWidth * extent_px));
       if (!tie.found || tie.gain <= best_tie.gain) continue;
       best = static_cast<int>(s);
       best_tie = tie;
@@ -238,16 +237,14 @@ AlignedScene SceneBuilder::Build() const {
     const Rigid3 cam_from_object = CamFromObject(of_photo, place);
     const Matrix3d back = RotationAbout<double>(Vector3d::UnitZ(), -*zero);
     const Rigid3 cam_from_first = cam_from_object * Rigid3{Eigen::Quaterniond(back), Vector3d::Zero()};
-    const auto first_of_station = std::find_if(scene.views.begin(), scene.views.end(), [&](const View& v) {
-      return v.station == view.station;
-    });
+    const auto first_of_station = std::find_if(scene.views.begin(), scene.views.end(),
+                                               [&](const View& v) { return v.station == view.station; });
     if (first_of_station == scene.views.end()) {
       view.cam_from_world = cam_from_first;
     } else {
       view.cam_from_world = first_of_station->cam_from_world;
       const Rigid3 world_from_object = view.cam_from_world.Inverse() * cam_from_first;
-      const double angle =
-          AngleAbout(Vector3d::UnitZ(), world_from_object.rotation.toRotationMatrix());
+      const double angle = AngleAbout(Vector3d::UnitZ(), world_from_object.rotation.toRotationMatrix());
       view.angle_deg = angle / kDegree;
       view.world_from_object = {Eigen::Quaterniond(RotationAbout<double>(Vector3d::UnitZ(), angle)),
                                 Vector3d::Zero()};
@@ -271,8 +268,8 @@ std::vector<CircularStation> CollectCircularStations(const ScanFeatures& feature
   numbers->clear();
   for (size_t i = 0; i < features.images.size(); ++i) {
     const ScanImage& image = features.images[i];
-    const auto camera = static_cast<int>(std::find(cameras.begin(), cameras.end(), image.camera_id) -
-                                         cameras.begin());
+    const auto camera =
+        static_cast<int>(std::find(cameras.begin(), cameras.end(), image.camera_id) - cameras.begin());
     const auto [entry, is_new] = index_of.emplace(image.station, stations.size());
     if (is_new) {
       stations.emplace_back();

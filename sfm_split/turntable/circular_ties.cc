@@ -38,9 +38,8 @@ double PairGain(const CrossingPair& pair, const CircularPlace& place, double sig
     const double squared = line2.head<2>().squaredNorm() / (pair.focal_px * pair.focal_px) +
                            line1.head<2>().squaredNorm() / (pair.placed_focal_px * pair.placed_focal_px);
     const double error = second.dot(line2);
-    over.push_back(squared > 1e-30
-                       ? peak * std::exp(-0.5 * error * error / (squared * sigma_px * sigma_px))
-                       : 0);
+    over.push_back(squared > 1e-30 ? peak * std::exp(-0.5 * error * error / (squared * sigma_px * sigma_px))
+                                   : 0);
   }
   double share = 0.3;
   for (int iteration = 0; iteration < 4; ++iteration) {

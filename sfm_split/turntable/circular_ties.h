@@ -9,17 +9,18 @@
 namespace s2gs {
 
 // Stations whose axis and table angles are known, each in a unit of its own: what is left are three numbers
-// for each station against another one, its distance from the axis, its height along it and its turn about it.
-// All matches between the two stations' photos tell them together, by the mixture of circular_motion.h.
+// for each station against another one, its distance from the axis, its height along it and its turn about
+// it. All matches between the two stations' photos tell them together, by the mixture of circular_motion.h.
 
 /// A photo as seen from its station's place at the distance 1 from the axis.
 struct CircularView {
-  Eigen::Matrix3d cam_from_axis = Eigen::Matrix3d::Identity();  ///< axis' frame: z along it, camera at (1, 0).
-  double angle_rad = 0;                                         ///< of the table.
+  Eigen::Matrix3d cam_from_axis =
+      Eigen::Matrix3d::Identity();  ///< axis' frame: z along it, camera at (1, 0).
+  double angle_rad = 0;             ///< of the table.
 };
 
-/// Where a station's camera stands: at (distance, 0, height) of a frame that is turned by `turn_rad` about the
-/// axis.
+/// Where a station's camera stands: at (distance, 0, height) of a frame that is turned by `turn_rad` about
+/// the axis.
 struct CircularPlace {
   double distance = 1;
   double height = 0;
@@ -35,7 +36,8 @@ struct CrossingPair {
   CircularView view;       ///< of the other one.
   double placed_focal_px = 0;
   double focal_px = 0;
-  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> rays;  ///< z = 1: in the placed photo, in the other.
+  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>>
+      rays;  ///< z = 1: in the placed photo, in the other.
 };
 
 struct CircularTie {
