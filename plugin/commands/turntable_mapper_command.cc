@@ -57,9 +57,11 @@ void AddOptions(Options& options, Settings* settings) {
       "path", &settings->placement.path,
       {{"auto", PlacementPath::kAuto},
        {"free_sfm", PlacementPath::kFreeSfm},
+       {"circular_motion", PlacementPath::kCircular},
        {"single_axis", PlacementPath::kSingleAxis}},
-      "how the object is placed: by free SfM, by the table's axis and angles alone, or by whichever "
-      "places more");
+      "how the object is placed: by free SfM, by the circular motion that each station's matches show, by "
+      "the "
+      "table's axis and angles from the background's cameras, or by whichever explains the matches best");
   options.Add("max_mapper_attempts", &settings->max_attempts,
               "runs of `colmap mapper` for one body, each more tolerant");
   options.Add("mapper_options", &settings->mapper_options,
@@ -129,6 +131,11 @@ void AddOptions(Options& options, Settings* settings) {
   axis.Add("max_matches", &SingleAxisOptions::max_matches, "of a pair in the adjustment");
   axis.Add("min_inlier_ratio", &SingleAxisOptions::min_inlier_ratio,
            "of all matches, below which nothing was found");
+  auto circular = options.Group("Circular", &settings->placement.circular);
+  circular.Add("noise_px", &CircularOptions::noise_px, "largest standard deviation of a keypoint").Unit("px");
+  circular.Add("max_matches", &CircularOptions::max_matches, "of a pair in the fit");
+  circular.Add("num_refined", &CircularOptions::num_refined, "starts of each hypothesis that are refined");
+  circular.Add("min_photos", &CircularOptions::min_photos, "of a station that is fitted");
   auto guided = options.Group("Guided", &settings->placement.guided);
   guided.Add("max_looks", &GuidedOptions::max_looks, "keypoints whose descriptors stand for a point");
   guided.Add("num_candidates", &GuidedOptions::num_candidates, "points that a keypoint proposes");
@@ -409,6 +416,7 @@ void RunTurntableMapper(CommandContext& context) {
   const auto seed = static_cast<uint32_t>(options.random_seed());
   settings.placement.turntable.random_seed = seed;
   settings.placement.single_axis.random_seed = seed;
+  settings.placement.circular.random_seed = seed;
 
   const Workspace workspace{settings.workspace_path};
   StageRunner runner(workspace, reporter);
@@ -435,7 +443,8 @@ void RunTurntableMapper(CommandContext& context) {
     if (name == "mapper_options" || name == "max_mapper_attempts") mapping_options[name] = value;
   }
   std::vector<std::string> before = {"motion_splitter"};
-  if (settings.placement.path != PlacementPath::kSingleAxis ||
+  const PlacementPath path = settings.placement.path;
+  if (path == PlacementPath::kAuto || path == PlacementPath::kFreeSfm ||
       mapper.input().capture_case == CaptureCase::kOneBody) {
     runner.Run({"object_mapper",
                 {workspace.ObjectDatabase()},

@@ -1,6 +1,7 @@
 #include "sfm_split/relocalise/place_scan.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <optional>
 #include <string>
@@ -8,12 +9,27 @@
 #include <vector>
 
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/turntable/align_scene.h"
+#include "sfm_split/turntable/circular_scene.h"
 #include "sfm_split/turntable/single_axis_scene.h"
 
 namespace s2gs {
 namespace {
+
+constexpr double kCertain = 8;         // e^8 to one
+constexpr double kAgreeingSigmas = 4;  // of an epipolar error
+constexpr double kLeastAgreeingPx = 1.5;
+
+// What all poses explain, less half the logarithm of the matches for each of their unknowns.
+double LogLikelihood(const ScanFeatures& features, const ScanCandidate& candidate) {
+  const MatchLikelihood matches = LikelihoodOfMatches(features, candidate.aligned, false);
+  const auto views = static_cast<double>(candidate.aligned.scene.views.size());
+  double unknowns = views + 6.0 * candidate.aligned.scene.num_stations;
+  if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
+  return matches.gain - 0.5 * unknowns * std::log(std::max(2.0, matches.inliers));
+}
 
 class Placement {
  public:
@@ -25,7 +41,9 @@ class Placement {
 
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
+  ScanCandidate ByCircularMotion(const CircularFinding& finding, AlignedScene aligned);
   ScanCandidate BySingleAxis();
+  void TryCircularMotion();
   void TryFreeSfm(const std::vector<ColmapModel>& objects);
   void Consider(ScanCandidate candidate, const char* name);
   void PlaceMissing(const ReadDescriptors& read_descriptors);
@@ -68,6 +86,55 @@ ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel*
   return candidate;
 }
 
+ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
+  ScanCandidate candidate;
+  candidate.aligned = std::move(aligned);
+  const size_t found = candidate.aligned.scene.views.size();
+  // With the matches that agree with it alone: it needs no others, and where texture is poor most verified
+  // pairs follow highlights. Twice, as the adjusted poses know better which agree.
+  const double bound_px = std::max(kAgreeingSigmas * finding.motion.sigma_px, kLeastAgreeingPx);
+  RefineOptions refine = options_.refine;
+  refine.max_error_px = std::min(refine.max_error_px, bound_px);
+  for (int pass = 0; pass < 2; ++pass) {
+    ScanFeatures agreeing = features_;
+    agreeing.object_pairs = AgreeingMatches(features_, candidate.aligned, bound_px);
+    agreeing.raw_pairs.clear();
+    candidate.aligned.object.points3D.clear();
+    candidate.refined = RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate.aligned);
+  }
+  candidate.is_usable = true;
+  const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
+                                    [](const CircularStationFit& fit) { return fit.found && fit.closes; });
+  candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +
+                      std::to_string(finding.placed_stations) + " stations, " + std::to_string(closed) +
+                      " of which close a turn, " + std::to_string(candidate.aligned.scene.views.size()) +
+                      " after mending";
+  return candidate;
+}
+
+// Alone, or where free SfM is not enough or explains the matches inside stations less well.
+void Placement::TryCircularMotion() {
+  CircularFinding finding;
+  AlignedScene aligned = SceneFromCircularMotion(features_, options_.circular, reporter_, &finding);
+  if (aligned.scene.views.empty()) {
+    ScanCandidate none;
+    none.finding = "circular motion was not found";
+    Consider(std::move(none), "circular_motion");
+    return;
+  }
+  if (options_.path == PlacementPath::kAuto && IsEnough(result_.best)) {
+    const double here = LikelihoodOfMatches(features_, aligned, true).gain;
+    const double best = LikelihoodOfMatches(features_, result_.best.aligned, true).gain;
+    reporter_.Debug("log-likelihood of the matches inside stations: " + std::to_string(best) +
+                    ", by circular motion " + std::to_string(here));
+    if (here <= best + kCertain) {
+      result_.durations.emplace_back("circular_motion", watch_.Lap());
+      return;
+    }
+  }
+  Consider(ByCircularMotion(finding, std::move(aligned)), "circular_motion");
+}
+
 ScanCandidate Placement::BySingleAxis() {
   ScanCandidate candidate;
   SingleAxisSolution solution;
@@ -85,6 +152,10 @@ ScanCandidate Placement::BySingleAxis() {
 }
 
 void Placement::Consider(ScanCandidate candidate, const char* name) {
+  if (candidate.is_usable) {
+    candidate.log_likelihood = LogLikelihood(features_, candidate);
+    reporter_.Debug(candidate.finding + ": log-likelihood " + std::to_string(candidate.log_likelihood));
+  }
   result_.findings += (result_.findings.empty() ? "" : "; ") + candidate.finding;
   result_.durations.emplace_back(name, watch_.Lap());
   if (!candidate.IsBetterThan(result_.best)) return;
@@ -143,9 +214,10 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
 
 ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
                              const ReadDescriptors& read_descriptors) {
-  if (options_.path != PlacementPath::kSingleAxis) TryFreeSfm(objects);
-  if (options_.path == PlacementPath::kSingleAxis ||
-      (options_.path == PlacementPath::kAuto && !IsEnough(result_.best))) {
+  const PlacementPath path = options_.path;
+  if (path == PlacementPath::kAuto || path == PlacementPath::kFreeSfm) TryFreeSfm(objects);
+  if (path == PlacementPath::kAuto || path == PlacementPath::kCircular) TryCircularMotion();
+  if (path == PlacementPath::kSingleAxis || (path == PlacementPath::kAuto && !IsEnough(result_.best))) {
     Consider(BySingleAxis(), "single_axis");
   }
   if (result_.best.is_usable) {

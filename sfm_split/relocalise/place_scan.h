@@ -12,6 +12,7 @@
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/scan_features.h"
+#include "sfm_split/turntable/circular_motion.h"
 #include "sfm_split/turntable/single_axis.h"
 #include "sfm_split/turntable/turntable.h"
 
@@ -20,7 +21,8 @@ namespace s2gs {
 enum class PlacementPath {
   kAuto,        ///< free SfM; where that is not enough, the other ways beside it, and the best of them.
   kFreeSfm,     ///< by SfM's model of the object.
-  kSingleAxis,  ///< by the table's axis and angles alone.
+  kCircular,    ///< by each station's circular motion, from its matches alone.
+  kSingleAxis,  ///< by the table's axis and angles alone, from the background's cameras.
 };
 
 struct PlacementOptions {
@@ -36,6 +38,7 @@ struct PlacementOptions {
   TurntableOptions turntable;
   JointOptions joint;
   RefineOptions refine;
+  CircularOptions circular;
   SingleAxisOptions single_axis;
   GuidedOptions guided;
 
@@ -60,8 +63,10 @@ struct ScanPlacement {
 };
 
 /// From the reconstructions of both bodies to one adjusted turntable scene: free SfM of the object against
-/// the background; where that places too few photos, against the object's own stations, then by the single
-/// axis; the best of them by ScanCandidate's evidence. Then photos that are still missing, by what the
+/// the background; where that places too few photos, against the object's own stations; where it does, or
+/// each station's circular motion explains the station's matches better than free SfM did (as where a turn
+/// closes that free SfM left open), by circular motion; where there are too few photos still, by the single
+/// axis. The best of them by the likelihood of all matches. Then photos that are still missing, by what the
 /// object's points look like, for as long as the adjustment bears them out.
 /// \param objects  SfM's models of the object, the largest first, smaller ones in frames of their own; not
 ///     needed by the single axis.

@@ -109,7 +109,7 @@ TEST(PlaceScan, FreeSfmThatPlacesAllPhotosStandsAlone) {
   const ScanPlacement placement = scan.Place();
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
   EXPECT_EQ(placement.path, "free_sfm");
-  EXPECT_EQ(Tried(placement), Names({"free_sfm", "place_missing"}));
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "circular_motion", "place_missing"}));
   EXPECT_EQ(placement.findings, "free SfM placed 24 images, 24 on one turntable, 24 after mending");
   EXPECT_TRUE(placement.guided.empty());
   EXPECT_EQ(scan.reads, 0);
@@ -127,14 +127,17 @@ TEST(PlaceScan, TheOtherWayIsTakenWhenItIsAskedFor) {
   EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
 }
 
-TEST(PlaceScan, WithoutAModelOfTheObjectTheSingleAxisIsLeft) {
+TEST(PlaceScan, WithoutAModelOfTheObjectCircularMotionIsLeft) {
   Scan scan(SmallScan());
   PlacementOptions options;
   ScanPlacement placement = scan.Place(options, false);
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
-  EXPECT_EQ(placement.path, "single_axis");
-  EXPECT_EQ(placement.findings,
-            "free SfM found no model of the object; the single axis placed 24 images, 24 after mending");
+  EXPECT_EQ(placement.path, "circular_motion");
+  EXPECT_EQ(
+      placement.findings,
+      "free SfM found no model of the object; circular motion placed 24 images at 2 stations, 2 of which "
+      "close a turn, 24 after mending");
+  EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
   options.path = PlacementPath::kFreeSfm;
   placement = scan.Place(options, false);
   EXPECT_EQ(placement.outcome, PlacementOutcome::kNoTurntable);
@@ -152,7 +155,8 @@ TEST(PlaceScan, AWrongBackgroundDoesNotTakeTheObjectAlong) {
   const ScanPlacement placement = scan.Place();
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
   EXPECT_EQ(placement.best.aligned.scene.views.size(), 12U) << placement.findings;
-  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "place_missing"})) << placement.findings;
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "circular_motion", "place_missing"}))
+      << placement.findings;
   EXPECT_EQ(placement.path, "free_sfm_object");
   EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
 }
@@ -174,7 +178,8 @@ TEST(PlaceScan, PhotosWithoutMatchesComeByWhatThePointsLookLike) {
   scan.Lose({4, 17});
   const ScanPlacement placement = scan.Place();
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
-  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "single_axis", "place_missing"}));
+  EXPECT_EQ(Tried(placement),
+            Names({"free_sfm", "free_sfm_object", "circular_motion", "single_axis", "place_missing"}));
   EXPECT_GT(scan.reads, 0);
   EXPECT_EQ(placement.best.aligned.scene.views.size(), 24U);
   std::set<std::string> names;

@@ -4,39 +4,31 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <limits>
 #include <map>
 #include <random>
 #include <set>
 #include <string>
 #include <utility>
 
+#include "sfm_split/relocalise/match_likelihood.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
 
 namespace s2gs {
 namespace {
 
-ScanCandidate Candidate(int images, int observations, bool is_usable = true) {
+ScanCandidate Candidate(double log_likelihood, bool is_usable = true) {
   ScanCandidate candidate;
-  candidate.aligned.scene.views.resize(static_cast<size_t>(images));
-  candidate.refined.joint.object_observations = observations;
+  candidate.log_likelihood = log_likelihood;
   candidate.is_usable = is_usable;
   return candidate;
 }
 
 TEST(ScanCandidate, AUsableOneBeatsWhatIsNot) {
-  EXPECT_TRUE(Candidate(3, 10).IsBetterThan(Candidate(100, 100000, false)));
-  EXPECT_FALSE(Candidate(100, 100000, false).IsBetterThan(Candidate(3, 10)));
+  EXPECT_TRUE(Candidate(-10).IsBetterThan(Candidate(100, false)));
+  EXPECT_FALSE(Candidate(100, false).IsBetterThan(Candidate(-10)));
+  EXPECT_TRUE(Candidate(2).IsBetterThan(Candidate(1)));
   EXPECT_FALSE(ScanCandidate().IsBetterThan(ScanCandidate()));
-}
-
-TEST(ScanCandidate, AFewMoreImagesDoNotOutweighMostOfTheMatches) {
-  EXPECT_TRUE(Candidate(20, 9000).IsBetterThan(Candidate(22, 2200)));
-  EXPECT_TRUE(Candidate(100, 20000).IsBetterThan(Candidate(50, 25000)));
-  // Products beyond 2^31.
-  const int most = std::numeric_limits<int>::max();
-  EXPECT_TRUE(Candidate(3000, most).IsBetterThan(Candidate(2999, most)));
 }
 
 ScanCandidate Adjusted(const ScanFeatures& features, const ColmapModel& object) {
@@ -48,6 +40,7 @@ ScanCandidate Adjusted(const ScanFeatures& features, const ColmapModel& object) 
   Reporter reporter;
   candidate.refined = RefineScan(features, &object, JointOptions(), {}, reporter, &candidate.aligned);
   candidate.is_usable = true;
+  candidate.log_likelihood = LikelihoodOfMatches(features, candidate.aligned, false).gain;
   return candidate;
 }
 
@@ -92,8 +85,7 @@ TEST(ScanCandidate, MorePhotosThatHardlyAgreeLoseToFewerThatDo) {
   ASSERT_TRUE(bad.is_usable);
   EXPECT_EQ(good.aligned.scene.views.size(), 20U);
   EXPECT_GT(bad.aligned.scene.views.size(), good.aligned.scene.views.size());
-  EXPECT_TRUE(good.IsBetterThan(bad)) << good.refined.joint.object_observations << " and "
-                                      << bad.refined.joint.object_observations << " observations";
+  EXPECT_TRUE(good.IsBetterThan(bad)) << good.log_likelihood << " and " << bad.log_likelihood;
   EXPECT_FALSE(bad.IsBetterThan(good));
 }
 

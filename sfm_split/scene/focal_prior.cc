@@ -1,0 +1,27 @@
+#include "sfm_split/scene/focal_prior.h"
+
+#include <algorithm>
+
+namespace s2gs {
+namespace {
+
+constexpr double kUsualFocalShare = 1.2;  // of the longer side
+constexpr double kUsualSigma = 0.44;      // half of log(2.9 / 1.2)
+constexpr double kExifSigma = 0.05;
+
+double LongerSide(const Camera& camera) { return static_cast<double>(std::max(camera.width, camera.height)); }
+
+}  // namespace
+
+FocalPrior FocalPriorOf(const Camera& camera, bool is_from_exif) {
+  const double given = FocalLengths(camera).mean();
+  if (is_from_exif && IsPlausibleFocal(camera, given)) return {given, kExifSigma};
+  return {kUsualFocalShare * LongerSide(camera), kUsualSigma};
+}
+
+bool IsPlausibleFocal(const Camera& camera, double focal_px) {
+  const double share = focal_px / LongerSide(camera);
+  return share >= kLeastFocalShare && share <= kMostFocalShare;
+}
+
+}  // namespace s2gs

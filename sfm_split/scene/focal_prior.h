@@ -1,0 +1,26 @@
+#pragma once
+
+#include "sfm_split/scene/camera_model.h"
+
+namespace s2gs {
+
+/// What is known of a focal length before the photos' geometry is looked at: its logarithm is normal.
+struct FocalPrior {
+  double focal_px = 0;
+  double sigma_log = 0;  ///< standard deviation of the logarithm.
+};
+
+/// Focal lengths beyond belong to no lens that a turntable is photographed with; shares of the longer side.
+constexpr double kLeastFocalShare = 0.3;
+constexpr double kMostFocalShare = 10;
+
+/// \param is_from_exif  the camera's focal length is what EXIF says, not a guess. Its 35 mm equivalent is a
+/// whole number of millimetres, may mean the film's width or its diagonal (4 % apart for photos of 4:3), and
+/// knows nothing of the focus (up to 5 %): 5 % in all. Without EXIF it is 1.2 times the longer side, from 0.5
+/// (wide lenses of telephones) to 2.9 (portrait lenses) within two standard deviations.
+FocalPrior FocalPriorOf(const Camera& camera, bool is_from_exif);
+
+/// Whether a focal length is one that a lens may have.
+bool IsPlausibleFocal(const Camera& camera, double focal_px);
+
+}  // namespace s2gs

@@ -1,0 +1,138 @@
+#include "sfm_split/turntable/circular_ties.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "sfm_split/base/rotation.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kDegree = kPi / 180;
+constexpr double kRootTwoPi = 2.50662827463100050;
+constexpr double kGrid = 1.5 * kDegree;
+constexpr double kCoarseSigmaPx = 4;  // between places of the grid
+constexpr double kDistinct = 15 * kDegree;
+constexpr double kCertain = 8;  // e^-8: what is believed against chance, and against another mode
+constexpr size_t kCoarseMatches = 800;
+constexpr int kNumRefined = 8;
+
+double PairGain(const CrossingPair& pair, const CircularPlace& place, double sigma_px, double chance,
+                size_t stride) {
+  const Rigid3 second_from_first = CamFromObject(pair.view, place) * pair.cam_from_object.Inverse();
+  const Matrix3d e =
+      CrossMatrix<double>(second_from_first.translation) * second_from_first.rotation.toRotationMatrix();
+  const double peak = 1 / (sigma_px * kRootTwoPi * chance);
+  std::vector<double> over;
+  over.reserve(pair.rays.size() / stride + 1);
+  for (size_t m = 0; m < pair.rays.size(); m += stride) {
+    const auto& [first, second] = pair.rays[m];
+    const Vector3d line2 = e * first;
+    const Vector3d line1 = e.transpose() * second;
+    const double squared = line2.head<2>().squaredNorm() / (pair.focal_px * pair.focal_px) +
+                           line1.head<2>().squaredNorm() / (pair.placed_focal_px * pair.placed_focal_px);
+    const double error = second.dot(line2);
+    over.push_back(squared > 1e-30 ? peak * std::exp(-0.5 * error * error / (squared * sigma_px * sigma_px))
+                                   : 0);
+  }
+  double share = 0.3;
+  for (int iteration = 0; iteration < 4; ++iteration) {
+    double sum = 1;
+    for (const double o : over) sum += share * o / (share * o + 1 - share);
+    share = sum / (static_cast<double>(over.size()) + 2);
+  }
+  double gain = 0;
+  for (const double o : over) gain += std::log(1 - share + share * o);
+  return gain;
+}
+
+double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, double sigma_px,
+            double chance, size_t stride) {
+  double gain = 0;
+  for (const CrossingPair& pair : pairs) gain += PairGain(pair, place, sigma_px, chance, stride);
+  return gain;
+}
+
+// Uphill along each number in turn, in steps that shrink.
+double Climb(const std::vector<CrossingPair>& pairs, double sigma_px, double chance, size_t stride,
+             double first_step, double last_step, CircularPlace* place) {
+  double best = Gain(pairs, *place, sigma_px, chance, stride);
+  for (double step = first_step; step > last_step;) {
+    bool has_improved = false;
+    for (const std::array<double, 3>& way :
+         {std::array<double, 3>{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}) {
+      const CircularPlace there{place->distance * std::exp(step * way[0]), place->height + step * way[1],
+                                place->turn_rad + step * way[2]};
+      const double gain = Gain(pairs, there, sigma_px, chance, stride);
+      if (gain <= best) continue;
+      best = gain;
+      *place = there;
+      has_improved = true;
+    }
+    if (!has_improved) step *= 0.5;
+  }
+  return best;
+}
+
+}  // namespace
+
+Rigid3 CamFromObject(const CircularView& view, const CircularPlace& place) {
+  const Matrix3d turn = RotationAbout<double>(Vector3d::UnitZ(), view.angle_rad + place.turn_rad);
+  const Matrix3d rotation = view.cam_from_axis * turn;
+  return {Eigen::Quaterniond(rotation), -(view.cam_from_axis * Vector3d(place.distance, 0, place.height))};
+}
+
+CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const CircularPlace& start,
+                               double sigma_px, double chance) {
+  CircularTie tie;
+  size_t total = 0;
+  for (const CrossingPair& pair : pairs) total += pair.rays.size();
+  if (total == 0) return tie;
+  const size_t stride = std::max<size_t>(1, total / kCoarseMatches);
+  std::vector<std::pair<double, CircularPlace>> places;
+  for (double turn = -kPi; turn < kPi; turn += kGrid) {
+    for (const double distance : {0.85, 1.0, 1.18}) {
+      for (const double height : {-0.15, 0.0, 0.15}) {
+        const CircularPlace place{start.distance * distance, start.height + height * start.distance, turn};
+        places.emplace_back(Gain(pairs, place, kCoarseSigmaPx, chance, stride), place);
+      }
+    }
+  }
+  std::stable_sort(places.begin(), places.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  // The best, each in a part of the circle of its own.
+  std::vector<std::pair<double, CircularPlace>> modes;
+  for (const auto& candidate : places) {
+    if (static_cast<int>(modes.size()) == kNumRefined) break;
+    const bool is_new = std::all_of(modes.begin(), modes.end(), [&](const auto& mode) {
+      return std::abs(WrapAngle(mode.second.turn_rad - candidate.second.turn_rad)) > kDistinct / 2;
+    });
+    if (is_new) modes.push_back(candidate);
+  }
+  for (auto& [gain, place] : modes) {
+    Climb(pairs, kCoarseSigmaPx, chance, stride, 0.05, 0.003, &place);
+    gain = Climb(pairs, 2 * sigma_px, chance, stride, 0.01, 0.001, &place);
+  }
+  std::stable_sort(modes.begin(), modes.end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  tie.place = modes[0].second;
+  tie.gain = Climb(pairs, sigma_px, chance, 1, 0.005, 1e-5, &tie.place);
+  tie.margin = tie.gain;
+  for (size_t m = 1; m < modes.size(); ++m) {
+    CircularPlace place = modes[m].second;
+    const double gain = Climb(pairs, sigma_px, chance, 1, 0.005, 1e-3, &place);
+    if (std::abs(WrapAngle(place.turn_rad - tie.place.turn_rad)) <= kDistinct) continue;
+    tie.margin = std::min(tie.margin, tie.gain - gain);
+  }
+  tie.place.turn_rad = WrapAngle(tie.place.turn_rad);
+  tie.found = tie.gain > 1.5 * std::log(static_cast<double>(total)) + kCertain && tie.margin > kCertain;
+  return tie;
+}
+
+}  // namespace s2gs
