@@ -8,6 +8,7 @@
 #include <random>
 #include <string>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_likelihood.h"
 #include "sfm_split/turntable/wrong_matches.h"
@@ -19,8 +20,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 constexpr double kDistortionSigma = 0.15;  // lenses have -0.35 to 0.1
 constexpr size_t kRankMatches = 1000;      // that rank the starting points
 constexpr double kMinMatches = 30;         // of a station

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 
 namespace s2gs {
@@ -13,8 +14,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr double kGrid = 1.5 * kDegree;
 constexpr double kCoarseSigmaPx = 4;  // between places of the grid

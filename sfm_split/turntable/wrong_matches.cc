@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kEvenShare = 0.2;  // of wrong matches that fall anywhere
 constexpr size_t kMaxMoves = 1000;  // that tell the density; each in both directions
 constexpr size_t kNearestMoves = 12;
