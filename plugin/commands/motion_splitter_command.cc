@@ -59,9 +59,9 @@ void AddOptions(Options& options, Settings* settings) {
       "use_matches", &settings->use_matches,
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
       "its pairs, instead of planning pairs and matching them");
-  options.Add(
-      "weak_features", &settings->weak_features,
-      "where what changes has few features, look there again at lower thresholds, given --image_path");
+  options.Add("weak_features", &settings->weak_features,
+              "where things change but too few features turn, look there again at lower thresholds, given "
+              "--image_path");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
   auto station = options.Group("Station", &settings->split.station);
@@ -159,9 +159,6 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   if (!settings.extraction.image_path.empty()) {
     pictures = ReadScanPictures(settings.extraction.image_path, features, split_settings.station, reporter);
   }
-  if (pictures && settings.weak_features && !settings.use_matches) {
-    AddWeakFeatures(settings.extraction.image_path, *pictures, &features, reporter);
-  }
   if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
   GivenMatches given;
   if (settings.use_matches) {
@@ -171,8 +168,14 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
     split_settings.split.station_partners = all;
     split_settings.split.max_nearby_stations = all;
   }
-  const MotionSplit split =
-      SplitMotion(features.images, split_settings, &reporter, given, pictures ? &*pictures : nullptr);
+  const ScanPictures* seen = pictures ? &*pictures : nullptr;
+  MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
+  // Weak features are placed less exactly: scans that have enough of the others do without.
+  const bool may_add = settings.weak_features && !settings.use_matches && settings.mask_path.empty();
+  if (split.lacks_features && may_add &&
+      AddWeakFeatures(settings.extraction.image_path, *pictures, &features, reporter) > 0) {
+    split = SplitMotion(features.images, split_settings, &reporter, given, seen);
+  }
   for (const std::string& warning : split.warnings) reporter.Warn(warning);
 
   CreateFolder(paths.output);

@@ -135,6 +135,7 @@ void Split(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* s
   const bool has_turned =
       static_cast<double>(split->object_pairs.size()) >= kMinTurningPairs * matching->NumImages();
   if (!has_turned && active_share > 0) {
+    split->lacks_features = true;
     split->warnings.push_back("only " + std::to_string(split->object_pairs.size()) +
                               " pairs of photos have features that turn, though " + Percent(active_share) +
                               " of the picture change from photo to photo");

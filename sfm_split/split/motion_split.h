@@ -65,6 +65,8 @@ struct MotionSplit {
   CaptureCase capture_case = CaptureCase::kTurntable;
   std::string reason;                 ///< the measurement behind the case, for people.
   std::vector<std::string> warnings;  ///< what else was noticed, for people.
+  /// Things change at the stations, but too few pairs of photos have features that turn.
+  bool lacks_features = false;
   Stations stations;
   std::vector<int> representative;                 ///< per station: the image that stands for its background.
   std::vector<std::vector<KeypointLabel>> labels;  ///< per image, per keypoint.
