@@ -41,6 +41,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"seam", ToJson(evidence.seam)},
                    {"seam_pairs", evidence.seam_pairs},
                    {"contradicted_seams", evidence.contradicted_seams},
+                   {"turns_of_nothing", evidence.turns_of_nothing},
                    {"median_step_deg", Number(evidence.median_step_deg)},
                    {"least_step_deg", Number(evidence.least_step_deg)},
                    {"camera_radius_rel", Number(evidence.camera_radius_rel)},

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
 
 #include "sfm_split/adjust/match_noise.h"
@@ -78,7 +79,7 @@ class Gatherer {
     return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
   }
   FeatureMatches Proven(const ImagePairMatches& pair) const;
-  int TurnsOf(int station) const;
+  std::optional<int> TurnsOf(int station) const;
 
   const ScanFeatures& features_;
   double bound_px_;
@@ -177,25 +178,34 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pairs[kind][p]->image1));
     }
   }
-  for (const int station : closed) evidence->turns_of_nothing += TurnsOf(station) == 0 ? 1 : 0;
+  for (const int station : closed)
+    evidence->turns_of_nothing += TurnsOf(station) == std::optional<int>(0) ? 1 : 0;
 }
 
-// The steps of a station in order, and the one from its last photo to its first, in whole turns.
-int Gatherer::TurnsOf(int station) const {
+// The steps of a station in order, and the one from its last photo to its first, in whole turns. Nothing
+// where more than a tenth of them are wider than a quarter turn: names that do not follow the table add up to
+// any number.
+std::optional<int> Gatherer::TurnsOf(int station) const {
   double sum = 0;
+  int wide = 0;
+  int all = 0;
   const View* first = nullptr;
   const View* before = nullptr;
-  const auto step = [](const View& from, const View& to) {
-    return WrapAngle((to.angle_deg - from.angle_deg) * kDegree);
+  const auto add_step = [&](const View& from, const View& to) {
+    const double step = WrapAngle((to.angle_deg - from.angle_deg) * kDegree);
+    sum += step;
+    wide += std::abs(step) > 90 * kDegree ? 1 : 0;
+    ++all;
   };
   for (const int image : order_.at(station)) {
     const View* view = view_of_[static_cast<size_t>(image)];
     if (view == nullptr) continue;
-    if (before != nullptr) sum += step(*before, *view);
+    if (before != nullptr) add_step(*before, *view);
     if (first == nullptr) first = view;
     before = view;
   }
-  if (first != nullptr) sum += step(*before, *first);
+  if (first != nullptr) add_step(*before, *first);
+  if (10 * wide > all) return std::nullopt;
   return static_cast<int>(std::lround(sum / (360 * kDegree)));
 }
 

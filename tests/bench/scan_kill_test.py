@@ -21,7 +21,7 @@ STAGE = re.compile(r"\] (\w+): runs \(")
 def command(args, workspace):
     return [args.s2gs, "automatic_scanner", "--workspace_path", workspace, "--image_path", args.images_used,
             "--quality", "low", "--use_gpu", "0", "--num_iterations", str(args.iterations), "--max_image_size",
-            str(args.size)]
+            str(args.size), "--force", "1"]
 
 
 class Run:
