@@ -17,6 +17,7 @@ namespace s2gs {
 namespace {
 
 constexpr float kLeastMovePx = 3;       // less may be the background's
+constexpr int kLeastUnmoved = 3;        // photos of one camera place: two may be taken from one hand
 constexpr int kNextInOrder = 2;         // photos so far apart in order are neighbours
 constexpr int kLeastOfTurn = 6;         // photos of a station that can be a turn
 constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their robust fits take
@@ -296,8 +297,9 @@ void RecordAxis(const AlignedScene& aligned, ScanEvidence* evidence) {
 void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& cameras, ScanEvidence* evidence) {
   evidence->photos = static_cast<int>(features.images.size());
   std::map<int, int> photos_of_station;
-  for (const ScanImage& image : features.images) {
-    evidence->unmoved_photos = std::max(evidence->unmoved_photos, ++photos_of_station[image.station]);
+  for (const ScanImage& image : features.images) ++photos_of_station[image.station];
+  for (const auto& [station, count] : photos_of_station) {
+    evidence->unmoved_photos += count >= kLeastUnmoved ? count : 0;
   }
   for (const Camera& camera : cameras) {
     evidence->focal_widths.push_back(FocalLengths(camera).x() / static_cast<double>(camera.width));

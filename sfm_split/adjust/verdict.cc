@@ -98,7 +98,7 @@ class Judge {
     const double share = evidence_.photos > 0 ? evidence_.placed / static_cast<double>(evidence_.photos) : 0;
     if (evidence_.is_one_body && evidence_.unmoved_photos > kHalf * evidence_.photos) {
       Add(Verdict::kFailed,
-          Text("nothing was found to turn, though %d of %d photos are of one camera place",
+          Text("nothing was found to turn, though the camera stood still for %d of %d photos",
                evidence_.unmoved_photos, evidence_.photos),
           {kTexture, kLight});
     }

@@ -38,7 +38,7 @@ struct ScanEvidence {
 
   /// All photos were taken for one rigid body.
   bool is_one_body = false;
-  int unmoved_photos = 0;  ///< the most photos that one camera place has.
+  int unmoved_photos = 0;  ///< those of camera places that have at least three.
 
   double bound_px = 0;                       ///< distance from its epipolar line at which a match agrees.
   AgreeingMatches verified;                  ///< of the object, between placed photos.

@@ -205,6 +205,15 @@ TEST(ScanEvidence, StepsThatAreTooLongDoNotClose) {
   EXPECT_NE(JudgeScan(evidence).verdict, Verdict::kGood);
 }
 
+// Nothing turns in what was matched, but the camera stood still: SfM's model is of the background.
+TEST(ScanEvidence, OneBodyBeforeACameraThatStoodStillHasFailed) {
+  Scan scan = MakeScan();
+  EXPECT_EQ(JudgeScan(GatherOneBodyEvidence(scan.features, {}, 36)).verdict, Verdict::kFailed);
+  for (size_t i = 0; i < scan.features.images.size(); ++i)
+    scan.features.images[i].station = static_cast<int>(i);
+  EXPECT_EQ(JudgeScan(GatherOneBodyEvidence(scan.features, {}, 36)).verdict, Verdict::kGood);
+}
+
 TEST(ScanEvidence, ATableThatHardlyTurnsCannotMoveItsObjectSoFar) {
   const Scan scan = MakeScan();
   const ScanEvidence evidence = Gather(scan, WithSteps(scan.turntable.scene, 0.05));
