@@ -281,7 +281,14 @@ void RunAutomaticScanner(CommandContext& context) {
   for (size_t i = 0; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
     const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
-    ScanSummary::Step step = RunStep(steps[i], i + 1, steps.size() + 1, context.out());
+    ScanSummary::Step step;
+    try {
+      step = RunStep(steps[i], i + 1, steps.size() + 1, context.out());
+    } catch (const UserError&) {
+      // Where no photo found a place, the report shows why; without that the message says all there is.
+      if (steps[i].command == "turntable_mapper" && ReadPoseVerdict(workspace).verdict == "failed") finish();
+      throw;
+    }
     step.has_run = AddStages(workspace, steps[i].command, before, &summary);
     summary.steps.push_back(step);
     if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() && !settings.force) {

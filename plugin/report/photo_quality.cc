@@ -131,14 +131,15 @@ std::vector<PhotoWarning> FindPhotoWarnings(const std::vector<PhotoQuality>& pho
     std::vector<double> blur;
     std::vector<double> stops;
     for (const size_t i : members) {
-      blur.push_back(photos[i].blur_px);
+      // A photo without any edge, a black one say, has no blur to compare.
+      if (std::isfinite(photos[i].blur_px)) blur.push_back(photos[i].blur_px);
       stops.push_back(Stops(photos[i]));
     }
     const Spread blurs = SpreadOf(blur);
     const Spread exposures = SpreadOf(stops);
     for (const size_t i : members) {
       const double above = photos[i].blur_px - blurs.median;
-      if (above > z * blurs.sigma && above > 0) {
+      if (std::isfinite(above) && above > z * blurs.sigma && above > 0) {
         // Blurs add as variances.
         const double added = std::sqrt(photos[i].blur_px * photos[i].blur_px - blurs.median * blurs.median);
         if (added > kBlurUnitPx) {

@@ -93,7 +93,7 @@ void AddCameras(const ReportInput& input, const std::string& keypoints, std::vec
         {"focal length" + of_camera,
          fmt::format("{} px ({} mm on 35 mm film, {}° across the longer side)", ShortNumber(focal.x(), 1),
                      ShortNumber(focal.x() * kFilmWidthMm / longer, 1), ShortNumber(field, 1)),
-         input.mapper.is_null() ? "–" : PlusMinus(sigma, " px"), keypoints});
+         input.mapper.is_null() ? "–" : PlusMinus(sigma, " px"), keypoints + PriorShare(input)});
     const LensCurve curve = CurveOf(camera);
     std::string params;
     for (size_t i = info.FirstExtraParam(); i < camera.params.size(); ++i) {
