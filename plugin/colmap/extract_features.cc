@@ -153,17 +153,17 @@ void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction
 
 PhotoSet ReadPhotoSet(const fs::path& image_path) {
   PhotoSet set;
-  const PhotoFolder folder = InspectPhotoFolder(image_path);
-  if (!folder.faults.empty()) {
-    throw UserError(ListFaults(image_path.string() + ": these photos cannot be used", folder.faults));
+  const PhotoFolder inspected = InspectPhotoFolder(image_path);
+  if (!inspected.faults.empty()) {
+    throw UserError(ListFaults(image_path.string() + ": these photos cannot be used", inspected.faults));
   }
-  if (folder.photos.empty()) {
+  if (inspected.photos.empty()) {
     throw UserError(image_path, "has no photos (.jpg, .jpeg, .png)", "Check --image_path");
   }
-  set.notes = folder.notes;
-  set.has_other_files = folder.has_other_files;
-  set.photos.reserve(folder.photos.size());
-  for (const PhotoFile& photo : folder.photos) set.photos.push_back(photo.path);
+  set.notes = inspected.notes;
+  set.has_other_files = inspected.has_other_files;
+  set.photos.reserve(inspected.photos.size());
+  for (const PhotoFile& photo : inspected.photos) set.photos.push_back(photo.path);
   const std::vector<Look> looks = ReadAppearance(image_path, set.photos);
   if (HaveOneLook(looks)) return set;
   std::map<fs::path, std::vector<size_t>> folders;

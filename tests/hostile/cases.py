@@ -63,9 +63,6 @@ def splitter(box, *more):
     return ["motion_splitter", "--database_path", box.scan / "database.db", *more]
 
 
-COMMANDS = {"renderer": renderer, "trainer": trainer}
-
-
 # --- What is laid down -------------------------------------------------------------------------------------------------
 
 def write_database(path, names, width=400, height=400, focal=480.0):
@@ -431,7 +428,8 @@ def damaged_checkpoint(content, name):
         box.forget("gaussian_trainer")
 
         def then(box, run):
-            is_aside = (checkpoint.parent / "latest.checkpoint.damaged").read_bytes() == content
+            aside = checkpoint.parent / "latest.checkpoint.damaged"
+            is_aside = aside.exists() and aside.read_bytes() == content
             return [] if is_aside else ["the damaged checkpoint is gone"]
         return Want(0, ("checkpoint cannot be read", "starts anew"), then=then), trainer(box), {}
     return Case("dead ends", name, prepare)
@@ -507,9 +505,10 @@ def read_only(command):
         for path in box.scan.rglob("*"):
             if path.is_file():
                 path.chmod(0o444)
-        arguments = COMMANDS[command](box)
-        if command == "trainer":  # as the workspace was made
-            arguments = ["gaussian_trainer", "--workspace_path", box.scan, "--image_path", box.photos, "--use_gpu", "0",
+        # As the workspace was made.
+        arguments = ["gaussian_renderer", "--workspace_path", box.scan, "--image_path", box.base / "photos", "--use_gpu", "0"]
+        if command == "trainer":
+            arguments = ["gaussian_trainer", "--workspace_path", box.scan, "--image_path", box.base / "photos", "--use_gpu", "0",
                          "--Train.num_iterations", "40", "--max_image_size", "96", "--Init.num_random_points", "2000",
                          "--Init.min_points", "1000"]
         return Want(0, ("up to date",)), arguments, {"user": NOBODY}

@@ -104,6 +104,52 @@ TEST_F(FakeColmap, IsFoundOnPath) {
   EXPECT_EQ(found, folder_ / "colmap");
 }
 
+TEST_F(FakeColmap, SilenceIsReported) {
+  Install("sleep 0.5");
+  ColmapPatience patience;
+  patience.silence = milliseconds(100);
+  ColmapProgram::Find(folder_ / "colmap", reporter_, patience).Run({"feature_extractor", {}, {}}, reporter_);
+  EXPECT_THAT(reporter_.log, HasSubstr("colmap feature_extractor has printed nothing for 0 seconds"));
+  Install("");
+  reporter_.log.clear();
+  Run();
+  EXPECT_THAT(reporter_.log, Not(HasSubstr("printed nothing")));
+}
+
+TEST_F(FakeColmap, WhatDoesNotAnswerIsGivenUp) {
+  WriteAll(folder_ / "colmap", "#!/bin/sh\nsleep 100\n");
+  ::chmod((folder_ / "colmap").c_str(), 0755);
+  ColmapPatience patience;
+  patience.answer = milliseconds(100);
+  ExpectUserError([&] { ColmapProgram::Find(folder_ / "colmap", reporter_, patience); },
+                  {"does not answer `help`"});
+}
+
+TEST_F(FakeColmap, ACrashInsteadOfOptionsIsNamed) {
+  WriteAll(folder_ / "colmap",
+           "#!/bin/sh\nif [ \"$1\" = help ]; then\n  printf '%s\\n' 'COLMAP 3.8' 'Available commands:' '  mapper'\n"
+           "  exit 0\nfi\necho broken\nkill -SEGV $$\n");
+  ::chmod((folder_ / "colmap").c_str(), 0755);
+  ColmapProgram program = Find();
+  ExpectUserError([&] { program.Run({"mapper", {{"database_path", "x"}}, {}}, reporter_); },
+                  {"cannot be asked for the options of mapper", "signal 11", "broken"});
+}
+
+TEST_F(FakeColmap, WhatASignalEndsIsToldFromWhatFails) {
+  for (const char* signal : {"XFSZ", "KILL", "SEGV"}) {
+    Install(std::string("kill -") + signal + " $$");
+    EXPECT_THROW(Run(), ColmapKilled) << signal;
+  }
+  Install("exit 1");
+  try {
+    Run();
+    FAIL();
+  } catch (const ColmapKilled&) {
+    FAIL();
+  } catch (const UserError&) {
+  }
+}
+
 TEST_F(FakeColmap, WhatIsNotColmapIsRefused) {
   const auto find = [&] { Find(); };
   ExpectUserError(find, {(folder_ / "colmap").string(), "no such file", "--colmap_path"});
