@@ -8,6 +8,7 @@
 
 #include "s2gs/core/knn.h"
 #include "s2gs/core/rng.h"
+#include "sfm_split/base/angles.h"
 
 namespace s2gs {
 namespace {
@@ -63,7 +64,7 @@ void AddSphere(const Cube& cube, double radius, int64_t count, double foreground
   for (int64_t i = 0; i < count; ++i) {
     const Random4 bits = RandomBits(seed, kSphereStream, i);
     const double z = 2 * Unit(bits, 0) - 1;
-    const double angle = 2 * M_PI * Unit(bits, 1);
+    const double angle = 2 * kPi * Unit(bits, 1);
     const double across = std::sqrt(std::max(0.0, 1 - z * z));
     const Eigen::Vector3d direction(across * std::cos(angle), across * std::sin(angle), z);
     starts->push_back({cube.centre + radius * direction, Eigen::Vector3d::Constant(0.5), foreground});
@@ -161,8 +162,8 @@ Gaussians InitialiseGaussians(const TrainingScene& scene, const InitialiseOption
     // Uniform over rotations (Shoemake).
     const Random4 bits = RandomBits(seed, kRotationStream, i);
     const double a = Unit(bits, 0);
-    const double b = 2 * M_PI * Unit(bits, 1);
-    const double c = 2 * M_PI * Unit(bits, 2);
+    const double b = 2 * kPi * Unit(bits, 1);
+    const double c = 2 * kPi * Unit(bits, 2);
     const std::array<double, 4> q = {std::sqrt(1 - a) * std::sin(b), std::sqrt(1 - a) * std::cos(b),
                                      std::sqrt(a) * std::sin(c), std::sqrt(a) * std::cos(c)};
     for (int j = 0; j < 3; ++j) {

@@ -6,6 +6,7 @@
 
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/kernel/sh.h"
+#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -52,14 +53,6 @@ std::vector<RingPlace> RotatingPlaces(const TurntableAxis& axis, const Gaussians
     places.push_back({radius, height, ShBaseColor(Vec3<float>{dc[0], dc[1], dc[2]})});
   }
   return places;
-}
-
-template <typename T>
-T Quantile(std::vector<T>* values, double share) {
-  const auto middle =
-      values->begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values->size() - 1));
-  std::nth_element(values->begin(), middle, values->end());
-  return *middle;
 }
 
 // The lowest height from which on the rim has enough Gaussians, or nothing when they are too many below.
@@ -121,7 +114,7 @@ std::optional<RotatingSide> FindSide(const Gaussians& gaussians, const std::vect
   RotatingSide side;
   side.region = {axis, kSideOuter * radius, end - kSideBelow * radius, end + kSideAbove * radius};
   side.inner_radius = kSideInner * radius;
-  for (int c = 0; c < 3; ++c) side.color[c] = Quantile(&colors[c], 0.5);
+  for (int c = 0; c < 3; ++c) side.color[c] = Quantile(colors[c], 0.5);
   side.color_tolerance = kColorTolerance;
   if (!StaticOnesAreUpright(side, gaussians)) return std::nullopt;
   return side;
@@ -144,7 +137,7 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
   std::vector<double> radii;
   radii.reserve(places.size());
   for (const RingPlace& place : places) radii.push_back(place.radius);
-  const double radius = Quantile(&radii, kRimQuantile);
+  const double radius = Quantile(radii, kRimQuantile);
   const std::optional<double> end = RimEnd(places, radius);
   if (!end) return shape;
   shape.swept.radius = std::min(shape.swept.radius, (1 + kSweptMargin) * radius);

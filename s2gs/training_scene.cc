@@ -16,6 +16,7 @@
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
@@ -148,12 +149,6 @@ std::vector<ScenePoint> CollectPoints(const SceneFiles& files) {
   for (const auto& [id, point] : files.object.points3D) points.push_back({point.xyz, point.rgb, rotates});
   for (const auto& [id, point] : files.background.points3D) points.push_back({point.xyz, point.rgb, false});
   return points;
-}
-
-double Quantile(std::vector<double> values, double share) {
-  const auto index = static_cast<size_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(index), values.end());
-  return values[index];
 }
 
 std::optional<RotatingRegion> FindRegion(const SceneFiles& files) {

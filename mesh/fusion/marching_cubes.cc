@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mesh/surface/vertex_normals.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -79,12 +80,11 @@ class Extractor {
  private:
   template <typename Work>
   void ForEachBlock(const Work& work) const {
-#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads_)
-    for (int b = 0; b < num_blocks_; ++b) {
+    ParallelFor(num_blocks_, num_threads_, 16, [&](int64_t b) {
       Window window;
-      Load(b, &window);
-      work(b, window);
-    }
+      Load(static_cast<int>(b), &window);
+      work(static_cast<int>(b), window);
+    });
   }
 
   void Load(int b, Window* window) const {

@@ -15,6 +15,8 @@
 #include "mesh/fusion/tsdf_kernel_cpu.h"
 #include "mesh/fusion/tsdf_view.h"
 #include "mesh/fusion/tsdf_view_cache.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
 
 namespace s2gs {
@@ -31,13 +33,6 @@ constexpr uint64_t kBlockBytes = 2 * sizeof(float) * kBlockVoxels + 24;
 constexpr uint64_t kExtractionBytesPerBlock = 5200;
 // Colours come from views that see a vertex within this distance of their surface [voxels].
 constexpr float kColorDistance = 1.5F;
-
-double Quantile(std::vector<double>* values, double share) {
-  const auto place =
-      static_cast<std::ptrdiff_t>(std::llround(share * static_cast<double>(values->size() - 1)));
-  std::nth_element(values->begin(), values->begin() + place, values->end());
-  return (*values)[place];
-}
 
 int NumThreads(const TsdfOptions& options) {
   return options.num_threads > 0 ? options.num_threads : omp_get_max_threads();
@@ -93,8 +88,8 @@ void TsdfFusion::PlanGrid() {
   std::vector<TsdfSurfaceSample> samples;
   views_->ForEachBatch("read depth maps", reporter_, [&](const std::vector<const TsdfView*>& views) {
     std::vector<std::vector<TsdfSurfaceSample>> of_view(views.size());
-#pragma omp parallel for schedule(dynamic) num_threads(NumThreads(options_))
-    for (size_t i = 0; i < views.size(); ++i) of_view[i] = SampleTsdfSurface(*views[i], kSamplesPerView);
+    ParallelFor(static_cast<int64_t>(views.size()), NumThreads(options_),
+                [&](int64_t i) { of_view[i] = SampleTsdfSurface(*views[i], kSamplesPerView); });
     for (size_t i = 0; i < views.size(); ++i) {
       samples.insert(samples.end(), of_view[i].begin(), of_view[i].end());
       summary_.num_depths += views[i]->num_depths;
@@ -107,18 +102,19 @@ void TsdfFusion::PlanGrid() {
         "and "
         "seen at less than max_view_angle_deg. Check that depth maps and masks belong together");
   }
-  std::vector<double> values(samples.size());
-  const auto quantile = [&](double share, const auto& value) {
+  const auto of_samples = [&](const auto& value) {
+    std::vector<double> values(samples.size());
     std::transform(samples.begin(), samples.end(), values.begin(), value);
-    return Quantile(&values, share);
+    return values;
   };
-  const double depth = quantile(0.5, [](const TsdfSurfaceSample& s) { return double{s.depth}; });
-  const double pixel = quantile(0.5, [](const TsdfSurfaceSample& s) { return double{s.pixel}; });
+  const double depth = UpperMedian(of_samples([](const TsdfSurfaceSample& s) { return double{s.depth}; }));
+  const double pixel = UpperMedian(of_samples([](const TsdfSurfaceSample& s) { return double{s.pixel}; }));
   Eigen::AlignedBox3d box;
   for (int axis = 0; axis < 3; ++axis) {
-    const auto coordinate = [axis](const TsdfSurfaceSample& s) { return s.x_in_object[axis]; };
-    box.min()[axis] = quantile(kOutlierQuantile, coordinate);
-    box.max()[axis] = quantile(1 - kOutlierQuantile, coordinate);
+    const std::vector<double> places =
+        of_samples([axis](const TsdfSurfaceSample& s) { return s.x_in_object[axis]; });
+    box.min()[axis] = Quantile(places, kOutlierQuantile);
+    box.max()[axis] = Quantile(places, 1 - kOutlierQuantile);
   }
   const double longest = std::max(box.sizes().maxCoeff(), 8 * pixel);
   double voxel = options_.voxel_size;
@@ -172,10 +168,9 @@ void TsdfFusion::FindBlocks() {
       const size_t count = std::min(group, views.size() - begin);
       std::vector<std::vector<uint64_t>> of_view(count);
       std::vector<int64_t> outliers(count);
-#pragma omp parallel for schedule(dynamic) num_threads(NumThreads(options_))
-      for (size_t i = 0; i < count; ++i) {
-        of_view[i] = FindViewBlocks(*views[begin + i], request, &outliers[i]);
-      }
+      ParallelFor(static_cast<int64_t>(count), NumThreads(options_), [&](int64_t i) {
+        of_view[i] = FindViewBlocks(*views[begin + static_cast<size_t>(i)], request, &outliers[i]);
+      });
       for (size_t i = 0; i < count; ++i) {
         std::vector<uint64_t> merged;
         merged.reserve(keys.size() + of_view[i].size());
@@ -277,17 +272,15 @@ void TsdfFusion::ColorVertices(TriangleMesh* mesh) const {
   views_->ForEachBatch("colour the mesh", reporter_, [&](const std::vector<const TsdfView*>& views) {
     std::vector<TsdfViewParams> params(views.size());
     std::vector<TsdfDepthTiles> tiles(views.size());
-#pragma omp parallel for schedule(dynamic) num_threads(NumThreads(options_))
-    for (size_t i = 0; i < views.size(); ++i) {
+    ParallelFor(static_cast<int64_t>(views.size()), NumThreads(options_), [&](int64_t i) {
       params[i] = ViewParams(*views[i], origin_, summary_.voxel_size);
       tiles[i] = MakeTsdfDepthTiles(*views[i], summary_.truncation, summary_.voxel_size);
-    }
-#pragma omp parallel for schedule(dynamic, 16) num_threads(NumThreads(options_))
-    for (int64_t group = 0; group < num_groups; ++group) {
+    });
+    ParallelFor(num_groups, NumThreads(options_), 16, [&](int64_t group) {
       const int64_t first = group * kPointGroup;
       const auto size = static_cast<int>(std::min<int64_t>(kPointGroup, count - first));
       AddColors(views, params, tiles, &mesh->vertices[first], size, &sums[first]);
-    }
+    });
   });
   mesh->colors.assign(mesh->vertices.size(), Eigen::Matrix<uint8_t, 3, 1>::Zero());
   for (int64_t i = 0; i < count; ++i) {

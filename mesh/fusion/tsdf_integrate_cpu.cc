@@ -6,6 +6,7 @@
 #include "mesh/fusion/tsdf_cull.h"
 #include "mesh/fusion/tsdf_integrate.h"
 #include "mesh/fusion/tsdf_kernel_cpu.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -24,18 +25,16 @@ class CpuIntegrator : public TsdfIntegrator {
     const auto num_views = static_cast<int>(views.size());
     std::vector<TsdfViewParams> params(views.size());
     std::vector<TsdfDepthTiles> tiles(views.size());
-#pragma omp parallel for schedule(dynamic) num_threads(num_threads_)
-    for (int i = 0; i < num_views; ++i) {
+    ParallelFor(num_views, num_threads_, [&](int64_t i) {
       params[i] = ViewParams(*views[i], volume_.origin, volume_.voxel_size);
       tiles[i] = MakeTsdfDepthTiles(*views[i], volume_.truncation, volume_.voxel_size);
-    }
+    });
     // A little more than the half diagonal between a block's outermost voxels.
     const auto radius = static_cast<float>((kBlockSide - 1) * 0.5 * 1.7330 * volume_.voxel_size);
     const TsdfCpuKernel& kernel = BestTsdfCpuKernel();
     const int num_blocks = volume_.blocks.size();
-#pragma omp parallel for schedule(dynamic, 16) num_threads(num_threads_)
-    for (int b = 0; b < num_blocks; ++b) {
-      const Eigen::Vector3i block = volume_.blocks.Block(b);
+    ParallelFor(num_blocks, num_threads_, 16, [&](int64_t b) {
+      const Eigen::Vector3i block = volume_.blocks.Block(static_cast<int>(b));
       float* sums = &volume_.distances[static_cast<size_t>(b) * kBlockVoxels];
       float* weights = &volume_.weights[static_cast<size_t>(b) * kBlockVoxels];
       for (int i = 0; i < num_views; ++i) {
@@ -51,15 +50,14 @@ class CpuIntegrator : public TsdfIntegrator {
           kernel.add_to_block(params[i], voxel, first_voxel, sums, weights);
         }
       }
-    }
+    });
   }
 
   void Finish() override {
     const auto num_voxels = static_cast<int64_t>(volume_.distances.size());
-#pragma omp parallel for schedule(static) num_threads(num_threads_)
-    for (int64_t i = 0; i < num_voxels; ++i) {
+    ParallelFor(num_voxels, num_threads_, int64_t{kBlockVoxels} * 16, [&](int64_t i) {
       if (volume_.weights[i] > 0) volume_.distances[i] /= volume_.weights[i];
-    }
+    });
   }
 
  private:

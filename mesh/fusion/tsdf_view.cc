@@ -8,7 +8,9 @@
 
 #include "mesh/fusion/key_set.h"
 #include "mesh/fusion/tsdf_kernel_cpu.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -174,7 +176,7 @@ class ViewBuilder {
 
   void AddPlanes() {
     if (out_.map_width == 0) return;
-    const auto min_cosine = static_cast<float>(std::cos(options_.max_view_angle_deg * M_PI / 180));
+    const auto min_cosine = static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180));
     const std::vector<float> inverse_depths = PaddedInverseDepths();
     const int stride = out_.map_width + 2 * kPadding;
     const TsdfCpuKernel& kernel = BestTsdfCpuKernel();
@@ -211,9 +213,7 @@ class ViewBuilder {
       }
     }
     if (depths.empty()) return;
-    const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
-    std::nth_element(depths.begin(), middle, depths.end());
-    out_.median_depth = *middle;
+    out_.median_depth = UpperMedian(std::move(depths));
   }
 
   void AddColors() {

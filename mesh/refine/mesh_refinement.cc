@@ -18,6 +18,7 @@
 #include "mesh/surface/mesh_cleanup.h"
 #include "mesh/surface/vertex_normals.h"
 #include "s2gs/image/photos.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/stopwatch.h"
 
@@ -209,7 +210,7 @@ class Refiner {
   void Run(const Pass& pass, int64_t done_before, int64_t total) {
     const size_t count = mesh_.vertices.size();
     visible_ = FindVisible(
-        {static_cast<float>(std::cos(options_.max_view_angle_deg * M_PI / 180)), kVisibilityMargin});
+        {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)), kVisibilityMargin});
     const int width = 2 * pass.max_steps + 1;
     curves_.assign(count * width, 0);
     pixels_.assign(count, 0);
@@ -217,8 +218,7 @@ class Refiner {
     for (size_t begin = 0; begin < count; begin += kVerticesPerTurn) {
       if (reporter_.StopRequested()) throw Interrupted();
       const auto size = static_cast<int64_t>(std::min<size_t>(kVerticesPerTurn, count - begin));
-#pragma omp parallel for schedule(dynamic, 128) num_threads(num_threads_)
-      for (int64_t i = 0; i < size; ++i) MeasureCurve(begin + i, pass);
+      ParallelFor(size, num_threads_, 128, [&](int64_t i) { MeasureCurve(begin + i, pass); });
       reporter_.Progress("refine the mesh", done_before + static_cast<int64_t>(begin) + size, total);
     }
     AverageOverNeighbors(*graph_, is_known_, width, kAverageRounds, num_threads_, &curves_);

@@ -4,11 +4,13 @@
 #include <utility>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
 
 constexpr int kMaxIterations = 300;
+constexpr int64_t kGrain = 2048;  // vertices that a thread takes at a time; each is short work
 // Of the residual's square, preconditioned.
 constexpr double kConverged = 1e-8;
 
@@ -50,11 +52,10 @@ void AverageOverNeighbors(const VertexGraph& graph, const std::vector<uint8_t>& 
   const auto count = static_cast<int64_t>(graph.size());
   std::vector<float> next(rows->size());
   for (int round = 0; round < rounds; ++round) {
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int64_t i = 0; i < count; ++i) {
+    ParallelFor(count, num_threads, kGrain, [&](int64_t i) {
       float* mean = &next[i * width];
       std::copy_n(&(*rows)[i * width], width, mean);
-      if (is_known[i] == 0) continue;
+      if (is_known[i] == 0) return;
       int num_rows = 1;
       for (const uint32_t neighbor : graph.Neighbors(i)) {
         if (is_known[neighbor] == 0) continue;
@@ -63,7 +64,7 @@ void AverageOverNeighbors(const VertexGraph& graph, const std::vector<uint8_t>& 
         ++num_rows;
       }
       for (int k = 0; k < width; ++k) mean[k] /= static_cast<float>(num_rows);
-    }
+    });
     std::swap(*rows, next);
   }
 }
@@ -87,12 +88,11 @@ std::vector<float> SmoothOffsets(const VertexGraph& graph, const std::vector<Off
   double error = Dot(residual, scaled);
   const double first_error = error;
   for (int iteration = 0; iteration < kMaxIterations && error > kConverged * first_error; ++iteration) {
-#pragma omp parallel for schedule(static) num_threads(num_threads)
-    for (int64_t i = 0; i < count; ++i) {
+    ParallelFor(count, num_threads, kGrain, [&](int64_t i) {
       double sum = (observations[i].weight + prior) * direction[i];
       for (const uint32_t j : graph.Neighbors(i)) sum += smoothness * (direction[i] - direction[j]);
       image[i] = sum;
-    }
+    });
     const double length = error / Dot(direction, image);
     for (int64_t i = 0; i < count; ++i) {
       x[i] += length * direction[i];

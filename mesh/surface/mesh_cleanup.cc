@@ -14,6 +14,7 @@
 #include "mesh/surface/decimate.h"
 #include "mesh/surface/support_plane.h"
 #include "mesh/surface/vertex_normals.h"
+#include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
@@ -136,28 +137,16 @@ void KeepTriangles(const std::vector<bool>& keep, TriangleMesh* mesh) {
 }
 
 std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh) {
-  std::vector<uint32_t> parents(mesh.vertices.size());
-  std::iota(parents.begin(), parents.end(), 0U);
-  const auto root = [&](uint32_t v) {
-    while (parents[v] != v) {
-      parents[v] = parents[parents[v]];
-      v = parents[v];
-    }
-    return v;
-  };
+  UnionFind connected(mesh.vertices.size());
   for (const Triangle& triangle : mesh.triangles) {
-    for (int i = 1; i < 3; ++i) {
-      const uint32_t a = root(triangle[0]);
-      const uint32_t b = root(triangle[i]);
-      parents[std::max(a, b)] = std::min(a, b);
-    }
+    for (int i = 1; i < 3; ++i) connected.Join(triangle[0], triangle[i]);
   }
   std::vector<int> number(mesh.vertices.size(), -1);
   std::vector<int> clusters;
   clusters.reserve(mesh.triangles.size());
   int count = 0;
   for (const Triangle& triangle : mesh.triangles) {
-    int& cluster = number[root(triangle[0])];
+    int& cluster = number[connected.Root(triangle[0])];
     if (cluster < 0) cluster = count++;
     clusters.push_back(cluster);
   }

@@ -10,6 +10,7 @@
 
 #include "s2gs/core/rng.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -17,6 +18,7 @@ namespace {
 using Eigen::Vector3d;
 
 // Streams of random numbers, so that no two samplings of a comparison are correlated.
+constexpr int64_t kSamplesAtATime = 2048;  // of a thread; each is short work
 constexpr uint64_t kTruthStream = 1;
 constexpr uint64_t kOccluderStream = 2;
 
@@ -100,8 +102,7 @@ SurfaceSamples SampleSurface(const TriangleMesh& mesh, int64_t count, uint64_t s
   if (!(samples.area > 0) || count <= 0) return samples;
 
   samples.points.resize(static_cast<size_t>(count));
-#pragma omp parallel for schedule(static)
-  for (int64_t i = 0; i < count; ++i) {
+  ParallelFor(count, 0, kSamplesAtATime, [&](int64_t i) {
     const Random4 bits = RandomBits(seed, stream, static_cast<uint64_t>(i));
     const double area = UnitDouble(bits.words[0], bits.words[1]) * samples.area;
     // The first triangle that ends beyond `area`; an unusable one ends where its predecessor does.
@@ -114,7 +115,7 @@ SurfaceSamples SampleSurface(const TriangleMesh& mesh, int64_t count, uint64_t s
     samples.points[i] = (1 - root) * mesh.vertices[triangle[0]].cast<double>() +
                         root * (1 - along) * mesh.vertices[triangle[1]].cast<double>() +
                         root * along * mesh.vertices[triangle[2]].cast<double>();
-  }
+  });
   return samples;
 }
 
@@ -162,20 +163,18 @@ std::vector<TriangleCorners> TrianglesInside(const TriangleMesh& mesh, const Sim
 std::vector<int> CountViewsSeen(const std::vector<Vector3d>& points, const std::vector<Vector3d>& occluders,
                                 const std::vector<ObjectView>& views, double depth_tolerance) {
   std::vector<int> counts(points.size());
-#pragma omp parallel
-  {
-    std::vector<double> depths;
-    std::vector<int> own_counts(points.size());
-#pragma omp for schedule(dynamic)
-    for (size_t i = 0; i < views.size(); ++i) {
-      depths.assign(static_cast<size_t>(views[i].width) * views[i].height,
-                    std::numeric_limits<double>::infinity());
-      LowerDepths(views[i], points, &depths);
-      LowerDepths(views[i], occluders, &depths);
-      CountUnhidden(views[i], points, depths, depth_tolerance, &own_counts);
-    }
-#pragma omp critical
-    for (size_t i = 0; i < counts.size(); ++i) counts[i] += own_counts[i];
+  std::vector<std::vector<int>> counts_of_thread(omp_get_max_threads());
+  ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t i) {
+    std::vector<int>& own_counts = counts_of_thread[omp_get_thread_num()];
+    own_counts.resize(points.size());
+    std::vector<double> depths(static_cast<size_t>(views[i].width) * views[i].height,
+                               std::numeric_limits<double>::infinity());
+    LowerDepths(views[i], points, &depths);
+    LowerDepths(views[i], occluders, &depths);
+    CountUnhidden(views[i], points, depths, depth_tolerance, &own_counts);
+  });
+  for (const std::vector<int>& own_counts : counts_of_thread) {
+    for (size_t i = 0; i < own_counts.size(); ++i) counts[i] += own_counts[i];
   }
   return counts;
 }

@@ -9,6 +9,8 @@
 #include <random>
 #include <vector>
 
+#include "sfm_split/base/statistics.h"
+
 namespace s2gs {
 namespace {
 
@@ -53,15 +55,11 @@ std::vector<Patch> PatchesOf(const TriangleMesh& mesh) {
 
 double LongestSide(const std::vector<Patch>& patches) {
   std::vector<double> values(patches.size());
-  const auto last = static_cast<double>(values.size() - 1);
-  const auto low = static_cast<std::ptrdiff_t>(kOutlierQuantile * last);
-  const auto high = static_cast<std::ptrdiff_t>((1 - kOutlierQuantile) * last);
   double longest = 0;
   for (int axis = 0; axis < 3; ++axis) {
     std::transform(patches.begin(), patches.end(), values.begin(),
                    [&](const Patch& patch) { return patch.middle[axis]; });
-    std::sort(values.begin(), values.end());
-    longest = std::max(longest, values[high] - values[low]);
+    longest = std::max(longest, Quantile(values, 1 - kOutlierQuantile) - Quantile(values, kOutlierQuantile));
   }
   return longest;
 }

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -109,8 +110,8 @@ std::vector<double> DistancesToTriangles(const std::vector<Vector3d>& points,
                                          const std::vector<TriangleCorners>& triangles) {
   const TriangleTree tree(triangles);
   std::vector<double> distances(points.size());
-#pragma omp parallel for schedule(dynamic, 256)
-  for (size_t i = 0; i < points.size(); ++i) distances[i] = tree.Distance(points[i]);
+  ParallelFor(static_cast<int64_t>(points.size()), 0, 256,
+              [&](int64_t i) { distances[i] = tree.Distance(points[i]); });
   return distances;
 }
 

@@ -14,6 +14,7 @@
 #include <system_error>
 #include <utility>
 
+#include "plugin/cli/shell_quote.h"
 #include "sfm_split/base/error.h"
 
 namespace s2gs {
@@ -167,25 +168,6 @@ OutputState StateOf(const fs::path& path) {
   return state;
 }
 
-// A command line that can be pasted into a shell.
-std::string Quoted(const std::vector<std::string>& arguments) {
-  std::string text;
-  for (const std::string& argument : arguments) {
-    if (!text.empty()) text += ' ';
-    const bool is_plain = !argument.empty() && argument.find_first_not_of(
-                                                   "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-                                                   "0123456789_-./=,:+@%") == std::string::npos;
-    if (is_plain) {
-      text += argument;
-      continue;
-    }
-    text += '\'';
-    for (const char c : argument) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
-    text += '\'';
-  }
-  return text;
-}
-
 std::string Describe(const ChildExit& exit) {
   if (exit.signal == 0) return "exit code " + std::to_string(exit.exit_code);
   return "ended by signal " + std::to_string(exit.signal) + " (" + ::strsignal(exit.signal) + ")";
@@ -271,7 +253,7 @@ ColmapProgram::Ended ColmapProgram::Ask(const std::vector<std::string>& argument
     if (!is_late || reporter.StopRequested()) throw;
     throw UserError(
         path_,
-        "does not answer `" + Quoted(arguments) + "` within " +
+        "does not answer `" + ShellQuoted(arguments) + "` within " +
             std::to_string(std::chrono::duration_cast<std::chrono::seconds>(patience_.answer).count()) +
             " seconds",
         kInstallRemedy);
@@ -335,7 +317,7 @@ void ColmapProgram::Run(const ColmapCommand& command, Reporter& reporter) {
   std::vector<OutputState> before;
   before.reserve(command.outputs.size());
   for (const ColmapOutput& output : command.outputs) before.push_back(StateOf(output.path));
-  const std::string command_line = Quoted(child.arguments);
+  const std::string command_line = ShellQuoted(child.arguments);
   reporter.Debug(command_line);
 
   std::deque<std::string> tail;

@@ -12,6 +12,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photo_folder.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/scene/io/colmap_database.h"
 
 namespace s2gs {
@@ -52,15 +53,14 @@ bool IsSameLook(const Look& a, const Look& b) {
 std::vector<Look> ReadAppearance(const fs::path& image_path, const std::vector<fs::path>& photos) {
   std::vector<Look> looks(photos.size());
   std::vector<std::string> problems(photos.size());
-#pragma omp parallel for schedule(dynamic)
-  for (size_t i = 0; i < photos.size(); ++i) {
+  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
     try {
       const Image8 image = ReadImage(photos[i], 1);
       looks[i] = {image.width, image.height, ReadExifFocal(photos[i])};
     } catch (const UserError& error) {
       problems[i] = error.what();
     }
-  }
+  });
   problems.erase(std::remove(problems.begin(), problems.end(), ""), problems.end());
   if (problems.empty()) return looks;
   throw UserError(ListFaults(image_path.string() + ": " + std::to_string(problems.size()) + " of " +

@@ -4,7 +4,6 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -13,6 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/cli/shell_quote.h"
+#include "plugin/commands/quality.h"
 #include "plugin/commands/scan_preflight.h"
 #include "plugin/report/scan_summary.h"
 #include "plugin/stage/stage_stamp.h"
@@ -26,7 +27,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-enum class Quality { kAuto, kLow, kMedium, kHigh, kExtreme };
 enum class Until { kSplit, kTrain, kMesh };
 
 struct Settings {
@@ -44,25 +44,8 @@ struct Settings {
   bool force = false;
 };
 
-const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
-                                          {"low", Quality::kLow},
-                                          {"medium", Quality::kMedium},
-                                          {"high", Quality::kHigh},
-                                          {"extreme", Quality::kExtreme}};
-
 // Features per photo. Fewer would leave out small scales, which is where objects have theirs.
 int MaxNumFeatures(Quality quality) { return quality == Quality::kExtreme ? 16384 : 8192; }
-
-// Depth maps of a trained model are noisier than a pixel: one and a half averages more of them
-// (tests/bench/notes/surfaces.md).
-constexpr char kMeshVoxelPixels[] = "1.5";
-
-std::string QualityName(Quality quality) {
-  for (const auto& [name, value] : kQualityNames) {
-    if (value == quality) return name;
-  }
-  return "";
-}
 
 const char* LogLevelName(LogLevel level) {
   switch (level) {
@@ -143,8 +126,8 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   add("gaussian_renderer", "Masks, depth and normal maps",
       {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu});
   add("tsdf_mesher", "The mesh",
-      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Tsdf.voxel_size_pixels", kMeshVoxelPixels,
-       "--Cleanup.remove_disc", settings.keep_disc ? "0" : "1"});
+      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
+       settings.keep_disc ? "0" : "1"});
   return steps;
 }
 
@@ -173,23 +156,7 @@ const Command& FindCommand(const std::string& name) {
   return *found;
 }
 
-// Quoted for a POSIX shell where it has to be.
-std::string ShellWord(const std::string& word) {
-  const std::string plain = "-_./=:,+@%";
-  const bool is_plain = !word.empty() && std::all_of(word.begin(), word.end(), [&](unsigned char c) {
-    return std::isalnum(c) != 0 || plain.find(static_cast<char>(c)) != std::string::npos;
-  });
-  if (is_plain) return word;
-  std::string quoted = "'";
-  for (const char c : word) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return quoted + "'";
-}
-
-std::string ShellLine(const Step& step) {
-  std::string line = "s2gs " + step.command;
-  for (const std::string& argument : step.arguments) line += " " + ShellWord(argument);
-  return line;
-}
+std::string ShellLine(const Step& step) { return "s2gs " + step.command + " " + ShellQuoted(step.arguments); }
 
 double CpuSeconds() {
   double seconds = 0;

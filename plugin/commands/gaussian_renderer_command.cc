@@ -30,8 +30,10 @@
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/training_scene.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 
 namespace s2gs {
@@ -219,12 +221,9 @@ class Renderer {
 
   // One turn of the table before a camera that stands still.
   void RenderFrame(int frame, const PinholeView& view, const TurntableAxis& axis) {
-    const double angle = 2 * M_PI * frame / a_.num_frames;
-    Rigid3 turn;
-    turn.rotation = Eigen::Quaterniond(Eigen::AngleAxisd(angle, axis.direction));
-    turn.translation = axis.point - turn.rotation * axis.point;
+    const double angle = 2 * kPi * frame / a_.num_frames;
     PinholeView turned = view;
-    turned.cam_from_object = view.cam_from_object * turn;
+    turned.cam_from_object = view.cam_from_object * TurnAbout(axis, angle);
     const RenderedView rendered = backend_->Render(WholeScene(turned));
     const ImageName name(fmt::format("{:04}", frame), output_);
     WriteImage(in_output_.Make(output_ / "frames", name, ".png"), ToImage8(rendered));

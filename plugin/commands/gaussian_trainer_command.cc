@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "plugin/commands/backend_choice.h"
+#include "plugin/commands/quality.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/gaussians_ply.h"
@@ -29,13 +30,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-enum class Quality : uint8_t { kAuto, kLow, kMedium, kHigh, kExtreme };
-
-const EnumNames<Quality> kQualityNames = {{"auto", Quality::kAuto},
-                                          {"low", Quality::kLow},
-                                          {"medium", Quality::kMedium},
-                                          {"high", Quality::kHigh},
-                                          {"extreme", Quality::kExtreme}};
 const EnumNames<TrainMode> kModeNames = {{"auto", TrainMode::kAuto},
                                          {"s2gs", TrainMode::kS2gs},
                                          {"masks", TrainMode::kMasks},

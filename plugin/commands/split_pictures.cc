@@ -10,6 +10,7 @@
 #include "s2gs/image/photos.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/weak_features.h"
 
@@ -51,14 +52,13 @@ std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const S
   int longest_side = 0;
   for (const SplitImage& image : features.images)
     longest_side = std::max(longest_side, image.size.maxCoeff());
-#pragma omp parallel for schedule(dynamic)
-  for (size_t i = 0; i < num; ++i) {
+  ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
     try {
       result.pictures[i] = ReadGreyPicture(image_path / features.images[i].name, features.images[i].size);
     } catch (const UserError& error) {
       problems[i] = error.what();
     }
-  }
+  });
   for (const std::string& problem : problems) {
     if (problem.empty()) continue;
     reporter.Warn("stations are told by features alone: " + problem);
@@ -91,15 +91,14 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
   const int typical = UpperMedian(num_changing);
   if (num_changing.empty() || typical >= kEnoughFeatures) return 0;
   features->added.resize(num);
-#pragma omp parallel for schedule(dynamic)
-  for (size_t i = 0; i < num; ++i) {
-    if (parts[i].empty()) continue;
+  ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
+    if (parts[i].empty()) return;
     SplitImage& image = features->images[i];
     Image8 photo;
     try {
       photo = ReadImage(image_path / image.name, 1);
     } catch (const UserError&) {
-      continue;  // it was read before: somebody is changing it
+      return;  // it was read before: somebody is changing it
     }
     SiftFeatures& added = features->added[i];
     added = FindWeakFeatures({photo.width, photo.height, photo.pixels.data(), parts[i].data()},
@@ -107,7 +106,7 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
     image.keypoints.insert(image.keypoints.end(), added.keypoints.begin(), added.keypoints.end());
     image.scales.insert(image.scales.end(), added.scales.begin(), added.scales.end());
     image.descriptors.insert(image.descriptors.end(), added.descriptors.begin(), added.descriptors.end());
-  }
+  });
   int64_t total = 0;
   for (const SiftFeatures& added : features->added) total += static_cast<int64_t>(added.keypoints.size());
   reporter.Info("what changes from photo to photo has only " + std::to_string(typical) +

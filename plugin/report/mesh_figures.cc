@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "mesh/refine/vertex_visibility.h"
+#include "sfm_split/base/angles.h"
 
 namespace s2gs {
 namespace {
@@ -65,7 +66,7 @@ MeshFigures MeasureMesh(const TriangleMesh& mesh) {
 std::vector<int> CountViewsOfVertices(const TriangleMesh& mesh, const std::vector<ObjectView>& views) {
   std::vector<int> counts(mesh.vertices.size(), 0);
   VisibilityRule rule;
-  rule.min_cosine = static_cast<float>(std::cos(kMaxViewAngleDeg * M_PI / 180));
+  rule.min_cosine = static_cast<float>(std::cos(kMaxViewAngleDeg * kPi / 180));
   for (const ObjectView& view : views) {
     const VertexFlags seen = FindVisibleVertices(mesh, Shrunk(view), rule);
     for (size_t i = 0; i < counts.size(); ++i) counts[i] += seen.Get(i) ? 1 : 0;

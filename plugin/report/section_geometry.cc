@@ -5,6 +5,7 @@
 
 #include "plugin/report/plot.h"
 #include "plugin/report/sections.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_projection.h"
 
 namespace s2gs {
@@ -80,7 +81,7 @@ void AddCameras(const ReportInput& input, const std::string& keypoints, std::vec
     const std::string of_camera = input.object->cameras.size() > 1 ? fmt::format(", camera {}", id) : "";
     const Eigen::Vector2d focal = FocalLengths(camera);
     const auto longer = static_cast<double>(std::max(camera.width, camera.height));
-    const double field = 2 * std::atan(longer / (2 * focal.x())) * 180 / M_PI;
+    const double field = 2 * std::atan(longer / (2 * focal.x())) * 180 / kPi;
     rows->push_back(
         {"focal length" + of_camera,
          fmt::format("{} px ({} mm on 35 mm film, {}° across the longer side)", ShortNumber(focal.x(), 1),

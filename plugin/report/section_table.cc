@@ -7,6 +7,7 @@
 #include "plugin/report/plot.h"
 #include "plugin/report/sections.h"
 #include "plugin/report/table_steps.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rigid3.h"
 
 namespace s2gs {
@@ -35,7 +36,7 @@ void WriteDial(const ReportInput& input, const std::map<std::string, double>& si
   const double middle = kDial / 2;
   const auto radius = [&](int station) { return 62 + (station + 0.5) * (middle - 62 - 26) / stations; };
   const auto place = [&](double degrees, double r) {
-    const double angle = degrees * M_PI / 180;
+    const double angle = degrees * kPi / 180;
     return Eigen::Vector2d(middle + r * std::cos(angle), middle - r * std::sin(angle));
   };
   for (int degrees = 0; degrees < 360; degrees += 30) {

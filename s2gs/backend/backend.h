@@ -61,21 +61,22 @@ struct TrainingPhoto {
   std::vector<uint8_t> mask;  ///< empty, or height * width values: 255 rotating part, 0 not.
 };
 
-/// Learning rates of one iteration, of Adam (beta .9, .999).
+/// Learning rates of one iteration, of Adam (beta .9, .999). TrainOptions says what they are in training.
 struct LearningRates {
   float centre = 0;  ///< scene units.
-  float log_scale = 0.005F;
-  float rotation = 0.001F;
-  float opacity = 0.05F;
-  float sh_dc = 0.0025F;
-  float sh_rest = 0.000125F;
-  float foreground = 0.05F;
+  float log_scale = 0;
+  float rotation = 0;
+  float opacity = 0;
+  float sh_dc = 0;
+  float sh_rest = 0;
+  float foreground = 0;
 };
 
 /// Weights of one iteration's loss, the paper's (13); a term of weight 0 is not computed. Terms of the image
 /// are means over all pixels (and channels), those of the model over all Gaussians (and neighbours).
+/// TrainOptions says what they are in training.
 struct LossWeights {
-  float dssim = 0.2F;           ///< share of D-SSIM, 1 - SSIM; the rest is L1.
+  float dssim = 0;              ///< share of D-SSIM, 1 - SSIM; the rest is L1.
   float normal = 0;             ///< alpha - (rendered normal) . (normal of the expected depth's map).
   float distortion = 0;         ///< the distortion map.
   float local_consistency = 0;  ///< (10): KL of a Gaussian's p from each neighbour's; not once p is frozen.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "s2gs/backend/splat_camera.h"
 #include "s2gs/kernel/intersect.h"
 #include "s2gs/kernel/sh.h"
 
@@ -9,15 +10,6 @@ namespace s2gs {
 namespace {
 
 constexpr float kCutoffSlack = 1.0005F;  // over rounding of the logarithm and the exponential.
-
-Mat3<float> ToColumns(const Eigen::Quaterniond& rotation) {
-  const Eigen::Matrix3f m = rotation.toRotationMatrix().cast<float>();
-  return {{m(0, 0), m(1, 0), m(2, 0)}, {m(0, 1), m(1, 1), m(2, 1)}, {m(0, 2), m(1, 2), m(2, 2)}};
-}
-
-Vec3<float> ToVec(const Eigen::Vector3d& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-}
 
 SurfelParameters<float> LoadSurfel(const Gaussians& g, size_t i) {
   SurfelParameters<float> s;
@@ -38,28 +30,8 @@ Footprint<float> ToFootprint(const SplatRow& row) {
 
 ViewSetup MakeViewSetup(const PinholeView& view, SceneBodies bodies, bool freeze_foreground, int sh_degree) {
   ViewSetup setup;
-  setup.camera.cam_from_world_rotation = ToColumns(view.cam_from_world.rotation);
-  setup.camera.cam_from_world_translation = ToVec(view.cam_from_world.translation);
-  setup.camera.cam_from_object_rotation = ToColumns(view.cam_from_object.rotation);
-  setup.camera.cam_from_object_translation = ToVec(view.cam_from_object.translation);
-  setup.camera.fx = static_cast<float>(view.fx);
-  setup.camera.fy = static_cast<float>(view.fy);
-  setup.camera.cx = static_cast<float>(view.cx);
-  setup.camera.cy = static_cast<float>(view.cy);
-  setup.camera.near_depth = static_cast<float>(view.near_depth);
-  setup.camera.width = view.width;
-  setup.camera.height = view.height;
-  switch (bodies) {
-    case SceneBodies::kBoth:
-      setup.rule = freeze_foreground ? ForegroundRule::kHard : ForegroundRule::kSoft;
-      break;
-    case SceneBodies::kObjectOnly:
-      setup.rule = ForegroundRule::kObject;
-      break;
-    case SceneBodies::kStaticOnly:
-      setup.rule = ForegroundRule::kStatic;
-      break;
-  }
+  setup.camera = ToSplatCamera(view);
+  setup.rule = RuleFor(bodies, freeze_foreground);
   setup.sh_degree = sh_degree;
   return setup;
 }

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -139,34 +140,30 @@ SsimMap ComputeSsim(const Image8& image, const Image8& reference) {
   SsimMap map{width, height, std::vector<double>(static_cast<size_t>(width) * height)};
   const auto row_values = static_cast<size_t>(width) * channels;
 
-#pragma omp parallel
-  {
-    std::vector<Moments> columns(row_values);  // one output row, filtered along y only.
-#pragma omp for schedule(static)
-    for (int y = 0; y < height; ++y) {
-      std::fill(columns.begin(), columns.end(), Moments());
-      for (int dy = std::max(-kRadius, -y); dy <= std::min(kRadius, height - 1 - y); ++dy) {
-        const uint8_t* a_row = image.Pixel(0, y + dy);
-        const uint8_t* b_row = reference.Pixel(0, y + dy);
-        for (size_t i = 0; i < row_values; ++i) {
-          const double a = a_row[i] / 255.0;
-          const double b = b_row[i] / 255.0;
-          columns[i].Add(weights[dy + kRadius], {a, b, a * a, b * b, a * b});
-        }
-      }
-      for (int x = 0; x < width; ++x) {
-        double sum = 0;
-        for (int channel = 0; channel < channels; ++channel) {
-          Moments moments;
-          for (int dx = std::max(-kRadius, -x); dx <= std::min(kRadius, width - 1 - x); ++dx) {
-            moments.Add(weights[dx + kRadius], columns[static_cast<size_t>(x + dx) * channels + channel]);
-          }
-          sum += Similarity(moments);
-        }
-        map.values[static_cast<size_t>(y) * width + x] = sum / channels;
+  ParallelFor(height, 0, [&](int64_t row) {
+    const auto y = static_cast<int>(row);
+    std::vector<Moments> columns(row_values);  // the row, filtered along y only.
+    for (int dy = std::max(-kRadius, -y); dy <= std::min(kRadius, height - 1 - y); ++dy) {
+      const uint8_t* a_row = image.Pixel(0, y + dy);
+      const uint8_t* b_row = reference.Pixel(0, y + dy);
+      for (size_t i = 0; i < row_values; ++i) {
+        const double a = a_row[i] / 255.0;
+        const double b = b_row[i] / 255.0;
+        columns[i].Add(weights[dy + kRadius], {a, b, a * a, b * b, a * b});
       }
     }
-  }
+    for (int x = 0; x < width; ++x) {
+      double sum = 0;
+      for (int channel = 0; channel < channels; ++channel) {
+        Moments moments;
+        for (int dx = std::max(-kRadius, -x); dx <= std::min(kRadius, width - 1 - x); ++dx) {
+          moments.Add(weights[dx + kRadius], columns[static_cast<size_t>(x + dx) * channels + channel]);
+        }
+        sum += Similarity(moments);
+      }
+      map.values[static_cast<size_t>(y) * width + x] = sum / channels;
+    }
+  });
   return map;
 }
 

@@ -14,6 +14,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -159,11 +160,10 @@ PhotoFolder InspectPhotoFolder(const fs::path& folder) {
   result.has_other_files = listing.has_other_files;
   std::vector<std::string> problems(listing.photos.size());
   result.photos.resize(listing.photos.size());
-#pragma omp parallel for schedule(dynamic)
-  for (size_t i = 0; i < listing.photos.size(); ++i) {
+  ParallelFor(static_cast<int64_t>(listing.photos.size()), 0, [&](int64_t i) {
     result.photos[i].path = listing.photos[i];
     problems[i] = FaultOf(&result.photos[i]);
-  }
+  });
   std::set<std::string> stems;
   std::map<std::string, std::string> by_lower_case;
   for (size_t i = 0; i < result.photos.size(); ++i) {

@@ -8,6 +8,7 @@
 #include <string>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/scene/camera_check.h"
 
 namespace s2gs {
@@ -81,8 +82,8 @@ Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& p
   const Eigen::Vector2d principal = PrincipalPoint(pinhole);
   Image8 result = {static_cast<int>(pinhole.width), static_cast<int>(pinhole.height), image.channels, {}};
   result.pixels.resize(static_cast<size_t>(result.width) * result.height * result.channels);
-#pragma omp parallel for schedule(static)
-  for (int y = 0; y < result.height; ++y) {
+  ParallelFor(result.height, 0, [&](int64_t of_result) {
+    const auto y = static_cast<int>(of_result);
     for (int x = 0; x < result.width; ++x) {
       const Eigen::Vector2d center(x + 0.5, y + 0.5);
       const Eigen::Vector2d slope = (center - principal).cwiseQuotient(focal);
@@ -104,7 +105,7 @@ Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& p
         result.Pixel(x, y)[c] = static_cast<uint8_t>((1 - share_y) * above + share_y * below + 0.5);
       }
     }
-  }
+  });
   return result;
 }
 

@@ -13,6 +13,7 @@
 #include "sfm_split/adjust/joint_sigmas.h"
 #include "sfm_split/adjust/joint_solve.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
@@ -22,7 +23,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
 constexpr double kInfinity = std::numeric_limits<double>::infinity();

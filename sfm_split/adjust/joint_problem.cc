@@ -5,6 +5,7 @@
 #include <map>
 #include <set>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/projection_jacobians.h"
@@ -14,8 +15,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
 
 JointBody GatherBody(const ColmapModel& model, const std::map<std::string, int>& image_of_name) {
   JointBody body;
@@ -120,7 +119,6 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
 
   std::map<int, int> pose_of_station;
   std::map<std::string, int> image_of_name;
-  bool has_reference = false;
   // Images of a station whose poses differ (hand-held) keep poses of their own.
   const auto same = [](const Rigid3& a, const Rigid3& b) {
     return AngleBetween(a.rotation, b.rotation) < 1e-12 && (a.translation - b.translation).norm() < 1e-12;
@@ -138,10 +136,7 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
       image.pose = next;
       problem.cam_from_world.push_back(view.cam_from_world);
     }
-    if (!has_reference && view.angle_deg == 0 && same(view.world_from_object, Rigid3())) {
-      problem.reference = static_cast<int>(problem.images.size());
-      has_reference = true;
-    }
+    if (view.name == aligned.scene.reference) problem.reference = static_cast<int>(problem.images.size());
     image_of_name[view.name] = static_cast<int>(problem.images.size());
     problem.images.push_back(image);
   }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/angles.h"
 
 namespace s2gs {
 namespace {
@@ -17,7 +18,6 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 using Covariances = std::array<const Eigen::MatrixXd*, 3>;

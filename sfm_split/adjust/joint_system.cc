@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
@@ -204,20 +205,15 @@ void JointSystem::FixGauge(const JointProblem& problem) {
 }
 
 void JointSystem::TieByBackground(const JointProblem& problem) {
-  ties_.resize(num_poses_);
-  std::iota(ties_.begin(), ties_.end(), 0);
-  const auto root = [&](int pose) {
-    while (ties_[pose] != pose) pose = ties_[pose] = ties_[ties_[pose]];
-    return pose;
-  };
+  UnionFind tied(num_poses_);
   std::map<int, int> pose_of_point;
   for (const Term& term : terms_) {
     if (term.of_object) continue;
-    const int pose = root(problem.images[term.image].pose);
-    const int other = root(pose_of_point.try_emplace(term.point, pose).first->second);
-    ties_[std::max(pose, other)] = std::min(pose, other);
+    const int pose = problem.images[term.image].pose;
+    tied.Join(pose, pose_of_point.try_emplace(term.point, pose).first->second);
   }
-  for (int pose = 0; pose < num_poses_; ++pose) ties_[pose] = root(pose);
+  ties_.resize(num_poses_);
+  for (int pose = 0; pose < num_poses_; ++pose) ties_[pose] = static_cast<int>(tied.Root(pose));
 }
 
 Vector3d JointSystem::CentreOfPose(int pose) const {

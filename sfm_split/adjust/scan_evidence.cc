@@ -7,6 +7,7 @@
 
 #include "sfm_split/adjust/match_noise.h"
 #include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/split/two_view_motion.h"
@@ -14,7 +15,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr float kLeastMovePx = 3;       // less may be the background's
 constexpr int kNextInOrder = 2;         // photos so far apart in order are neighbours
 constexpr int kLeastOfTurn = 6;         // photos of a station that can be a turn

@@ -9,7 +9,10 @@
 #include <optional>
 #include <random>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/sampson_error.h"
+#include "sfm_split/base/union_find.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {
@@ -19,7 +22,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr int kMaxPointsOfTrack = 4;
 constexpr size_t kMaxTrackLength = 2000;
 
@@ -29,35 +31,31 @@ struct Ray {
   Vector3d in_body;  // unit
 };
 
-// Disjoint sets of keypoints, at most one an image, by path halving and union by size.
-class Sets {
+// Disjoint sets of keypoints, at most one an image.
+class Tracks {
  public:
-  explicit Sets(const std::vector<int>& image_of) : parent_(image_of.size()), images_(image_of.size()) {
-    std::iota(parent_.begin(), parent_.end(), 0U);
+  explicit Tracks(const std::vector<int>& image_of) : sets_(image_of.size()), images_(image_of.size()) {
     for (size_t k = 0; k < image_of.size(); ++k) images_[k] = {image_of[k]};
   }
-  uint32_t Root(uint32_t k) {
-    while (parent_[k] != k) k = parent_[k] = parent_[parent_[k]];
-    return k;
-  }
+  /// The first of its keypoints.
+  uint32_t Root(uint32_t k) { return sets_.Root(k); }
   // Unless both have a keypoint of one image: then a match is wrong.
   void Join(uint32_t a, uint32_t b) {
-    a = Root(a);
-    b = Root(b);
+    a = sets_.Root(a);
+    b = sets_.Root(b);
     if (a == b) return;
-    if (images_[a].size() < images_[b].size()) std::swap(a, b);
     std::vector<int> all;
     all.reserve(images_[a].size() + images_[b].size());
     std::merge(images_[a].begin(), images_[a].end(), images_[b].begin(), images_[b].end(),
                std::back_inserter(all));
     if (std::adjacent_find(all.begin(), all.end()) != all.end()) return;
-    parent_[b] = a;
-    images_[a] = std::move(all);
-    images_[b].clear();
+    sets_.Join(a, b);
+    images_[std::max(a, b)].clear();
+    images_[std::min(a, b)] = std::move(all);
   }
 
  private:
-  std::vector<uint32_t> parent_;
+  UnionFind sets_;
   std::vector<std::vector<int>> images_;  // of a root's set, ascending
 };
 
@@ -102,7 +100,7 @@ class Triangulator {
     image_of.reserve(first_.back());
     for (size_t i = 0; i < images_.size(); ++i)
       image_of.insert(image_of.end(), keypoints_[i].size(), static_cast<int>(i));
-    Sets sets(image_of);
+    Tracks sets(image_of);
     std::vector<bool> is_matched(first_.back(), false);
     for (const auto& [support, edge] : by_support) {
       sets.Join(edge.first, edge.second);
@@ -113,10 +111,6 @@ class Triangulator {
     for (uint32_t k = 0; k < first_.back(); ++k) {
       if (is_matched[k]) by_set.emplace_back(sets.Root(k), k);
     }
-    // A set is named by its first keypoint, so that the order of joining does not show.
-    std::vector<uint32_t> first_of_set(first_.back(), std::numeric_limits<uint32_t>::max());
-    for (const auto& [root, k] : by_set) first_of_set[root] = std::min(first_of_set[root], k);
-    for (auto& [root, k] : by_set) root = first_of_set[root];
     std::sort(by_set.begin(), by_set.end());
     std::vector<TrackPoint> points;
     for (size_t begin = 0; begin < by_set.size();) {
@@ -338,10 +332,8 @@ double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Ve
   if (!u || !v) return std::numeric_limits<double>::infinity();
   const Vector3d line2 = second_from_first.translation.cross(second_from_first.rotation * *u);
   const Vector3d line1 = -(second_from_first.rotation.conjugate() * second_from_first.translation.cross(*v));
-  const double squared = line1.head<2>().squaredNorm() + line2.head<2>().squaredNorm();
   const double focal = 0.25 * (FocalLengths(*image1.camera).sum() + FocalLengths(*image2.camera).sum());
-  if (!(squared > 0)) return std::numeric_limits<double>::infinity();  // no baseline
-  return focal * std::abs(v->dot(line2)) / std::sqrt(squared);
+  return focal * std::abs(SampsonError<double>(line1, line2, *v));
 }
 
 bool RefinePoint(const std::vector<PosedImage>& images, const std::vector<Keypoints>& keypoints,

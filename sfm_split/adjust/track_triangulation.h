@@ -53,7 +53,8 @@ std::vector<TrackPoint> TriangulateTracks(const std::vector<PosedImage>& images,
 double ReprojectionErrorPx(const PosedImage& image, const Eigen::Vector3d& x_in_body,
                            const Eigen::Vector2d& xy);
 
-/// Sampson's error of a match against the epipolar geometry of two poses [px]; infinite without a baseline.
+/// Sampson's error of a match against the epipolar geometry of two poses [px], unsigned; beyond any bound
+/// without a baseline, infinite where a pixel has no ray.
 double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Eigen::Vector2d& xy1,
                     const Eigen::Vector2d& xy2);
 

@@ -7,6 +7,8 @@
 #include <limits>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 
 // Rotation vectors w = angle * unit axis [rad]. Functions templated on the scalar take double, float or
@@ -171,7 +173,7 @@ inline double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond
 
 /// `angle` [rad] less whole turns, in (-pi, pi].
 inline double WrapAngle(double angle) {
-  const double turn = 2 * 3.14159265358979323846;
+  const double turn = 2 * kPi;
   const double wrapped = std::remainder(angle, turn);
   return wrapped <= -turn / 2 ? wrapped + turn : wrapped;
 }

@@ -24,6 +24,26 @@ Summary Summarize(std::vector<double> values) {
   return summary;
 }
 
+std::optional<Line> FitLine(const std::vector<Eigen::Vector2d>& points) {
+  const auto n = static_cast<double>(points.size());
+  double sum_x = 0;
+  double sum_xx = 0;
+  double sum_y = 0;
+  double sum_xy = 0;
+  for (const Eigen::Vector2d& point : points) {
+    sum_x += point.x();
+    sum_xx += point.x() * point.x();
+    sum_y += point.y();
+    sum_xy += point.x() * point.y();
+  }
+  const double determinant = n * sum_xx - sum_x * sum_x;
+  if (!(determinant > 0)) return std::nullopt;
+  Line line;
+  line.slope = (n * sum_xy - sum_x * sum_y) / determinant;
+  line.start = (sum_y - line.slope * sum_x) / n;
+  return line;
+}
+
 double LogPoissonTail(int count, double mean) {
   if (count <= 0) return 0;
   // Terms after the first, over it.

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 namespace s2gs {
@@ -30,5 +32,23 @@ T UpperMedian(std::vector<T> values) {
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
 }
+
+/// The value that `share` (0 to 1) of the values do not exceed: that at place share * (n - 1) of their order,
+/// rounded down, so that it is always one of the values. There must be some.
+template <typename T>
+T Quantile(std::vector<T> values, double share) {
+  const auto place =
+      values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), place, values.end());
+  return *place;
+}
+
+struct Line {
+  double start = 0;  ///< y at x = 0.
+  double slope = 0;
+};
+
+/// The line y = start + slope * x with the least sum of squared errors of y; nothing when all x are one.
+std::optional<Line> FitLine(const std::vector<Eigen::Vector2d>& points);
 
 }  // namespace s2gs

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <string>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/matching/descriptor_kernel.h"
 
 namespace s2gs {
@@ -294,10 +295,9 @@ void DescriptorMatcher::Match(const PackedDescriptors& image1, const PackedDescr
   const int num_used = std::max(1, std::min(num_threads_, num_chunks));
   for (int i = 0; i < num_used; ++i) workspaces_[i]->Reset(image1, image2);
   Workspace* first = workspaces_[0].get();
-#pragma omp parallel for schedule(dynamic) num_threads(num_used)
-  for (int chunk = 0; chunk < num_chunks; ++chunk) {
-    MatchRows(image1, image2, chunk, workspaces_[omp_get_thread_num()].get(), first);
-  }
+  ParallelFor(num_chunks, num_used, [&](int64_t chunk) {
+    MatchRows(image1, image2, static_cast<int>(chunk), workspaces_[omp_get_thread_num()].get(), first);
+  });
   for (int i = 1; i < num_used; ++i) {
     for (size_t slot = 0; slot < first->column_top.size(); ++slot) {
       Merge(workspaces_[i]->column_top[slot], image1.slot_index(), &first->column_top[slot]);
@@ -313,8 +313,7 @@ void DescriptorMatcher::MatchAll(const std::vector<Job>& jobs, std::vector<Featu
     for (int i = 0; i < num_jobs; ++i) Match(*jobs[i].image1, *jobs[i].image2, &(*matches)[i]);
     return;
   }
-#pragma omp parallel for schedule(dynamic) num_threads(num_threads_)
-  for (int i = 0; i < num_jobs; ++i) {
+  ParallelFor(num_jobs, num_threads_, [&](int64_t i) {
     const PackedDescriptors& image1 = *jobs[i].image1;
     const PackedDescriptors& image2 = *jobs[i].image2;
     Workspace* workspace = workspaces_[omp_get_thread_num()].get();
@@ -323,7 +322,7 @@ void DescriptorMatcher::MatchAll(const std::vector<Job>& jobs, std::vector<Featu
       MatchRows(image1, image2, chunk, workspace, workspace);
     }
     Select(image1, image2, *workspace, *workspace, &(*matches)[i]);
-  }
+  });
 }
 
 }  // namespace s2gs

@@ -7,10 +7,11 @@
 #include <string>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/union_find.h"
+
 namespace s2gs {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 void Append(uint32_t a, uint32_t b, std::vector<ImagePair>* pairs) {
   if (a != b) pairs->push_back({std::min(a, b), std::max(a, b)});
@@ -57,28 +58,6 @@ int CompareNaturally(const std::string& a, const std::string& b) {
   if (i < a.size() || j < b.size()) return i < a.size() ? 1 : -1;
   return 0;
 }
-
-// Disjoint sets of images.
-class Components {
- public:
-  explicit Components(size_t num) : parent_(num) { std::iota(parent_.begin(), parent_.end(), 0U); }
-
-  /// False when the two were together already.
-  bool Join(uint32_t a, uint32_t b) {
-    a = Root(a);
-    b = Root(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-    return a != b;
-  }
-
- private:
-  uint32_t Root(uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-
-  std::vector<uint32_t> parent_;
-};
 
 // Images of each station, in the order of `order`.
 std::map<int, std::vector<uint32_t>> ImagesOfStations(const std::vector<int>& station,
@@ -174,7 +153,7 @@ std::vector<ImagePair> SimilarPairs(const SimilarityMatrix& similarity, int num_
   }
   SortUnique(&pairs);
 
-  Components components(num);
+  UnionFind components(num);
   for (const ImagePair pair : pairs) components.Join(pair.first, pair.second);
   std::vector<ImagePair> rest;
   for (uint32_t i = 0; i < num; ++i) {

@@ -7,10 +7,12 @@
 #include <set>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/keypoint_grid.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/camera_projection.h"
 #include "sfm_split/scene/pose_error.h"
 #include "sfm_split/turntable/table_angle.h"
@@ -21,8 +23,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 constexpr double kDistinctAngles = 5 * kDegree;
 constexpr double kSquaredNorm = 512.0 * 512.0;  // of a descriptor, about
 constexpr double kCoarsestStep = 1 * kDegree;   // of the sweep
@@ -42,11 +42,6 @@ std::optional<Vector2d> Project(const Camera& camera, const Vector3d& x_in_cam) 
   Vector2d xy;
   if (!ProjectPoint(camera.model, camera.params.data(), x_in_cam.data(), xy.data())) return std::nullopt;
   return xy;
-}
-
-Rigid3 TurnAbout(const TurntableAxis& axis, double angle) {
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, angle);
-  return {Eigen::Quaterniond(turn), axis.point - turn * axis.point};
 }
 
 Eigen::MatrixXf Unpack(const uint8_t* bytes, size_t count) {

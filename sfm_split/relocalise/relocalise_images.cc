@@ -4,14 +4,15 @@
 #include <optional>
 #include <set>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/scene/axis_turn.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr int kMinEqualSteps = 4;                  // images that tell a station's step
 constexpr double kEqualStepBound = 0.7 * kDegree;  // of an angle from the line of equal steps
 constexpr double kDoubtfulShare = 0.5;             // of the median share of agreeing matches
@@ -117,9 +118,7 @@ bool ScanRefiner::RelocaliseImage(int image, const Rigid3& cam_from_world, int s
         fit.margin >= kOverwhelmingMargin && fit.inliers >= kOverwhelmingInliers * options_.min_mend_inliers;
     const bool is_enough = is_overwhelming || fit.inliers >= min_share * static_cast<double>(candidates);
     if (!fit.found || fit.margin < kClearMargin || !is_enough) return false;
-    const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
-    AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
-            fit.angle_rad);
+    AddView(image, station, cam_from_world, TurnAbout(axis, fit.angle_rad), fit.angle_rad);
     report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
                               static_cast<int>(candidates), fit.margin});
     return true;
@@ -215,9 +214,7 @@ bool ScanRefiner::RelocaliseByRawMatches(int image, const Rigid3& cam_from_world
   } else if (!is_clear) {
     return false;
   }
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, fit.angle_rad);
-  AddView(image, station, cam_from_world, {Eigen::Quaterniond(turn), axis.point - turn * axis.point},
-          fit.angle_rad);
+  AddView(image, station, cam_from_world, TurnAbout(axis, fit.angle_rad), fit.angle_rad);
   report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
                             "camera from the station, table angle from matches that were not verified",
                             fit.inliers, static_cast<int>(raw.size()), fit.margin});
@@ -264,33 +261,21 @@ std::optional<double> ScanRefiner::AngleByEqualSteps(int image) const {
   if (most < 0.8 * static_cast<double>(known.size()) || static_cast<int>(most) < kMinEqualSteps)
     return std::nullopt;
   // A line through what agrees.
-  double n = 0;
-  double sum_k = 0;
-  double sum_kk = 0;
-  double sum_r = 0;
-  double sum_kr = 0;
+  std::vector<Eigen::Vector2d> rest;
   for (const auto& [at, angle] : known) {
     const double r = WrapAngle(angle - best_offset - best_step * at);
-    if (std::abs(r) > kEqualStepBound * (1 + std::abs(at - best_at))) continue;
-    n += 1;
-    sum_k += at;
-    sum_kk += at * at;
-    sum_r += r;
-    sum_kr += at * r;
+    if (std::abs(r) <= kEqualStepBound * (1 + std::abs(at - best_at))) rest.emplace_back(at, r);
   }
-  const double determinant = n * sum_kk - sum_k * sum_k;
-  if (!(determinant > 0)) return std::nullopt;
-  const double slope = (n * sum_kr - sum_k * sum_r) / determinant;
-  return WrapAngle(best_offset + (sum_r - slope * sum_k) / n + (best_step + slope) * place_of_image);
+  const std::optional<Line> line = FitLine(rest);
+  if (!line) return std::nullopt;
+  return WrapAngle(best_offset + line->start + (best_step + line->slope) * place_of_image);
 }
 
 bool ScanRefiner::RelocaliseBySteps(int image, const Rigid3& cam_from_world, int station,
                                     double max_error_px) {
   const std::optional<double> angle = AngleByEqualSteps(image);
   if (!angle) return false;
-  const TurntableAxis& axis = aligned_->scene.axis;
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis.direction, *angle);
-  const Rigid3 world_from_object{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  const Rigid3 world_from_object = TurnAbout(aligned_->scene.axis, *angle);
   const PosedImage posed{true, &CameraOf(image), cam_from_world * world_from_object};
   const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
   int inliers = 0;
@@ -313,8 +298,7 @@ void ScanRefiner::TakeOut(const std::set<std::string>& gone) {
   std::vector<View>& views = aligned_->scene.views;
   const auto is_gone = [&](const View& view) { return gone.count(view.name) > 0; };
   if (gone.empty() || std::all_of(views.begin(), views.end(), is_gone)) return;
-  const auto reference = std::find_if(views.begin(), views.end(), IsReference);
-  if (reference != views.end() && is_gone(*reference)) {
+  if (is_gone(*aligned_->scene.Reference())) {
     const View other = *std::find_if_not(views.begin(), views.end(), is_gone);
     MakeReference(other);
   }
@@ -348,13 +332,12 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
     if (posed[i].is_posed && all[i] > 0) shares.push_back(agree[i] / static_cast<double>(all[i]));
   }
   if (shares.empty()) return;
-  const auto middle = shares.begin() + static_cast<std::ptrdiff_t>(shares.size() / 2);
-  std::nth_element(shares.begin(), middle, shares.end());
+  const double median = UpperMedian(shares);
   std::set<std::string> gone;
   for (size_t i = 0; i < posed.size(); ++i) {
     // An image without matches is where SfM put it for reasons of its own; nothing contradicts it.
     if (!posed[i].is_posed || all[i] < options_.min_mend_inliers) continue;
-    if (agree[i] >= kDoubtfulShare * *middle * all[i]) continue;
+    if (agree[i] >= kDoubtfulShare * median * all[i]) continue;
     const std::string& name = features_.images[i].name;
     gone.insert(name);
   }

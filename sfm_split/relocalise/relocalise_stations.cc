@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/relocalise/scan_refiner.h"
@@ -16,7 +17,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr int kMaxBasesOfStation = 4;        // images that are tried as a lost station's first
 constexpr int kMinStationVotes = 20;         // matches of two stations that may contradict them
 constexpr double kContradictedShare = 0.25;  // of the share that agrees inside stations
@@ -276,8 +276,7 @@ void ScanRefiner::SettleLoneCameras(int enough_observations) {
     if (is_lone(view) && centres.count(view.station) > 0) lone.insert(view.name);
   }
   if (lone.empty()) return;
-  if (const auto reference = std::find_if(views.begin(), views.end(), IsReference);
-      reference != views.end() && is_lone(*reference)) {
+  if (is_lone(*aligned_->scene.Reference())) {
     const View other = *std::find_if(views.begin(), views.end(), [&](const View& v) { return !is_lone(v); });
     MakeReference(other);
   }
@@ -298,11 +297,11 @@ void ScanRefiner::StandCamerasStill() {
   std::vector<View>& views = aligned_->scene.views;
   std::map<int, Rigid3> camera_of_station;
   for (const View& view : views) {
-    if (IsReference(view)) camera_of_station[view.station] = view.cam_from_world;
+    if (view.name == aligned_->scene.reference) camera_of_station[view.station] = view.cam_from_world;
   }
   for (View& view : views) {
     const auto [entry, is_first] = camera_of_station.try_emplace(view.station, view.cam_from_world);
-    if (is_first || IsReference(view)) continue;
+    if (is_first || view.name == aligned_->scene.reference) continue;
     view.world_from_object = entry->second.Inverse() * view.CamFromObject();
     view.cam_from_world = entry->second;
     view.angle_deg = TableAngleDeg(aligned_->scene.axis, view.world_from_object);
@@ -318,8 +317,7 @@ void ScanRefiner::PlaceStations(double max_error_px) {
     if (view_of_image_[i] < 0) continue;
     const int station = StationOf(static_cast<int>(i));
     ++images[station];
-    const View& view = aligned_->scene.views[static_cast<size_t>(view_of_image_[i])];
-    if (view.angle_deg == 0 && root < 0) root = station;
+    if (features_.images[i].name == aligned_->scene.Reference()->name) root = station;
   }
   if (images.size() < 2 || images.size() > kMaxTiedStations) return;
   if (root < 0) root = images.begin()->first;
@@ -358,6 +356,7 @@ void ScanRefiner::PlaceStations(double max_error_px) {
 
 // The object's frame becomes the world's at another image.
 void ScanRefiner::MakeReference(const View& reference) {
+  aligned_->scene.reference = reference.name;
   const Rigid3 new_from_old = reference.world_from_object;
   const Rigid3 old_from_new = new_from_old.Inverse();
   const double zero_deg = reference.angle_deg;
@@ -397,8 +396,7 @@ void ScanRefiner::DropUntiedStations() {
   }
   if (gone.empty()) return;
   const std::set<std::string> names(gone.begin(), gone.end());
-  const auto is_reference = [](const View& view) { return view.angle_deg == 0; };
-  const bool had_reference = std::any_of(views.begin(), views.end(), is_reference);
+  const bool loses_reference = names.count(aligned_->scene.Reference()->name) > 0;
   views.erase(std::remove_if(views.begin(), views.end(),
                              [&](const View& view) { return names.count(view.name) > 0; }),
               views.end());
@@ -408,7 +406,7 @@ void ScanRefiner::DropUntiedStations() {
   reporter_.Warn(std::to_string(gone.size()) + " images left out, the first " + gone[0] +
                  ": nothing on the background ties their station to the others");
   IndexViews();
-  if (had_reference && std::none_of(views.begin(), views.end(), is_reference)) {
+  if (loses_reference) {
     const View reference = views[0];
     MakeReference(reference);
   }

@@ -5,6 +5,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/scene/axis_turn.h"
 
 namespace s2gs {
 namespace {
@@ -70,8 +71,7 @@ class Tier {
       if (!is_first && pair.other_station != station) continue;
       const StationTie& other = ties_[static_cast<size_t>(is_first ? pair.other_station : pair.station)];
       if (other.component != component) continue;
-      const Eigen::Matrix3d turn = RotationAbout<double>(axis_.direction, other.turn_rad);
-      const Rigid3 turned{Eigen::Quaterniond(turn), axis_.point - turn * axis_.point};
+      const Rigid3 turned = TurnAbout(axis_, other.turn_rad);
       const size_t stride = 1 + pair.matches.size() / static_cast<size_t>(std::max(1, options_.max_matches));
       for (size_t k = 0; k < pair.matches.size(); k += stride) {
         MatchAcrossTurn match = pair.matches[k];

@@ -6,6 +6,7 @@
 #include <map>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/keypoint_grid.h"
 
@@ -14,7 +15,6 @@ namespace {
 
 using Cell = std::pair<int, int>;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kMaxChance = 1e-2;  // expected number of shifts, up to the one found, that as many share
 
 struct Shift {

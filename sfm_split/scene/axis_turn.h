@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/scene/scene.h"
 
@@ -24,7 +25,6 @@ inline double AngleAboutAxis(const TurntableAxis& axis, const Eigen::Vector3d& f
 /// reference image, where the object's frame is the world's. A pose that is tilted or shifted besides has
 /// that of the nearest pure turn.
 inline double TableAngleDeg(const TurntableAxis& axis, const Rigid3& world_from_object) {
-  constexpr double kDegree = 3.14159265358979323846 / 180;
   return AngleAbout(axis.direction, world_from_object.rotation.toRotationMatrix()) / kDegree;
 }
 
@@ -36,16 +36,10 @@ inline Rigid3 TurnAbout(const TurntableAxis& axis, double angle_rad) {
 /// Turns a camera about the axis, new cam_from_world = cam_from_world * turn, and its table angle back: what
 /// it sees of the object stays.
 inline void TurnView(const TurntableAxis& axis, double turn_rad, View* view) {
-  constexpr double kDegree = 3.14159265358979323846 / 180;
   const Rigid3 turned_from_world = TurnAbout(axis, turn_rad);
   view->cam_from_world = view->cam_from_world * turned_from_world;
   view->world_from_object = turned_from_world.Inverse() * view->world_from_object;
   view->angle_deg = WrapAngle(view->angle_deg * kDegree - turn_rad) / kDegree;
-}
-
-/// Whether the object's frame is the world's at this view.
-inline bool IsReference(const View& view) {
-  return view.angle_deg == 0 && view.world_from_object.Matrix().isIdentity(1e-12);
 }
 
 /// Whether two cameras differ by no more than this in place, as a share of the distance from the axis, and in

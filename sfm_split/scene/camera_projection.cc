@@ -6,6 +6,7 @@
 #include <cmath>
 #include <unsupported/Eigen/AutoDiff>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 
 namespace s2gs {
@@ -224,7 +225,7 @@ std::optional<Eigen::Vector3d> UnprojectFromImage(const Camera& camera, const Ei
   }
   if (camera.model == CameraModelId::kOpenCVFisheye) {
     const double theta = uv->norm();
-    if (!(theta < EIGEN_PI / 2)) return std::nullopt;
+    if (!(theta < kPi / 2)) return std::nullopt;
     if (theta > 0) *uv *= std::tan(theta) / theta;
   }
   return Eigen::Vector3d(uv->x(), uv->y(), 1);

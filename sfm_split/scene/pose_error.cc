@@ -6,6 +6,7 @@
 #include <cmath>
 #include <complex>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/statistics.h"
 
@@ -16,7 +17,7 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kDegreesPerRadian = 180 / 3.14159265358979323846;
+constexpr double kDegreesPerRadian = 180 / kPi;
 
 // Below this ratio of the second to the first principal extent, errors of a ten-thousandth of the extent,
 // which is what good SfM leaves, would decide about the rotation around the line.

@@ -34,10 +34,21 @@ enum class LengthUnit { kSfm, kMetre };
 struct TurntableScene {
   std::vector<Camera> cameras;
   std::vector<View> views;  ///< by name.
+  /// Name of the view at which the object's frame is the world's; who takes it out names another and moves
+  /// the object's frame along.
+  std::string reference;
   TurntableAxis axis;
   int num_stations = 0;
   bool scale_observable = false;  ///< false with one station: background depth is then undefined.
   LengthUnit units = LengthUnit::kSfm;
+
+  /// The reference view; the first one where none is named so; null without views.
+  const View* Reference() const {
+    for (const View& view : views) {
+      if (view.name == reference) return &view;
+    }
+    return views.empty() ? nullptr : views.data();
+  }
 };
 
 }  // namespace s2gs

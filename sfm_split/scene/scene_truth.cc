@@ -10,6 +10,7 @@
 #include <sstream>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
@@ -29,7 +30,6 @@ constexpr double kRigidTolerance = 1e-5;
 // The most by which an image's turn may differ from its angle_deg, and its axis from the scene's.
 constexpr double kAngleToleranceDeg = 1e-3;
 constexpr double kLargestLength = 1e12;
-constexpr double kRadiansPerDegree = 3.14159265358979323846 / 180;
 
 // A JSON value together with where it stands in the file.
 class Entry {
@@ -181,14 +181,14 @@ struct TurnError {
 };
 
 TurnError CompareWithTurn(const Rigid3& motion, double angle_deg, const TurntableAxis& axis) {
-  const Eigen::Quaterniond turn(Eigen::AngleAxisd(angle_deg * kRadiansPerDegree, axis.direction));
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(angle_deg * kDegree, axis.direction));
   return {turn.angularDistance(motion.rotation), (motion * axis.point - axis.point).norm()};
 }
 
 bool IsTurn(const Rigid3& motion, double angle_deg, const TurntableAxis& axis) {
   const TurnError error = CompareWithTurn(motion, angle_deg, axis);
   const double lengths = axis.point.norm() + motion.translation.norm() + 1e-3;
-  return error.radians <= kAngleToleranceDeg * kRadiansPerDegree && error.length <= 1e-5 * lengths;
+  return error.radians <= kAngleToleranceDeg * kDegree && error.length <= 1e-5 * lengths;
 }
 
 SceneTruthImage ReadTruthImage(const Entry& entry) {

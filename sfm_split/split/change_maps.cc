@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -102,25 +103,20 @@ void MatchExposure(const cv::Mat& reference, cv::Mat* grey) {
 
 cv::Mat MedianOf(const std::vector<cv::Mat>& photos) {
   cv::Mat median(photos.front().size(), CV_32F);
-#pragma omp parallel
-  {
+  constexpr int64_t kPixelsAtATime = 4096;  // of a thread; each is short work
+  ParallelFor(static_cast<int64_t>(median.total()), 0, kPixelsAtATime, [&](int64_t k) {
     std::vector<float> values;
-#pragma omp for schedule(static)
-    for (int k = 0; k < static_cast<int>(median.total()); ++k) {
-      values.clear();
-      for (const cv::Mat& photo : photos) {
-        const float value = photo.ptr<float>()[k];
-        if (!std::isnan(value)) values.push_back(value);
-      }
-      if (values.empty()) {
-        median.ptr<float>()[k] = std::nanf("");
-        continue;
-      }
-      const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-      std::nth_element(values.begin(), middle, values.end());
-      median.ptr<float>()[k] = *middle;
+    values.reserve(photos.size());
+    for (const cv::Mat& photo : photos) {
+      const float value = photo.ptr<float>()[k];
+      if (!std::isnan(value)) values.push_back(value);
     }
-  }
+    if (values.empty()) {
+      median.ptr<float>()[k] = std::nanf("");
+      return;
+    }
+    median.ptr<float>()[k] = UpperMedian(std::move(values));
+  });
   return median;
 }
 
@@ -141,8 +137,7 @@ std::vector<cv::Mat> Deviations(const std::vector<cv::Mat>& photos, const cv::Ma
   }
   const float noise = std::max(kLeastNoise, 1.4826F * UpperMedian(std::move(sizes)));
   std::vector<cv::Mat> deviations(photos.size());
-#pragma omp parallel for schedule(dynamic)
-  for (size_t i = 0; i < photos.size(); ++i) {
+  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
     cv::Mat squared(median.size(), CV_32F);
     for (int k = 0; k < static_cast<int>(median.total()); ++k) {
       const float d = photos[i].ptr<float>()[k] - median.ptr<float>()[k];
@@ -151,7 +146,7 @@ std::vector<cv::Mat> Deviations(const std::vector<cv::Mat>& photos, const cv::Ma
     }
     cv::blur(squared, squared, {3, 3});
     cv::sqrt(squared, deviations[i]);
-  }
+  });
   return deviations;
 }
 
@@ -207,18 +202,16 @@ SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const Picture
     std::vector<cv::Mat> photos(members[s].size());
     // Exposures are matched to the first photo's, whatever changed in it, and then to the median's.
     const cv::Mat first = AsSeenFromFirst(pictures[members[s].front()], Eigen::Matrix3d::Identity());
-#pragma omp parallel for schedule(dynamic)
-    for (size_t i = 0; i < photos.size(); ++i) {
+    const auto num_photos = static_cast<int64_t>(photos.size());
+    ParallelFor(num_photos, 0, [&](int64_t i) {
       photos[i] = AsSeenFromFirst(pictures[members[s][i]], stations.photo_from_first[members[s][i]]);
       MatchExposure(first, &photos[i]);
-    }
+    });
     const cv::Mat rough = MedianOf(photos);
-#pragma omp parallel for schedule(dynamic)
-    for (size_t i = 0; i < photos.size(); ++i) MatchExposure(rough, &photos[i]);
+    ParallelFor(num_photos, 0, [&](int64_t i) { MatchExposure(rough, &photos[i]); });
     const std::vector<cv::Mat> deviations = Deviations(photos, MedianOf(photos));
     result.stations[s] = Activity(deviations);
-#pragma omp parallel for schedule(dynamic)
-    for (size_t i = 0; i < photos.size(); ++i) {
+    ParallelFor(num_photos, 0, [&](int64_t i) {
       const int image = members[s][i];
       cv::Mat in_photo;
       cv::warpPerspective(deviations[i], in_photo,
@@ -229,7 +222,7 @@ SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const Picture
       map.width = in_photo.cols;
       map.height = in_photo.rows;
       map.deviation.assign(in_photo.datastart, in_photo.dataend);
-    }
+    });
   }
   return result;
 }
@@ -242,17 +235,16 @@ std::vector<uint8_t> ActivePart(const GreyPicture& picture, const Eigen::Matrix3
   const Eigen::Matrix3d first_from_photo =
       Eigen::Vector3d(1 / scale.x(), 1 / scale.y(), 1).asDiagonal() * photo_from_first.inverse();
   part.assign(static_cast<size_t>(picture.photo_size.x()) * picture.photo_size.y(), 0);
-#pragma omp parallel for schedule(static)
-  for (int y = 0; y < picture.photo_size.y(); ++y) {
+  ParallelFor(picture.photo_size.y(), 0, [&](int64_t y) {
     for (int x = 0; x < picture.photo_size.x(); ++x) {
-      const Eigen::Vector3d at = first_from_photo * Eigen::Vector3d(x + 0.5, y + 0.5, 1);
+      const Eigen::Vector3d at = first_from_photo * Eigen::Vector3d(x + 0.5, static_cast<double>(y) + 0.5, 1);
       const int column = static_cast<int>(std::floor(at.x() / at.z()));
       const int row = static_cast<int>(std::floor(at.y() / at.z()));
       if (column < 0 || row < 0 || column >= picture.width || row >= picture.height) continue;
       part[static_cast<size_t>(y) * picture.photo_size.x() + x] =
           changes.is_active[static_cast<size_t>(row) * picture.width + column];
     }
-  }
+  });
   return part;
 }
 

@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/split/motion_sync.h"
 #include "sfm_split/split/pair_evidence.h"
 #include "sfm_split/split/station_split.h"
@@ -66,7 +67,7 @@ std::vector<VerifiedPair> FindMotions(const SplitMatching& matching, const Image
     for (const int m : left) {
       const Eigen::Vector2f& xy1 = matching.keypoints()[pair.image1][pair.matches[m].point2D_idx1];
       const Eigen::Vector2f& xy2 = matching.keypoints()[pair.image2][pair.matches[m].point2D_idx2];
-      if (SampsonError(motion.F, xy1, xy2) > band) rest.push_back(m);
+      if (SampsonErrorPx(motion.F, xy1, xy2) > band) rest.push_back(m);
     }
     left = std::move(rest);
     motions.push_back(std::move(motion));
@@ -82,8 +83,9 @@ std::vector<VerifiedPair> FindAllMotions(const std::vector<ImagePairMatches>& ma
   for (size_t begin = 0; begin < matched.size(); begin += kBlock) {
     if (matching->reporter().StopRequested()) throw Interrupted();
     const size_t end = std::min(begin + kBlock, matched.size());
-#pragma omp parallel for schedule(dynamic)
-    for (size_t p = begin; p < end; ++p) found[p - begin] = FindMotions(*matching, matched[p], max_motions);
+    ParallelFor(static_cast<int64_t>(end - begin), 0, [&](int64_t k) {
+      found[k] = FindMotions(*matching, matched[begin + static_cast<size_t>(k)], max_motions);
+    });
     for (size_t p = begin; p < end; ++p) {
       std::move(found[p - begin].begin(), found[p - begin].end(), std::back_inserter(motions));
     }

@@ -7,6 +7,7 @@
 #include <sstream>
 #include <utility>
 
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/image_similarity.h"
 #include "sfm_split/split/hand_held_split.h"
 #include "sfm_split/split/split_matching.h"
@@ -34,10 +35,7 @@ double UnmovedDistance(const SplitMatching& matching, const Stations& stations,
       if (distance <= limit) distances.push_back(distance);
     }
   }
-  if (distances.empty()) return 0;
-  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
-  std::nth_element(distances.begin(), middle, distances.end());
-  return *middle;
+  return UpperMedian(std::move(distances));
 }
 
 // Stations from the largest features of all pairs, which does not ask for photos in the order of capture, and

@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
+
 namespace s2gs {
 namespace {
 
@@ -105,38 +107,42 @@ std::vector<PairSupport> FindPairSupport(const std::vector<Keypoints>& keypoints
                                          const std::vector<VerifiedPair>& pairs) {
   const MatchGraph graph(keypoints, pairs);
   std::vector<PairSupport> supports(pairs.size());
-#pragma omp parallel
-  {
-    // Per image: the keypoint that the match's first end goes to, and for which match that was noted.
-    std::vector<uint32_t> seen(keypoints.size(), 0);
-    std::vector<int64_t> noted(keypoints.size(), -1);
+  // Per image: the keypoint that the match's first end goes to, and for which match that was noted.
+  struct Notes {
+    std::vector<uint32_t> seen;
+    std::vector<int64_t> noted;
     int64_t stamp = 0;
-#pragma omp for schedule(dynamic, 16)
-    for (size_t p = 0; p < pairs.size(); ++p) {
-      const VerifiedPair& pair = pairs[p];
-      PairSupport& support = supports[p];
-      support.balance.reserve(pair.matches.size());
-      for (const FeatureMatch& match : pair.matches) {
-        ++stamp;
-        for (const auto* end = graph.begin(pair.image1, match.point2D_idx1);
-             end != graph.end(pair.image1, match.point2D_idx1); ++end) {
-          if (end->image == pair.image2) continue;
-          seen[end->image] = end->keypoint;
-          noted[end->image] = stamp;
-        }
-        int balance = 0;
-        for (const auto* end = graph.begin(pair.image2, match.point2D_idx2);
-             end != graph.end(pair.image2, match.point2D_idx2); ++end) {
-          if (end->image == pair.image1 || noted[end->image] != stamp) continue;
-          const Keypoints& third = keypoints[end->image];
-          balance += (third[end->keypoint] - third[seen[end->image]]).norm() <= kSamePlacePx ? 1 : -1;
-        }
-        support.balance.push_back(balance);
-        if (balance > 0) ++support.num_confirmed;
-        if (balance < 0) ++support.num_contradicted;
-      }
-    }
+  };
+  std::vector<Notes> notes_of_thread(omp_get_max_threads());
+  for (Notes& notes : notes_of_thread) {
+    notes.seen.assign(keypoints.size(), 0);
+    notes.noted.assign(keypoints.size(), -1);
   }
+  ParallelFor(static_cast<int64_t>(pairs.size()), 0, 16, [&](int64_t p) {
+    auto& [seen, noted, stamp] = notes_of_thread[omp_get_thread_num()];
+    const VerifiedPair& pair = pairs[p];
+    PairSupport& support = supports[p];
+    support.balance.reserve(pair.matches.size());
+    for (const FeatureMatch& match : pair.matches) {
+      ++stamp;
+      for (const auto* end = graph.begin(pair.image1, match.point2D_idx1);
+           end != graph.end(pair.image1, match.point2D_idx1); ++end) {
+        if (end->image == pair.image2) continue;
+        seen[end->image] = end->keypoint;
+        noted[end->image] = stamp;
+      }
+      int balance = 0;
+      for (const auto* end = graph.begin(pair.image2, match.point2D_idx2);
+           end != graph.end(pair.image2, match.point2D_idx2); ++end) {
+        if (end->image == pair.image1 || noted[end->image] != stamp) continue;
+        const Keypoints& third = keypoints[end->image];
+        balance += (third[end->keypoint] - third[seen[end->image]]).norm() <= kSamePlacePx ? 1 : -1;
+      }
+      support.balance.push_back(balance);
+      if (balance > 0) ++support.num_confirmed;
+      if (balance < 0) ++support.num_contradicted;
+    }
+  });
   return supports;
 }
 

@@ -11,6 +11,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -24,8 +25,7 @@ constexpr double kBlurPx = 0.8;
 constexpr double kLeastNoise = 0.7;  // of 8-bit JPEGs without any [grey levels]
 constexpr double kMaxSigmaPx = 0.1;  // of a textured tile's displacement
 // Independent values among a tile's gradients: blurred noise is one within 4 pi blur^2 pixels.
-constexpr double kIndependent =
-    2.0 * kTileSide * kTileSide / (4 * 3.14159265358979323846 * kBlurPx * kBlurPx);
+constexpr double kIndependent = 2.0 * kTileSide * kTileSide / (4 * kPi * kBlurPx * kBlurPx);
 constexpr double kSigmaFloorPx = 0.05;   // a parabola's error through three correlations
 constexpr double kMaxResidualPx = 0.35;  // of an agreeing tile; what a tripod moved by 1/200 shows is over 1
 constexpr double kNullQuantile = 0.95;   // of unrelated tiles' best correlations
@@ -36,7 +36,6 @@ constexpr int kMinTextured = 8;
 constexpr int kMinAgreeing = 6;
 constexpr double kMaxLogChance = -14;  // one in a million
 constexpr int kGridSize = 8;
-constexpr double kPi = 3.14159265358979323846;
 
 // Number of parameters of the camera's motion in pictures: none, a shift, an affine map, a homography.
 constexpr std::array<int, 4> kModels = {0, 2, 6, 8};

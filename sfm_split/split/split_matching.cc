@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/split/pair_evidence.h"
 
 namespace s2gs {
@@ -145,16 +146,16 @@ std::vector<VerifiedPair> SplitMatching::VerifyAll(const std::vector<ImagePairMa
     if (reporter_.StopRequested()) throw Interrupted();
     reporter_.Progress(task, static_cast<int64_t>(begin), static_cast<int64_t>(pairs.size()));
     const size_t end = std::min(begin + kBlock, pairs.size());
-#pragma omp parallel for schedule(dynamic)
-    for (size_t p = begin; p < end; ++p) {
+    ParallelFor(static_cast<int64_t>(end - begin), 0, [&](int64_t k) {
+      const size_t p = begin + static_cast<size_t>(k);
       if (subsets != nullptr) {
         verified[p] = Verify(pairs[p], (*subsets)[p]);
-        continue;
+        return;
       }
       std::vector<int> all(pairs[p].matches.size());
       std::iota(all.begin(), all.end(), 0);
       verified[p] = Verify(pairs[p], all);
-    }
+    });
   }
   if (!pairs.empty()) {
     reporter_.Progress(task, static_cast<int64_t>(pairs.size()), static_cast<int64_t>(pairs.size()));

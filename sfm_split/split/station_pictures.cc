@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "sfm_split/base/parallel_for.h"
+
 namespace s2gs {
 namespace {
 
@@ -66,8 +68,8 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
     const PictureStandard standard(picture, options.max_shake_px, options.min_unmoved_share,
                                    options.min_cells);
     std::vector<PictureComparison> comparisons(left.size());
-#pragma omp parallel for schedule(dynamic)
-    for (size_t i = 0; i < left.size(); ++i) comparisons[i] = standard.CompareWith(pictures[left[i]]);
+    ParallelFor(static_cast<int64_t>(left.size()), 0,
+                [&](int64_t i) { comparisons[i] = standard.CompareWith(pictures[left[i]]); });
     std::vector<int> members;
     for (size_t i = 0; i < left.size(); ++i) {
       if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));

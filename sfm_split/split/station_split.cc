@@ -7,6 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/image_similarity.h"
 #include "sfm_split/matching/photo_order.h"
 #include "sfm_split/split/pair_evidence.h"
@@ -288,36 +290,31 @@ class StationSplitter {
       turns[s] = FitStationTurn(close, num_photos, matching_.sizes()[split_.stations.images[s].front()],
                                 max_error_px, kMinTurnShare, focal_px);
     };
-#pragma omp parallel for schedule(dynamic)
-    for (size_t s = 0; s < num_stations; ++s) fit(s, std::nullopt);
+    const auto count = static_cast<int64_t>(num_stations);
+    ParallelFor(count, 0, [&](int64_t s) { fit(static_cast<size_t>(s), std::nullopt); });
     // What stations know that were turned all around holds for the others.
     std::vector<double> focals;
     for (const std::optional<StationTurn>& turn : turns) {
       if (turn && turn->is_full_turn) focals.push_back(turn->focal_px);
     }
     if (!focals.empty() && HaveOneSize()) {
-      const auto middle = focals.begin() + static_cast<std::ptrdiff_t>(focals.size() / 2);
-      std::nth_element(focals.begin(), middle, focals.end());
-#pragma omp parallel for schedule(dynamic)
-      for (size_t s = 0; s < num_stations; ++s) {
-        if (!turns[s] || !turns[s]->is_full_turn) fit(s, *middle);
-      }
+      const double focal_px = UpperMedian(focals);
+      ParallelFor(count, 0, [&](int64_t s) {
+        if (!turns[s] || !turns[s]->is_full_turn) fit(static_cast<size_t>(s), focal_px);
+      });
     }
-    std::vector<bool> is_folded(split_.object_pairs.size(), false);
-#pragma omp parallel for schedule(dynamic)
-    for (size_t s = 0; s < num_stations; ++s) {
-      if (!turns[s]) continue;
+    std::vector<uint8_t> is_folded(split_.object_pairs.size(), 0);
+    ParallelFor(count, 0, [&](int64_t s) {
+      if (!turns[s]) return;
       for (const VerifiedPair* pair : pairs_of_station[s]) {
         if (FitsItsAngle(*turns[s], to_turn(*pair), max_error_px)) continue;
-          // Elements of vector<bool> share bytes: each station's thread must not write at once.
-#pragma omp critical
-        is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = true;
+        is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = 1;
       }
-    }
+    });
     std::vector<VerifiedPair> kept;
     kept.reserve(split_.object_pairs.size());
     for (size_t p = 0; p < is_folded.size(); ++p) {
-      if (!is_folded[p]) kept.push_back(std::move(split_.object_pairs[p]));
+      if (is_folded[p] == 0) kept.push_back(std::move(split_.object_pairs[p]));
     }
     const size_t num_folded = split_.object_pairs.size() - kept.size();
     if (num_folded > 0) {
@@ -477,7 +474,7 @@ class StationSplitter {
   bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1,
                const Eigen::Vector2f& xy2) const {
     if (!background.is_planar)
-      return SampsonError(background.F, xy1, xy2) <= matching_.settings().motion.max_error_px;
+      return SampsonErrorPx(background.F, xy1, xy2) <= matching_.settings().motion.max_error_px;
     const Eigen::Vector3d mapped = background.H * xy1.cast<double>().homogeneous();
     return (mapped.hnormalized() - xy2.cast<double>()).norm() <= options_.min_moved_px;
   }

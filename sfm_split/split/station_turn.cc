@@ -7,12 +7,14 @@
 #include <cmath>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/base/sampson_error.h"
 #include "sfm_split/split/two_view_motion.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr size_t kSearchMatches = 240;  // that rank the starting points
 constexpr size_t kFitMatches = 3000;    // that the fit uses
 constexpr size_t kMinSearchMatches = 30;
@@ -61,13 +63,9 @@ void Errors(const Parameters& p, const Eigen::Vector2i& size, const std::vector<
       steps = matches[m].steps;
       F = turn.Fundamental(steps * turn.step_rad);
     }
-    const Eigen::Vector3d x1 = matches[m].xy1.cast<double>().homogeneous();
-    const Eigen::Vector3d x2 = matches[m].xy2.cast<double>().homogeneous();
-    const Eigen::Vector3d line2 = F * x1;
-    const Eigen::Vector3d line1 = F.transpose() * x2;
-    const double gradient = line2.head<2>().squaredNorm() + line1.head<2>().squaredNorm();
-    (*errors)[static_cast<Eigen::Index>(m)] =
-        x2.dot(line2) / (std::sqrt(std::max(gradient, 1e-300)) * max_error_px);
+    const double error = SampsonError<double>(F, matches[m].xy1.cast<double>().homogeneous(),
+                                              matches[m].xy2.cast<double>().homogeneous());
+    (*errors)[static_cast<Eigen::Index>(m)] = error / max_error_px;
   }
 }
 
@@ -147,7 +145,7 @@ int CountInliers(const StationTurn& turn, const TurnMatches& pair, double theta,
   const Eigen::Matrix3d F = turn.Fundamental(theta);
   int count = 0;
   for (size_t m = 0; m < pair.xy1.size(); ++m)
-    count += SampsonError(F, pair.xy1[m], pair.xy2[m]) <= bound ? 1 : 0;
+    count += SampsonErrorPx(F, pair.xy1[m], pair.xy2[m]) <= bound ? 1 : 0;
   return count;
 }
 
@@ -221,12 +219,10 @@ std::optional<StationTurn> FitFamily(const std::vector<TurnMatches>& pairs, cons
 Eigen::Matrix3d StationTurn::Fundamental(double theta_rad) const {
   const Eigen::Matrix3d R = Eigen::AngleAxisd(theta_rad, axis).toRotationMatrix();
   const Eigen::Vector3d t = foot - R * foot;
-  Eigen::Matrix3d cross;
-  cross << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
   Eigen::Matrix3d to_ray;
   to_ray << 1 / focal_px, 0, -principal_point.x() / focal_px, 0, 1 / focal_px,
       -principal_point.y() / focal_px, 0, 0, 1;
-  return to_ray.transpose() * cross * R * to_ray;
+  return to_ray.transpose() * CrossMatrix<double>(t) * R * to_ray;
 }
 
 std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs, int num_photos,

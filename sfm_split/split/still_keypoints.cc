@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/matching/keypoint_grid.h"
 
 namespace s2gs {
@@ -43,8 +44,7 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
     }
   }
 
-#pragma omp parallel for schedule(dynamic)
-  for (size_t i = 0; i < images.size(); ++i) {
+  ParallelFor(static_cast<int64_t>(images.size()), 0, [&](int64_t i) {
     const std::vector<int>& station = stations.images[stations.station_of_image[i]];
     const auto num = static_cast<int>(station.size());
     const auto place =
@@ -67,7 +67,7 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
         result.support[i][k] += is_still ? 1 : 0;
       }
     }
-  }
+  });
   return result;
 }
 

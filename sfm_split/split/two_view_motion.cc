@@ -7,6 +7,8 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "sfm_split/base/sampson_error.h"
+
 namespace s2gs {
 namespace {
 
@@ -50,13 +52,9 @@ OptionCheck TwoViewMotionOptions::Check() const {
   return std::nullopt;
 }
 
-double SampsonError(const Eigen::Matrix3d& F, const Eigen::Vector2f& xy1, const Eigen::Vector2f& xy2) {
-  const Eigen::Vector3d x1 = xy1.cast<double>().homogeneous();
-  const Eigen::Vector3d x2 = xy2.cast<double>().homogeneous();
-  const Eigen::Vector3d line2 = F * x1;
-  const Eigen::Vector3d line1 = F.transpose() * x2;
-  const double gradient = line2.head<2>().squaredNorm() + line1.head<2>().squaredNorm();
-  return std::abs(x2.dot(line2)) / std::sqrt(std::max(gradient, 1e-300));
+double SampsonErrorPx(const Eigen::Matrix3d& F, const Eigen::Vector2f& xy1, const Eigen::Vector2f& xy2) {
+  return std::abs(
+      SampsonError<double>(F, xy1.cast<double>().homogeneous(), xy2.cast<double>().homogeneous()));
 }
 
 TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2,
@@ -83,7 +81,7 @@ TwoViewMotion FitMotion(const Keypoints& keypoints1, const Keypoints& keypoints2
   if (F.rows != 3 || F.cols != 3) return motion;
   motion.F = ToEigen(F);
   for (const int m : subset) {
-    if (SampsonError(motion.F, keypoints1[matches[m].point2D_idx1], keypoints2[matches[m].point2D_idx2]) <=
+    if (SampsonErrorPx(motion.F, keypoints1[matches[m].point2D_idx1], keypoints2[matches[m].point2D_idx2]) <=
         options.max_error_px) {
       motion.inliers.push_back(m);
     }

@@ -27,8 +27,8 @@ struct TwoViewMotion {
   std::vector<int> inliers;  ///< positions in the list of matches given, ascending.
 };
 
-/// Sampson error of the fundamental matrix F at a pair of pixel positions [px].
-double SampsonError(const Eigen::Matrix3d& F, const Eigen::Vector2f& xy1, const Eigen::Vector2f& xy2);
+/// Sampson's error, unsigned, of the fundamental matrix F at a pair of pixel positions [px].
+double SampsonErrorPx(const Eigen::Matrix3d& F, const Eigen::Vector2f& xy1, const Eigen::Vector2f& xy2);
 
 /// The motion that most of `subset` (positions in `matches`) follows; no inliers when there is none with at
 /// least min_inliers. Deterministic.

@@ -6,6 +6,7 @@
 #include <limits>
 #include <set>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 
@@ -15,7 +16,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr size_t kMaxBases = 6;           // images of a station that are tried as its base
 constexpr double kEnoughOfStation = 0.7;  // of its images on the turntable
 
@@ -167,16 +167,9 @@ void BringIntoConventions(AlignedScene* aligned) {
   if (scene.views.empty()) return;
   const Vector3d& axis = scene.axis.direction;
   const Vector3d origin = scene.axis.point + MeanHeight(aligned->object, scene.axis.point, axis) * axis;
-  const View* reference = &scene.views[0];
-  for (const View& view : scene.views) {
-    if (view.angle_deg == 0) {
-      reference = &view;
-      break;
-    }
-  }
   Sim3 new_from_old;
   new_from_old.rotation =
-      Eigen::Quaterniond(UprightFromWorld(axis, CameraCentre(reference->cam_from_world) - origin))
+      Eigen::Quaterniond(UprightFromWorld(axis, CameraCentre(scene.Reference()->cam_from_world) - origin))
           .normalized();
   new_from_old.translation = -(new_from_old.rotation * origin);
   const Rigid3 moved{new_from_old.rotation, new_from_old.translation};
@@ -345,6 +338,7 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
   }
   std::sort(aligned.scene.views.begin(), aligned.scene.views.end(),
             [](const View& a, const View& b) { return a.name < b.name; });
+  aligned.scene.reference = aligned.poses[solution.reference].name;
   for (const View& view : aligned.scene.views) view_of_image[view.name] = &view;
   for (const auto& [id, camera] : object.cameras) aligned.scene.cameras.push_back(camera);
   aligned.scene.num_stations = static_cast<int>(station_number.size());

@@ -2,10 +2,12 @@
 
 #include <cmath>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 
 double AxisUpSign(const Eigen::Vector3d& axis, const std::vector<Eigen::Matrix3d>& cam_from_world) {
-  constexpr double kLevel = 5 * 3.14159265358979323846 / 180;
+  constexpr double kLevel = 5 * kPi / 180;
   Eigen::Vector3d view = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::Zero();
   for (const Eigen::Matrix3d& rotation : cam_from_world) {

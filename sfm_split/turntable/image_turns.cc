@@ -6,6 +6,7 @@
 #include <queue>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 
 namespace s2gs {
@@ -14,7 +15,6 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kLeastVotes = 2.5;  // two matches agree by chance
 
 }  // namespace

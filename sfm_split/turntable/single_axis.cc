@@ -10,8 +10,10 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/turntable/axis_sense.h"
 #include "sfm_split/turntable/image_turns.h"
 #include "sfm_split/turntable/single_axis_adjust.h"
@@ -25,7 +27,6 @@ namespace {
 
 using Eigen::Matrix3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kMadToSigma = 1.4826;
 constexpr double kInlierSigmas = 3;
 
@@ -125,33 +126,23 @@ void Solver::MeasureSteps() {
     const double median = UpperMedian(steps);
     const double first = solution_.images[images[0].second].angle_rad;
     const auto n = static_cast<double>(images.size());
-    double sum_k = 0;
-    double sum_kk = 0;
-    double sum_r = 0;
-    double sum_kr = 0;
     double variance = 0;
-    std::vector<double> rest;
+    std::vector<Eigen::Vector2d> rest;
     for (size_t k = 0; k < images.size(); ++k) {
       const SingleAxisImageFit& fit = solution_.images[images[k].second];
       const auto x = static_cast<double>(k);
-      const double r = WrapAngle(fit.angle_rad - first - median * x);
-      rest.push_back(r);
-      sum_k += x;
-      sum_kk += x * x;
-      sum_r += r;
-      sum_kr += x * r;
+      rest.emplace_back(x, WrapAngle(fit.angle_rad - first - median * x));
       variance += fit.sigma_deg * fit.sigma_deg / n;
     }
-    const double slope = (n * sum_kr - sum_k * sum_r) / (n * sum_kk - sum_k * sum_k);
-    const double start = (sum_r - slope * sum_k) / n;
+    const Line line = FitLine(rest).value();  // of four places or more
     double squares = 0;
-    for (size_t k = 0; k < rest.size(); ++k) {
-      const double r = rest[k] - start - slope * static_cast<double>(k);
+    for (const Eigen::Vector2d& at : rest) {
+      const double r = at.y() - line.start - line.slope * at.x();
       squares += r * r / n;
     }
     EqualSteps steps_of_station;
     steps_of_station.station = station;
-    steps_of_station.step_deg = (median + slope) / kDegree;
+    steps_of_station.step_deg = (median + line.slope) / kDegree;
     steps_of_station.rms_deg = std::sqrt(squares) / kDegree;
     steps_of_station.consistent = steps_of_station.rms_deg <= 3 * std::sqrt(variance) + 1e-9;
     solution_.steps.push_back(steps_of_station);
@@ -245,8 +236,7 @@ OptionCheck SingleAxisOptions::Check() const {
 }
 
 Rigid3 SingleAxisSolution::WorldFromObject(int image) const {
-  const Matrix3d turn = RotationAbout<double>(axis.direction, images[image].angle_rad);
-  return {Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  return TurnAbout(axis, images[image].angle_rad);
 }
 
 SingleAxisSolution SolveSingleAxis(const SingleAxisInput& input, const SingleAxisOptions& options,

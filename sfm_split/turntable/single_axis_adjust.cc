@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/turntable/turn_epipolar.h"
 
 namespace s2gs {
@@ -12,8 +13,6 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 }  // namespace
 

@@ -5,10 +5,10 @@
 #include <map>
 #include <set>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 // Camera pose by station: that of its first image in the background's model.
 std::map<int, Rigid3> StationPoses(const ScanFeatures& features, const ColmapModel* background) {
@@ -90,7 +90,9 @@ AlignedScene SceneFromSingleAxis(const ScanFeatures& features, const ColmapModel
     view.camera_id = image.camera_id;
     view.station =
         station_number.emplace(image.station, static_cast<int>(station_number.size())).first->second;
-    view.angle_deg = static_cast<int>(k) == solution->reference ? 0 : solution->images[k].angle_rad / kDegree;
+    const bool is_reference = static_cast<int>(k) == solution->reference;
+    if (is_reference) scene.reference = view.name;
+    view.angle_deg = is_reference ? 0 : solution->images[k].angle_rad / kDegree;
     view.cam_from_world = input.images[k].cam_from_world;
     view.world_from_object = solution->WorldFromObject(static_cast<int>(k));
     scene.views.push_back(view);

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/turntable/turn_epipolar.h"
 #include "sfm_split/turntable/turn_vote.h"
@@ -18,7 +19,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr double kMaxBound =
     40;  // error bound while the axis is far off, in standard deviations of a keypoint
 constexpr double kDistinctAxes = 15 * kPi / 180;

@@ -6,7 +6,10 @@
 #include <limits>
 #include <optional>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/sampson_error.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {
@@ -16,7 +19,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kDistinctAngles = 5 * kDegree;
 constexpr size_t kMaxProposals = 250;
 
@@ -152,8 +154,7 @@ std::vector<PairRays> GroupByPair(const std::vector<MatchAcrossTurn>& matches) {
 TurnSupport Support(const std::vector<PairRays>& pairs, const TurntableAxis& axis, double max_error_px,
                     double angle) {
   TurnSupport support;
-  const Matrix3d turn = RotationAbout<double>(axis.direction, angle);
-  const Rigid3 turned{Eigen::Quaterniond(turn), axis.point - turn * axis.point};
+  const Rigid3 turned = TurnAbout(axis, angle);
   for (const PairRays& pair : pairs) {
     const Rigid3 cam_from_other = pair.cam_from_world * turned * pair.other_from_object.Inverse();
     const Matrix3d rotation = cam_from_other.rotation.toRotationMatrix();
@@ -162,10 +163,8 @@ TurnSupport Support(const std::vector<PairRays>& pairs, const TurntableAxis& axi
       const Vector3d u = rotation * ray.other_in_cam;  // the other's ray, in this camera
       const Vector3d line = gap.cross(u);
       const Vector3d other_line = rotation.transpose() * ray.in_cam.cross(gap);
-      const double squared = line.head<2>().squaredNorm() + other_line.head<2>().squaredNorm();
-      if (!(squared > 0)) continue;
-      const double error = ray.focal * ray.in_cam.dot(line);
-      const double gain = 1 - error * error / (squared * max_error_px * max_error_px);
+      const double ratio = ray.focal * SampsonError<double>(other_line, line, ray.in_cam) / max_error_px;
+      const double gain = 1 - ratio * ratio;
       if (!(gain > 0)) continue;
       // In front of both: s in_cam = t u + translation with s, t > 0.
       const double uu = u.squaredNorm();

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/sampson_error.h"
 #include "sfm_split/turntable/single_axis_rays.h"
 
 namespace s2gs {
@@ -40,20 +41,10 @@ Eigen::Matrix<T, 3, 3> EssentialOfTurn(const RayCamera& first, const RayCamera& 
   return second.from_world.cast<T>() * between * first.from_world.transpose().cast<T>();
 }
 
-/// Sampson's error in units of the rays' plane z = 1.
+/// Sampson's error of a match of rays, in units of their plane z = 1.
 template <typename T>
 T SampsonError(const Eigen::Matrix<T, 3, 3>& e, const RayMatch& match) {
-  using std::sqrt;
-  using V = Eigen::Matrix<T, 3, 1>;
-  const V in_second = e * match.first.in_cam.cast<T>();
-  const V in_first = e.transpose() * match.second.in_cam.cast<T>();
-  const T squared = in_second(0) * in_second(0) + in_second(1) * in_second(1) + in_first(0) * in_first(0) +
-                    in_first(1) * in_first(1);
-  const T error =
-      in_second(0) * match.second.in_cam(0) + in_second(1) * match.second.in_cam(1) + in_second(2);
-  if (!(squared > T(1e-30)))
-    return T(1e6);  // no turn at all between images of one place: nothing to agree with
-  return error / sqrt(squared);
+  return SampsonError<T>(e, match.first.in_cam, match.second.in_cam);
 }
 
 /// Both depths of the point where the turned first ray passes the second are positive.

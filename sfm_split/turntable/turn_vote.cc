@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/turn_epipolar.h"
 
@@ -11,8 +12,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
 
 // The angles at which a match's rays meet.
 void AddRoots(const AxisRays& rays, const RayPair& pair, const TurntableAxis& axis, const RayMatch& match,

@@ -10,6 +10,7 @@
 #include <set>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/turntable/axis_sense.h"
@@ -23,7 +24,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::vector<TurntableMeasurement> Measure(const std::vector<TurntablePose>& poses) {

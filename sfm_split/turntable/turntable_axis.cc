@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/tukey_reweighting.h"
 
@@ -15,7 +16,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The samples to try: all of them when there are few.

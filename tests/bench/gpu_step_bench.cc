@@ -69,7 +69,7 @@ double SecondsPerStep(Backend* backend, size_t num_photos, bool learns_foregroun
                       int repeats) {
   TrainStep step;
   step.sh_degree = kMaxShDegree;
-  step.rates = {0, 0, 0, 0, 0, 0, 0};
+  step.weights.dssim = 0.2F;
   step.freeze_foreground = !learns_foreground;
   if (geometry) step.weights.normal = 0.05F;
   if (learns_foreground) {

@@ -12,6 +12,7 @@
 
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/workspace.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/scene/io/colmap_database.h"
@@ -73,7 +74,7 @@ int main(int argc, char** argv) {
     for (const View& view : views) {
       const auto found = truth.find(view.name);
       if (found == truth.end()) continue;
-      const double degree = 3.14159265358979323846 / 180;
+      const double degree = kPi / 180;
       const double error = std::abs(WrapAngle((view.angle_deg - found->second) * degree)) / degree;
       errors.push_back(error);
       (error < 1 ? num_right : num_wrong) += 1;

@@ -25,9 +25,11 @@
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/train.h"
 #include "s2gs/training_scene.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/stopwatch.h"
 #include "tests/mesh/fusion/analytic_views.h"
+#include "tests/s2gs/usual_step.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -98,7 +100,7 @@ PinholeView RingView(const SceneOptions& options, int photo) {
   view.fx = view.fy = options.focal_widths * options.width;
   view.cx = 0.5 * options.width;
   view.cy = 0.5 * options.height;
-  const double turn = 2 * 3.14159265358979323846 * photo / options.photos;
+  const double turn = 2 * kPi * photo / options.photos;
   // Looking along +y from -distance, y down.
   Eigen::Matrix3d look;
   look << 1, 0, 0, 0, 0, -1, 0, 1, 0;
@@ -201,7 +203,7 @@ Result ManyGaussians(const Sizes& sizes) {
   const auto backend = NewBackend(sizes);
   const TrainingScene scene = DrawnScene(options, backend.get());
   backend->SetPhotos({{scene.photos[0].view, scene.photos[0].image, {}}});
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 3;
   step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
   step.weights.distortion = 1;
@@ -321,7 +323,7 @@ Result ForegroundAllAlike(const Sizes& sizes, float logit) {
   backend->SetPhotos(
       {{scene.photos[0].view, scene.photos[0].image, {}}, {scene.photos[3].view, scene.photos[3].image, {}}});
   backend->RefreshNeighbours(5);
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 1;
   step.weights.local_consistency = step.weights.entropy_3d = step.weights.entropy_2d = 1;
   step.rates.centre = 1e-4F;
@@ -342,7 +344,7 @@ Result ScalesSpanning(const Sizes& sizes, double factor) {
   state.gaussians = RandomModel(400, std::log(factor));
   backend->SetState(state);
   backend->SetPhotos({{scene.photos[0].view, scene.photos[0].image, {}}});
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 1;
   step.weights.normal = 0.05F;
   step.weights.distortion = 10;
@@ -379,7 +381,7 @@ Result HalfNan(const Sizes& sizes) {
   backend->SetState(state);
   backend->SetPhotos({{scene.photos[0].view, scene.photos[0].image, {}}});
   backend->RefreshNeighbours(5);
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 3;
   step.weights.local_consistency = step.weights.entropy_3d = step.weights.entropy_2d = 1;
   step.rates.centre = 1e-4F;

@@ -18,6 +18,7 @@
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/train.h"
 #include "s2gs/training_scene.h"
+#include "tests/s2gs/usual_step.h"
 
 namespace s2gs {
 namespace {
@@ -55,12 +56,11 @@ double SecondsPerStep(const std::vector<TrainingPhoto>& photos, const TrainState
   const auto backend = MakeCpuBackend(threads);
   backend->SetPhotos(photos);
   backend->SetState(state);
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 3;
   step.weights.entropy_2d = 0.1F;
   step.weights.entropy_3d = 0.1F;
   if (geometry) step.weights.normal = 0.05F;
-  step.rates = {};
   std::vector<double> seconds;
   for (int i = 0; i < steps + 3; ++i) {
     step.iteration = i + 1;

@@ -165,9 +165,8 @@ double Median(std::vector<double> values) {
 void CountWithinSigmas(const TurntableScene& scene, const std::map<std::string, const View*>& truth_of,
                        const std::vector<double>& sigmas, Outcome* outcome) {
   if (sigmas.size() != scene.views.size()) return;
-  const auto reference =
-      std::find_if(scene.views.begin(), scene.views.end(), [](const View& v) { return v.angle_deg == 0; });
-  if (reference == scene.views.end()) return;
+  const View* reference = scene.Reference();
+  if (reference == nullptr) return;
   const double zero = truth_of.at(reference->name)->angle_deg;
   int best = -1;
   for (const double sense : {1.0, -1.0}) {

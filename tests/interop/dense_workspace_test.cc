@@ -18,6 +18,7 @@
 #include "mesh/surface/triangle_mesh.h"
 #include "plugin/commands/tsdf_mesher_command.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 #include "tests/mesh/fusion/analytic_views.h"
 #include "tests/mesh/surface/mesh_topology.h"
@@ -53,7 +54,7 @@ ColmapModel ModelOf(const std::vector<DepthView>& views) {
   model.cameras[1] = camera;
   for (uint64_t p = 1; p <= 200; ++p) {
     const double z = 1 - (static_cast<double>(p) - 0.5) / 100;
-    const double angle = static_cast<double>(p) * M_PI * (3 - std::sqrt(5.0));
+    const double angle = static_cast<double>(p) * kPi * (3 - std::sqrt(5.0));
     model.points3D[p].point3D_id = p;
     model.points3D[p].xyz = kRadius * Eigen::Vector3d(std::sqrt(1 - z * z) * std::cos(angle),
                                                       std::sqrt(1 - z * z) * std::sin(angle), z);

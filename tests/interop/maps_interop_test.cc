@@ -15,6 +15,7 @@
 
 #include "mesh/surface/triangle_mesh.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/colmap_fused.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 
@@ -44,7 +45,7 @@ struct Camera {
 };
 
 Camera RingCamera(int index) {
-  const double angle = 2 * M_PI * index / kNumImages;
+  const double angle = 2 * kPi * index / kNumImages;
   const Eigen::Vector3d position =
       kDistance * Eigen::Vector3d(std::cos(angle), std::sin(angle), .3 * (index % 3 - 1)).normalized();
   Camera camera;
@@ -125,7 +126,7 @@ class MapsInterop : public testing::Test {
     std::vector<Eigen::Vector3d> points;
     for (int i = 0; i < 200; ++i) {
       const double z = 1 - (i + .5) / 100;
-      const double angle = i * M_PI * (3 - std::sqrt(5.0));
+      const double angle = i * kPi * (3 - std::sqrt(5.0));
       points.emplace_back(std::sqrt(1 - z * z) * std::cos(angle), std::sqrt(1 - z * z) * std::sin(angle), z);
     }
     std::vector<std::string> tracks(points.size());
@@ -211,7 +212,7 @@ TEST_F(MapsInterop, ColmapMeshesOurCloudAndWeReadTheMesh) {
   constexpr int kNumPoints = 20000;
   for (int i = 0; i < kNumPoints; ++i) {
     const double z = 1 - 2 * (i + .5) / kNumPoints;
-    const double angle = i * M_PI * (3 - std::sqrt(5.0));
+    const double angle = i * kPi * (3 - std::sqrt(5.0));
     cloud.points.emplace_back(std::sqrt(1 - z * z) * std::cos(angle), std::sqrt(1 - z * z) * std::sin(angle),
                               z);
     cloud.normals.push_back(cloud.points.back());
@@ -236,7 +237,7 @@ TEST_F(MapsInterop, ColmapMeshesOurCloudAndWeReadTheMesh) {
         double{mesh.vertices[triangle[0]].dot(mesh.vertices[triangle[1]].cross(mesh.vertices[triangle[2]]))} /
         6;
   }
-  EXPECT_NEAR(volume, 4 * M_PI / 3, .01);
+  EXPECT_NEAR(volume, 4 * kPi / 3, .01);
 }
 
 }  // namespace

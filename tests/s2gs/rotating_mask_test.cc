@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
 
 namespace s2gs {
@@ -55,7 +56,7 @@ TrainingScene TurntableScene(int num_stations) {
     view.width = view.height = kSize;
     view.fx = view.fy = kFocal;
     view.cx = view.cy = kSize / 2.0;
-    view.cam_from_world = {Eigen::Quaterniond(Eigen::AngleAxisd(M_PI, Eigen::Vector3d::UnitX())),
+    view.cam_from_world = {Eigen::Quaterniond(Eigen::AngleAxisd(kPi, Eigen::Vector3d::UnitX())),
                            {0, 0, kDistance}};
     view.cam_from_object = view.cam_from_world;
     scene.photos.push_back(photo);
@@ -94,7 +95,7 @@ TEST(RotatingMask, IsTheDisc) {
   EXPECT_TRUE(IsInside(mask, 30, 30));
   EXPECT_FALSE(IsInside(mask, 30, 10));
   // 15 px of radius and about one standard deviation of the outer splats.
-  EXPECT_NEAR(std::sqrt(static_cast<double>(Area(mask)) / M_PI), 15.3, 0.5);
+  EXPECT_NEAR(std::sqrt(static_cast<double>(Area(mask)) / kPi), 15.3, 0.5);
 }
 
 TEST(RotatingMask, HasNoHolesWhereShadowsStandOnTheDisc) {

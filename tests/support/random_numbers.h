@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 
 /// Random numbers that are the same on every platform and standard library, unlike std's distributions.
@@ -43,8 +45,6 @@ class RandomNumbers {
   }
 
  private:
-  static constexpr double kPi = 3.14159265358979323846;
-
   static uint64_t Mix(uint64_t x) {
     x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
     x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;

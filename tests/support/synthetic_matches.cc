@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sfm_split/base/angles.h"
 #include "tests/support/synthetic_turntable_parts.h"
 
 namespace s2gs::synthetic {
@@ -60,7 +61,7 @@ class PairMatcher {
     const Rigid3 cam2_from_body = turntable_.CamFromBody(pair_.image2, point.body);
     const Eigen::Vector3d to1 = CameraCentre(cam1_from_body) - point.x;
     const Eigen::Vector3d to2 = CameraCentre(cam2_from_body) - point.x;
-    const double angle = std::atan2(to1.cross(to2).norm(), to1.dot(to2)) * 180 / 3.14159265358979323846;
+    const double angle = std::atan2(to1.cross(to2).norm(), to1.dot(to2)) * 180 / kPi;
     return angle <= turntable_.options.max_view_change_deg;
   }
 

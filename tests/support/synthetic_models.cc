@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/scene/camera_model.h"
 
@@ -95,7 +96,7 @@ nlohmann::json ImageJson(const View& view, const std::string& split) {
 /// The station's direction from the table's middle, in the world.
 nlohmann::json StationJson(const View& first_view) {
   const Eigen::Vector3d centre = CameraCentre(first_view.cam_from_world);
-  const double degrees = 180 / 3.14159265358979323846;
+  const double degrees = 180 / kPi;
   return {{"index", first_view.station},
           {"elevation_deg", degrees * std::asin(centre.z() / centre.norm())},
           {"azimuth_deg", degrees * std::atan2(centre.x(), -centre.y())},

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/scene_truth.h"
 #include "tests/support/synthetic_photo_set.h"
@@ -150,8 +151,7 @@ TEST(SyntheticPhotoSet, HasTheDataSetsLayout) {
     }
     EXPECT_GT(object, 100);
     const double angle_deg = image["angle_deg"];
-    EXPECT_NEAR(image["object_to_world"][0][0].get<double>(),
-                std::cos(angle_deg * 3.14159265358979323846 / 180), 1e-14);
+    EXPECT_NEAR(image["object_to_world"][0][0].get<double>(), std::cos(angle_deg * kPi / 180), 1e-14);
     if (image["split"] == "test") {
       ++tests;
       EXPECT_EQ(angle_deg, 60);

@@ -4,6 +4,7 @@
 
 #include "mesh/surface/triangle_mesh.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "tests/support/synthetic_models.h"
 
@@ -32,7 +33,7 @@ std::vector<View> SyntheticTestViews(const SyntheticTurntable& turntable,
     if (in_station >= options.test_images_per_station) continue;
     const double half_step_deg = turntable.options.turning ? turntable.options.step_deg / 2 : 0;
     const Eigen::Quaterniond turn(
-        Eigen::AngleAxisd(half_step_deg * 3.14159265358979323846 / 180, turntable.scene.axis.direction));
+        Eigen::AngleAxisd(half_step_deg * kPi / 180, turntable.scene.axis.direction));
     View view = train[i];
     view.name = WithExtension(view.name, "") + "_half" + options.extension;
     view.angle_deg += half_step_deg;
@@ -58,8 +59,7 @@ void WriteSyntheticPhotoSet(const std::filesystem::path& folder, SyntheticTurnta
   const std::vector<View> test_views = SyntheticTestViews(turntable, options);
   for (const View& view : test_views) {
     const Rigid3 world_from_platter{
-        Eigen::Quaterniond(
-            Eigen::AngleAxisd(view.angle_deg * 3.14159265358979323846 / 180, turntable.scene.axis.direction)),
+        Eigen::Quaterniond(Eigen::AngleAxisd(view.angle_deg * kPi / 180, turntable.scene.axis.direction)),
         Eigen::Vector3d::Zero()};
     WritePhotoAndMask(folder / "images_test" / view.name, masks,
                       Render(scene, turntable.scene.cameras[view.camera_id - 1], view.cam_from_world,

@@ -2,13 +2,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_model.h"
 #include "tests/support/synthetic_turntable_parts.h"
 
 namespace s2gs::synthetic {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kPlatterThickness = 0.018;
 constexpr double kFloorBelowPlatter = 0.05;
 

@@ -4,12 +4,11 @@
 #include <cmath>
 #include <string>
 
+#include "sfm_split/base/angles.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 SyntheticTexture MakeTexture(uint64_t seed, uint64_t stream, double finest_wavelength, double contrast) {
   RandomNumbers random(seed, stream);

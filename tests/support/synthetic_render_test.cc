@@ -8,12 +8,11 @@
 #include <map>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_model.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// 200 x 150, no points.
 SyntheticTurntableOptions PhotoOptions() {

@@ -4,6 +4,7 @@
 #include <random>
 #include <set>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -83,7 +84,7 @@ void DamageModel(const ModelFaults& faults, uint32_t seed, ColmapModel* model) {
     Eigen::Vector3d centre = CameraCentre(image.cam_from_world);
     distance = (centre - mean).norm();
     const bool is_wrong = uniform(rng) < faults.wrong_share;
-    const double degree = 3.14159265358979323846 / 180;
+    const double degree = kPi / 180;
     centre += (is_wrong ? 0.5 : faults.centre_rel) * distance * vector();
     image.cam_from_world.rotation =
         (Eigen::Quaterniond(

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "tests/support/random_numbers.h"
 
@@ -11,7 +12,6 @@ namespace s2gs {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kPi = 3.14159265358979323846;
 
 /// Both roots of a t^2 + 2 b t + c = 0 in order, free of cancellation; nothing when there are none.
 std::optional<std::pair<double, double>> Roots(double a, double b, double c) {

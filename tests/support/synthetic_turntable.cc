@@ -5,12 +5,11 @@
 #include <cmath>
 #include <cstdio>
 
+#include "sfm_split/base/angles.h"
 #include "tests/support/synthetic_turntable_parts.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 Camera MakeCamera(const SyntheticTurntableOptions& options, int index) {
   const double focal = options.focal_widths * options.width * (1 + 0.01 * index);
@@ -229,6 +228,7 @@ void synthetic::AddViews(SyntheticTurntable* turntable) {
       if (image.flipped) {
         view.world_from_object = image.world_from_platter * PlatterFromFlippedObject(*turntable);
       }
+      if (scene.views.empty()) scene.reference = view.name;
       scene.views.push_back(view);
       turntable->images.push_back(image);
     }

@@ -7,12 +7,11 @@
 #include <cmath>
 #include <set>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_model.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 SyntheticTurntableOptions SmallOptions() {
   SyntheticTurntableOptions options;

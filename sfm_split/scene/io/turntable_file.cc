@@ -8,6 +8,7 @@
 #include <set>
 #include <sstream>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
@@ -181,7 +182,7 @@ bool TableTurns(const TurntableFile& turntable) {
   if (turntable.images.empty()) return false;
   const Eigen::Quaterniond first = turntable.images.front().world_from_object.rotation;
   return std::any_of(turntable.images.begin(), turntable.images.end(), [&](const TurntableImage& image) {
-    return first.angularDistance(image.world_from_object.rotation) > kMinTurnDeg * M_PI / 180;
+    return first.angularDistance(image.world_from_object.rotation) > kMinTurnDeg * kPi / 180;
   });
 }
 
@@ -193,11 +194,11 @@ std::optional<std::string> FindContradiction(const TurntableFile& turntable) {
   for (const TurntableImage& image : turntable.images) {
     const TurntableImage& first = *first_of_station.emplace(image.station, &image).first->second;
     // The whole turns that an angle may have count for nothing.
-    const double angle = std::remainder(image.angle_deg - first.angle_deg, 360.0) * M_PI / 180;
+    const double angle = std::remainder(image.angle_deg - first.angle_deg, 360.0) * kPi / 180;
     const Eigen::Quaterniond turn(Eigen::AngleAxisd(angle, turntable.axis.direction));
     const double apart =
         turn.angularDistance(image.world_from_object.rotation * first.world_from_object.rotation.conjugate());
-    if (apart <= kMaxContradictionDeg * M_PI / 180) continue;
+    if (apart <= kMaxContradictionDeg * kPi / 180) continue;
     ++count;
     if (apart > worst) {
       worst = apart;
@@ -207,7 +208,7 @@ std::optional<std::string> FindContradiction(const TurntableFile& turntable) {
   if (count == 0) return std::nullopt;
   return "the angle_deg of " + std::to_string(count) + " of " + std::to_string(turntable.images.size()) +
          " images contradict their object_to_world, that of " + name + " by " +
-         std::to_string(std::lround(worst * 180 / M_PI)) + " degrees; the matrices count";
+         std::to_string(std::lround(worst * 180 / kPi)) + " degrees; the matrices count";
 }
 
 TurntableFile ReadTurntableFile(std::istream& stream, const std::filesystem::path& path) {

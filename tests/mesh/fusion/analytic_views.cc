@@ -3,6 +3,8 @@
 #include <cmath>
 #include <optional>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
 
@@ -45,7 +47,7 @@ std::vector<DepthView> AnalyticViews(const std::vector<Shape>& shapes, const Ana
   for (int i = 0; i < options.num_views; ++i) {
     // Directions on a spiral from pole to pole.
     const double z = 1 - 2 * (i + 0.5) / options.num_views;
-    const double angle = i * M_PI * (3 - std::sqrt(5.0));
+    const double angle = i * kPi * (3 - std::sqrt(5.0));
     const double r = std::sqrt(1 - z * z);
     const Eigen::Vector3d direction(r * std::cos(angle), r * std::sin(angle), z);
     DepthView view;

@@ -12,6 +12,7 @@
 #include "mesh/fusion/marching_cubes.h"
 #include "mesh/fusion/tsdf_view.h"
 #include "s2gs/core/gpu_info.h"
+#include "sfm_split/base/angles.h"
 #include "tests/mesh/fusion/analytic_views.h"
 #include "tests/mesh/surface/mesh_topology.h"
 #include "tests/support/bad_input.h"
@@ -92,8 +93,8 @@ TEST_P(TsdfOnBackend, SphereIsUnbiased) {
       EXPECT_EQ(topology.num_bad_edges, 0);
       EXPECT_EQ(topology.num_components, 1);
       EXPECT_EQ(topology.euler_characteristic, 2);
-      EXPECT_NEAR(topology.area, 4 * M_PI * 0.64, 0.01 * 4 * M_PI * 0.64);
-      EXPECT_NEAR(topology.volume, 4 * M_PI / 3 * 0.512, 0.005 * 4 * M_PI / 3 * 0.512);
+      EXPECT_NEAR(topology.area, 4 * kPi * 0.64, 0.01 * 4 * kPi * 0.64);
+      EXPECT_NEAR(topology.volume, 4 * kPi / 3 * 0.512, 0.005 * 4 * kPi / 3 * 0.512);
     }
   }
   const char* on = GetParam() == TsdfBackend::kCpu ? "cpu" : "cuda";

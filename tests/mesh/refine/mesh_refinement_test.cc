@@ -13,6 +13,7 @@
 #include "mesh/refine/offset_field.h"
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/vertex_normals.h"
+#include "sfm_split/base/angles.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -31,9 +32,9 @@ TriangleMesh Sphere(double radius, int rings) {
   mesh.triangles.reserve(2 * static_cast<size_t>(steps) * rings);
   mesh.vertices.emplace_back(0, 0, static_cast<float>(radius));
   for (int ring = 1; ring < rings; ++ring) {
-    const double polar = M_PI * ring / rings;
+    const double polar = kPi * ring / rings;
     for (int step = 0; step < steps; ++step) {
-      const double turn = 2 * M_PI * step / steps;
+      const double turn = 2 * kPi * step / steps;
       const Eigen::Vector3d direction(std::sin(polar) * std::cos(turn), std::sin(polar) * std::sin(turn),
                                       std::cos(polar));
       mesh.vertices.emplace_back((radius * direction).cast<float>());
@@ -82,7 +83,7 @@ class SpherePhotos : public RefinementPhotoSource {
     photos_.reserve(num_around * elevations.size());
     for (const double elevation : elevations) {
       for (int i = 0; i < num_around; ++i) {
-        const ObjectView view = LookAtMiddle(2 * M_PI * (i + 0.3 * elevation) / num_around, elevation);
+        const ObjectView view = LookAtMiddle(2 * kPi * (i + 0.3 * elevation) / num_around, elevation);
         const double gain = random.Uniform(0.7, 1.2);
         const double shift = random.Uniform(-15, 15);
         Image8 photo{kSide, kSide, 1, std::vector<uint8_t>(static_cast<size_t>(kSide) * kSide)};

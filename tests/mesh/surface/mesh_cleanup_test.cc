@@ -13,6 +13,7 @@
 
 #include "mesh/surface/decimate.h"
 #include "mesh/surface/support_plane.h"
+#include "sfm_split/base/angles.h"
 #include "tests/mesh/surface/mesh_topology.h"
 #include "tests/support/random_numbers.h"
 
@@ -86,7 +87,7 @@ TriangleMesh Plate(double radius, double top, double thickness) {
     mesh.vertices.emplace_back(0.0F, 0.0F, static_cast<float>(z));
     for (int ring = 1; ring <= kRings; ++ring) {
       for (int i = 0; i < kSegments; ++i) {
-        const double angle = 2 * M_PI * i / kSegments;
+        const double angle = 2 * kPi * i / kSegments;
         const double r = radius * ring / kRings;
         mesh.vertices.emplace_back(
             Eigen::Vector3d(r * std::cos(angle), r * std::sin(angle), z).cast<float>());
@@ -114,8 +115,8 @@ TEST(MeshCleanup, TestShapesAreSound) {
   EXPECT_EQ(ball.euler_characteristic, 2);
   EXPECT_EQ(ball.num_boundary_edges, 0);
   EXPECT_EQ(ball.num_bad_edges, 0);
-  EXPECT_NEAR(ball.volume, 4 * M_PI / 3, 0.04);  // inscribed
-  EXPECT_NEAR(TopologyOf(Plate(2, 0, 0.1)).area, 2 * 4 * M_PI, 0.1);
+  EXPECT_NEAR(ball.volume, 4 * kPi / 3, 0.04);  // inscribed
+  EXPECT_NEAR(TopologyOf(Plate(2, 0, 0.1)).area, 2 * 4 * kPi, 0.1);
 }
 
 TEST(MeshCleanup, DropsSmallClusters) {
@@ -140,7 +141,7 @@ TEST(MeshCleanup, DropsSmallClusters) {
   options.min_cluster_area_pct = 100;
   summary = CleanMesh(options, silent, &mesh);
   EXPECT_EQ(summary.num_clusters_kept, 1);
-  EXPECT_NEAR(TopologyOf(mesh).area, 16 * M_PI, 0.5);
+  EXPECT_NEAR(TopologyOf(mesh).area, 16 * kPi, 0.5);
   TriangleMesh empty;
   EXPECT_EQ(CleanMesh(options, silent, &empty).num_clusters, 0);
 }
@@ -182,7 +183,7 @@ TEST(MeshCleanup, ClosesHolesUpToASize) {
   EXPECT_EQ(topology.num_boundary_edges, 0);
   EXPECT_EQ(topology.num_bad_edges, 0);
   EXPECT_EQ(topology.euler_characteristic, 2);
-  EXPECT_NEAR(topology.volume, 4 * M_PI / 3, 0.06);
+  EXPECT_NEAR(topology.volume, 4 * kPi / 3, 0.06);
   EXPECT_EQ(CloseHoles(20, &mesh), 0);
 }
 
@@ -222,7 +223,7 @@ TEST(MeshCleanup, DecimationKeepsShapeAndTopology) {
   EXPECT_EQ(topology.num_boundary_edges, 0);
   EXPECT_EQ(topology.num_bad_edges, 0);
   EXPECT_EQ(topology.euler_characteristic, 2);
-  EXPECT_NEAR(topology.volume, 4 * M_PI / 3, 0.02 * 4 * M_PI / 3);
+  EXPECT_NEAR(topology.volume, 4 * kPi / 3, 0.02 * 4 * kPi / 3);
   double worst = 0;
   for (const Eigen::Vector3f& vertex : mesh.vertices)
     worst = std::max(worst, std::abs(double{vertex.norm()} - 1));
@@ -327,7 +328,7 @@ TEST(MeshCleanup, CutsTrianglesInTwo) {
   EXPECT_EQ(topology.num_bad_edges, 0);
   EXPECT_EQ(topology.euler_characteristic, 1);
   EXPECT_EQ(topology.num_components, 1);
-  EXPECT_NEAR(topology.area, 2 * M_PI * 0.75, 0.02 * 2 * M_PI * 0.75);  // Archimedes: 2 pi r h
+  EXPECT_NEAR(topology.area, 2 * kPi * 0.75, 0.02 * 2 * kPi * 0.75);  // Archimedes: 2 pi r h
   for (size_t i = 0; i < mesh.vertices.size(); ++i) {
     EXPECT_GE(mesh.vertices[i].z(), 0.25F - 1e-6F);
     EXPECT_NEAR(mesh.normals[i].norm(), 1, 1e-5);

@@ -7,13 +7,13 @@
 #include <limits>
 #include <random>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
 
 using Eigen::Vector3d;
 using Eigen::Vector3f;
-
-constexpr double kPi = 3.14159265358979323846;
 
 // The square [0, size]^2 at height z, as two triangles.
 TriangleMesh Square(float z, float size = 1) {

@@ -7,12 +7,12 @@
 #include <cmath>
 #include <random>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
 
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
 
 TriangleCorners RandomTriangle(std::mt19937* random, double size) {
   std::normal_distribution<double> normal;

@@ -9,6 +9,7 @@
 #include "plugin/commands/scan_evaluator_command.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
 #include "sfm_split/scene/pose_error.h"
@@ -25,7 +26,6 @@ using Eigen::Vector3d;
 using Json = nlohmann::json;
 using testing::HasSubstr;
 
-constexpr double kPi = 3.14159265358979323846;
 constexpr int kSize = 64;
 constexpr double kFocal = 80;
 

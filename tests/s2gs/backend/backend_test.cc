@@ -10,7 +10,9 @@
 #include <string>
 
 #include "s2gs/training_scene.h"
+#include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
+#include "tests/s2gs/usual_step.h"
 #include "tests/support/measured_bound.h"
 #include "tests/support/random_numbers.h"
 
@@ -163,7 +165,7 @@ struct LossCase {
 
 std::vector<LossCase> LossCases() {
   LossWeights l1, colors, all;
-  l1.dssim = 0;
+  colors.dssim = all.dssim = 0.2F;
   all.normal = 0.3F;
   all.distortion = 100;
   all.local_consistency = 2;
@@ -192,7 +194,7 @@ TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
   double worst = 0;
   for (const LossCase& one : LossCases()) {
     SCOPED_TRACE(one.name);
-    TrainStep step;
+    TrainStep step;  // with rates of zero
     step.iteration = 1;
     step.bodies = one.bodies;
     step.freeze_foreground = one.freeze;
@@ -200,7 +202,6 @@ TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
     step.background_color = {0.3F, 0.1F, 0.7F};
     step.sh_degree = 3;
     step.weights = one.weights;
-    step.rates = {0, 0, 0, 0, 0, 0, 0};
     TrainState state;
     state.gaussians = FromReference(scene, 3);
     state.neighbours = neighbours;
@@ -280,11 +281,10 @@ TEST_P(BackendTest, HostileNumbersAreCulled) {
         not_finite += static_cast<double>(
             std::count_if(map->begin(), map->end(), [](float v) { return !std::isfinite(v); }));
       }
-      TrainStep step;
+      TrainStep step = UsualStep();
       step.sh_degree = 3;
       step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
       step.weights.distortion = step.weights.local_consistency = 1;
-      step.rates.centre = 1e-4F;
       for (step.iteration = 1; step.iteration <= 3; ++step.iteration) backend_->Step(step);
       const auto after = ToReference(backend_->GetGaussians());
       for (size_t i = 0; i < after.size(); ++i) {
@@ -349,7 +349,7 @@ TEST_P(BackendTest, DegenerateGaussiansAreFiniteOrCulled) {
     not_finite += static_cast<double>(
         std::count_if(map->begin(), map->end(), [](float v) { return !std::isfinite(v); }));
   }
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 3;
   step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
   step.weights.distortion = 1;
@@ -437,7 +437,7 @@ TEST_P(BackendTest, TheSameStepsTwice) {
     backend_->SetPhotos({photo});
     backend_->SetState(state);
     backend_->RefreshNeighbours(5);
-    TrainStep step;
+    TrainStep step = UsualStep();
     step.sh_degree = 2;
     step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
     step.weights.local_consistency = 1;
@@ -460,7 +460,7 @@ TEST_P(BackendTest, ExtremeShapesStayFinite) {
   for (const double log_scale : {-80.0, -20.0, 0.0, 3.0, 20.0, 80.0}) {
     for (const double degrees : {0.0, 89.0, 89.9, 89.95, 89.99, 90.0}) {
       auto g = RandomScene(1, 4, 0)[0];
-      const Eigen::Quaterniond turn(Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d::UnitX()));
+      const Eigen::Quaterniond turn(Eigen::AngleAxisd(degrees * kPi / 180, Eigen::Vector3d::UnitX()));
       const Eigen::Quaterniond q = TestView(64, 48).cam_from_world.rotation.conjugate() * turn;
       g[kRefRotation] = q.w();
       g[kRefRotation + 1] = q.x();
@@ -478,10 +478,9 @@ TEST_P(BackendTest, ExtremeShapesStayFinite) {
   state.gaussians = FromReference(scene, 3);
   backend_->SetState(state);
   backend_->SetPhotos({photo});
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 3;
   step.weights.normal = step.weights.entropy_2d = 0.1F;
-  step.rates.centre = 1e-4F;
   for (step.iteration = 1; step.iteration <= 10; ++step.iteration) backend_->Step(step);
   double not_finite = std::isfinite(backend_->TakeLoss().total) ? 0 : 1;
   for (const ReferenceGaussian& g : ToReference(backend_->GetGaussians())) {
@@ -736,7 +735,7 @@ TEST_P(BackendTest, StateComesBackAsItWas) {
   backend_->SetPhotos({photo});
   backend_->SetState(state);
   backend_->RefreshNeighbours(4);
-  TrainStep step;
+  TrainStep step = UsualStep();
   step.sh_degree = 3;
   step.collect_statistics = true;
   for (step.iteration = 1; step.iteration <= 4; ++step.iteration) backend_->Step(step);
@@ -772,11 +771,10 @@ TEST(BackendParity, CudaTrainsAsTheCpuDoes) {
     backend->SetPhotos({photo});
     backend->SetState(state);
     backend->RefreshNeighbours(5);
-    TrainStep step;
+    TrainStep step = UsualStep();
     step.sh_degree = 2;
     step.weights.normal = step.weights.entropy_2d = step.weights.entropy_3d = 0.1F;
     step.weights.local_consistency = 1;
-    step.rates.centre = 1e-4F;
     step.collect_statistics = true;
     for (step.iteration = 1; step.iteration <= 10; ++step.iteration) backend->Step(step);
   }

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "s2gs/kernel/sh.h"
+#include "sfm_split/base/angles.h"
 
 namespace s2gs {
 namespace {
@@ -189,7 +190,7 @@ bool IsOfSide(const ReferenceGaussian& g, const RotatingSide& side) {
   const Eigen::Vector3d x(g[kRefCentre], g[kRefCentre + 1], g[kRefCentre + 2]);
   const double from_axis = (x - side.region.axis.point).cross(side.region.axis.direction).norm();
   double apart = 0;
-  for (int c = 0; c < 3; ++c) apart += std::abs(0.5 + g[kRefDc + c] / std::sqrt(4 * M_PI) - side.color[c]);
+  for (int c = 0; c < 3; ++c) apart += std::abs(0.5 + g[kRefDc + c] / std::sqrt(4 * kPi) - side.color[c]);
   return side.region.Contains(x, 0) && from_axis >= side.inner_radius && apart / 3 <= side.color_tolerance;
 }
 

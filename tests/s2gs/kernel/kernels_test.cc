@@ -10,6 +10,7 @@
 #include "s2gs/kernel/loss.h"
 #include "s2gs/kernel/sh.h"
 #include "s2gs/kernel/wigner_d.h"
+#include "sfm_split/base/angles.h"
 #include "tests/s2gs/kernel/kernel_scene.h"
 #include "tests/support/measured_bound.h"
 
@@ -33,9 +34,9 @@ TEST(ShBasis, IsOrthonormal) {
   std::vector<double> sums(15 * 15);
   for (int i = 0; i <= kZ; ++i) {
     const double z = -1 + 2.0 * i / kZ;
-    const double weight = (i == 0 || i == kZ ? 1 : i % 2 == 1 ? 4 : 2) * (2.0 / kZ) / 3 * (2 * M_PI / kPhi);
+    const double weight = (i == 0 || i == kZ ? 1 : i % 2 == 1 ? 4 : 2) * (2.0 / kZ) / 3 * (2 * kPi / kPhi);
     for (int j = 0; j < kPhi; ++j) {
-      const double phi = 2 * M_PI * (j + 0.3) / kPhi, ring = std::sqrt(1 - z * z);
+      const double phi = 2 * kPi * (j + 0.3) / kPhi, ring = std::sqrt(1 - z * z);
       double basis[15];
       ShRestBasis(3, Vec3<double>{ring * std::cos(phi), ring * std::sin(phi), z}, basis);
       for (int a = 0; a < 15; ++a) {
@@ -400,7 +401,7 @@ TEST(Bounds, EdgeOnDiscsStayFinite) {
   double steepest = 0;
   for (const float log_scale : {-80.0F, -5.0F, 0.0F, 5.0F, 80.0F}) {
     for (int i = 0; i <= 1000; i += log_scale == 0 ? 1 : 50) {
-      const auto half = static_cast<float>((89 + i * 1e-3) * M_PI / 360);
+      const auto half = static_cast<float>((89 + i * 1e-3) * kPi / 360);
       SurfelParameters<float> g{};
       g.rotation = {std::cos(half), std::sin(half), 0, 0};
       g.log_scale = {log_scale, log_scale};

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "tests/support/measured_bound.h"
 
@@ -22,9 +23,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 
 // A turntable scene with exact or noisy observations. The anchor's pose and the held coordinate of the axis
 // are those of the truth, so that adjusted problems can be compared with it number by number.

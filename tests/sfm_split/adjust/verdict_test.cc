@@ -7,14 +7,13 @@
 #include <string>
 
 #include "sfm_split/adjust/scan_evidence.h"
+#include "sfm_split/base/angles.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
 #include "tests/support/synthetic_turntable.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 ScanEvidence GoodEvidence() {
   ScanEvidence evidence;

@@ -6,6 +6,7 @@
 #include <Eigen/LU>
 #include <random>
 
+#include "sfm_split/base/angles.h"
 #include "tests/support/measured_bound.h"
 
 namespace s2gs {
@@ -14,8 +15,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Jet = ceres::Jet<double, 3>;
-
-constexpr double kPi = 3.14159265358979323846;
 
 const double kAngles[] = {0,          1e-300,     1e-160,     1e-20,       1e-9, 1e-5, 1e-3,
                           0.0999999,  0.1,        0.1001,     0.5,         1.5,  2.5,  3.1,

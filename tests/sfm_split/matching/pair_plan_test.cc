@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 
 void PrintTo(ImagePair pair, std::ostream* out) { *out << pair.first << "-" << pair.second; }
@@ -66,7 +68,7 @@ Scene TurntableScene(int num_stations, int num_steps) {
   for (int s = 0; s < num_stations; ++s) {
     const double elevation = 0.1 + 0.25 * s;
     for (int t = 0; t < num_steps; ++t) {
-      const double azimuth = 2.0 * M_PI * t / num_steps;
+      const double azimuth = 2.0 * kPi * t / num_steps;
       scene.station.push_back(s);
       scene.view.emplace_back(3.0 * std::cos(elevation) * std::cos(azimuth),
                               3.0 * std::cos(elevation) * std::sin(azimuth), 3.0 * std::sin(elevation));
@@ -76,7 +78,7 @@ Scene TurntableScene(int num_stations, int num_steps) {
 }
 
 double AngleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-  return std::acos(std::clamp(a.normalized().dot(b.normalized()), -1.0, 1.0)) * 180.0 / M_PI;
+  return std::acos(std::clamp(a.normalized().dot(b.normalized()), -1.0, 1.0)) * 180.0 / kPi;
 }
 
 TEST(PairPlan, NewPairsAreSortedUniqueAndNotDone) {

@@ -8,6 +8,7 @@
 #include <set>
 #include <string>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
@@ -15,8 +16,6 @@
 
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 SyntheticTurntableOptions Options() {
   SyntheticTurntableOptions options;

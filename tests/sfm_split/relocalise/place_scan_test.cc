@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/synthetic_models.h"
@@ -79,7 +80,7 @@ struct Scan {
     for (const View& view : placement.best.aligned.scene.views) {
       const double error = view.angle_deg - truth.at(view.name);
       const double first = offset.emplace(view.station, error).first->second;
-      const double degree = EIGEN_PI / 180;
+      const double degree = kPi / 180;
       worst = std::max(worst, std::abs(WrapAngle((error - first) * degree)) / degree);
     }
     return worst;

@@ -7,6 +7,7 @@
 #include <optional>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "tests/support/random_numbers.h"
 
@@ -17,7 +18,6 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kFocal = 700;
-constexpr double kPi = 3.14159265358979323846;
 constexpr int kLeast = 20;
 
 const Rigid3 kTruth{Eigen::Quaterniond(0.9, 0.1, -0.3, 0.2).normalized(), Vector3d(0.1, -0.2, 3)};

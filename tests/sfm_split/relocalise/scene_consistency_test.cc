@@ -5,6 +5,7 @@
 #include <map>
 #include <string>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "tests/support/synthetic_models.h"
@@ -12,8 +13,6 @@
 
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 struct Case {
   JointModel model;

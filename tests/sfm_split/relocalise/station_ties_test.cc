@@ -2,13 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "tests/support/synthetic_scan.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 // The true cameras of the stations' first images, each station turned about the axis by `turned_deg`.
 std::vector<StationMatches> TurnedMatches(const SyntheticTurntable& turntable, const ScanFeatures& features,

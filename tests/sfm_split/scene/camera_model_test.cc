@@ -9,6 +9,7 @@
 #include <random>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_projection.h"
 #include "tests/support/bad_input.h"
 
@@ -259,7 +260,7 @@ TEST(CameraProjection, ZeroOfTheDenominatorIsRefused) {
 TEST(CameraProjection, FisheyeUpToTheCameraPlane) {
   const Camera camera = MakeCamera(Id::kOpenCVFisheye, {200, 200, 400, 300, 0, 0, 0, 0});
   for (const double degrees : {1e-9, 1e-3, 0.17, 0.19, 45.0, 89.0, 89.99}) {
-    const double theta = degrees * EIGEN_PI / 180;
+    const double theta = degrees * kPi / 180;
     const auto xy = ProjectToImage(camera, {std::sin(theta), 0, std::cos(theta)});
     ASSERT_TRUE(xy);
     EXPECT_NEAR(xy->x(), 400 + 200 * theta, 1e-12 * 400) << degrees;  // r = f theta
@@ -267,7 +268,7 @@ TEST(CameraProjection, FisheyeUpToTheCameraPlane) {
     ASSERT_TRUE(ray);
     EXPECT_NEAR(std::atan(ray->x()), theta, 1e-14) << degrees;
   }
-  EXPECT_FALSE(UnprojectFromImage(camera, {400 + 200 * EIGEN_PI / 2 * (1 + 1e-12), 300}));
+  EXPECT_FALSE(UnprojectFromImage(camera, {400 + 200 * kPi / 2 * (1 + 1e-12), 300}));
   EXPECT_FALSE(ProjectToImage(camera, {1, 0, 0}));
   EXPECT_FALSE(ProjectToImage(camera, {1, 0, -1e-9}));
 }

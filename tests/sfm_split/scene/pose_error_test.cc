@@ -6,14 +6,14 @@
 #include <limits>
 #include <random>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
 
 using Eigen::AngleAxisd;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-constexpr double kRadiansPerDegree = 3.14159265358979323846 / 180;
 
 Quaterniond RandomRotation(std::mt19937& random) {
   std::normal_distribution<double> normal;
@@ -48,7 +48,7 @@ Rigid3 InEstimateFrame(const Rigid3& cam_from_truth, const Sim3& truth_from_esti
 }
 
 Rigid3 TurnedInPlace(const Rigid3& pose, double degrees, const Vector3d& axis) {
-  const Quaterniond turn(AngleAxisd(degrees * kRadiansPerDegree, axis.normalized()));
+  const Quaterniond turn(AngleAxisd(degrees * kDegree, axis.normalized()));
   return LookFrom(CameraCentre(pose), turn * pose.rotation);
 }
 
@@ -205,7 +205,7 @@ TEST(ComparePoses, OneAndTwoImagesAreNotMeasured) {
 
 TEST(RotationAngleDeg, AccurateOverTheWholeRange) {
   for (const double degrees : {0.0, 1e-9, 1e-4, 1.0, 90.0, 179.9999, 180.0}) {
-    const Quaterniond q(AngleAxisd(degrees * kRadiansPerDegree, Vector3d(1, -2, 0.5).normalized()));
+    const Quaterniond q(AngleAxisd(degrees * kDegree, Vector3d(1, -2, 0.5).normalized()));
     EXPECT_NEAR(RotationAngleDeg(q), degrees, 1e-13 * std::max(1.0, degrees));
     EXPECT_NEAR(RotationAngleDeg(Quaterniond(-q.coeffs())), degrees, 1e-13 * std::max(1.0, degrees));
   }
@@ -223,8 +223,8 @@ TEST_P(TurntableAngles, InjectedErrorsAreMeasuredInEitherSense) {
   for (int i = 0; i < 20; ++i) {
     const double degrees = 18.0 * i;
     const double error = i % 2 == 0 ? 0.3 : -0.3;
-    truth.emplace_back(AngleAxisd(degrees * kRadiansPerDegree, true_axis.normalized()));
-    estimate.emplace_back(AngleAxisd(sense * (degrees + error + offset) * kRadiansPerDegree, estimated_axis));
+    truth.emplace_back(AngleAxisd(degrees * kDegree, true_axis.normalized()));
+    estimate.emplace_back(AngleAxisd(sense * (degrees + error + offset) * kDegree, estimated_axis));
   }
   const std::vector<double> errors = TurntableAngleErrorsDeg(estimate, truth, true_axis);
   ASSERT_EQ(errors.size(), 20u);
@@ -240,7 +240,7 @@ TEST(TurntableAngles, TooFewStuckAndMeanless) {
   // An estimate that never turns, of a table that turns all round: no mean offset exists, yet errors do.
   std::vector<Quaterniond> truth, stuck;
   for (int i = 0; i < 4; ++i) {
-    truth.emplace_back(AngleAxisd(90 * i * kRadiansPerDegree, Vector3d::UnitZ()));
+    truth.emplace_back(AngleAxisd(90 * i * kDegree, Vector3d::UnitZ()));
     stuck.push_back(Quaterniond::Identity());
   }
   const std::vector<double> errors = TurntableAngleErrorsDeg(stuck, truth, Vector3d::UnitZ());
@@ -260,7 +260,7 @@ TEST(CompareAxes, TiltAndOffset) {
   const TurntableAxis truth{Vector3d(1, 2, 3), Vector3d::UnitZ()};
   for (const double sign : {1.0, -1.0}) {
     // Through a point 0.05 beside the true one, tilted by 2 degrees within the plane across the offset.
-    const Vector3d direction(0, std::sin(2 * kRadiansPerDegree), std::cos(2 * kRadiansPerDegree));
+    const Vector3d direction(0, std::sin(2 * kDegree), std::cos(2 * kDegree));
     const Vector3d point = truth.point + Vector3d(0.05, 0, 0) + 7 * direction;
     const TurntableAxis estimate{truth_from_estimate.Inverse() * point,
                                  sign * (truth_from_estimate.rotation.conjugate() * direction)};

@@ -7,6 +7,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/pose_error.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
@@ -17,8 +18,8 @@ namespace {
 using Json = nlohmann::json;
 
 Json Image(const std::string& file, const std::string& split, double angle_deg) {
-  const double c = std::cos(angle_deg * 3.14159265358979323846 / 180);
-  const double s = std::sin(angle_deg * 3.14159265358979323846 / 180);
+  const double c = std::cos(angle_deg * kPi / 180);
+  const double s = std::sin(angle_deg * kPi / 180);
   // About the axis x = 1, y = 2, along z.
   return {
       {"file", file},

@@ -8,12 +8,11 @@
 #include <random>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/split/two_view_motion.h"
 
 namespace s2gs {
 namespace {
-
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 // A camera that looks at a table from `elevation_deg`, and points on it.
 struct Table {
@@ -80,7 +79,7 @@ TEST(StationTurn, FundamentalIsExactForExactPoints) {
   const TurnMatches far = table.Matches(4, 4, 0.0, 1);
   const Eigen::Matrix3d F = turn->Fundamental(4 * turn->step_rad);
   // Largest seen: 0.002 px, of points given in single precision.
-  for (size_t m = 0; m < far.xy1.size(); ++m) EXPECT_LE(SampsonError(F, far.xy1[m], far.xy2[m]), 0.02);
+  for (size_t m = 0; m < far.xy1.size(); ++m) EXPECT_LE(SampsonErrorPx(F, far.xy1[m], far.xy2[m]), 0.02);
 }
 
 // Matches between the last photos and the first ones belong to the steps that close the circle, although 35

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "sfm_split/adjust/joint_problem.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 
 namespace s2gs {
@@ -13,9 +14,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 
 // Two models of one turntable: object in its own frame, background in its own frame and unit.
 struct Models {

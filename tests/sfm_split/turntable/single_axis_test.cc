@@ -7,6 +7,7 @@
 #include <chrono>
 #include <random>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 
 namespace s2gs {
@@ -15,9 +16,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 
 // Points on a sphere on the table, seen from the side that faces the camera.
 struct Rig {

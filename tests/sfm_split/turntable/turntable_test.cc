@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <random>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 
 namespace s2gs {
@@ -13,9 +14,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kPi = 3.14159265358979323846;
-constexpr double kDegree = kPi / 180;
 
 // A turntable scene seen through two reconstructions, each in a random frame of its own.
 struct Rig {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/turntable_file.h"
 
 namespace s2gs {
@@ -18,8 +19,7 @@ inline TurntableFile ExampleTurntable() {
     image.station = i % 3;
     image.angle_deg = 360.0 * i / 7;
     image.world_from_object.rotation =
-        Eigen::AngleAxisd(image.angle_deg * EIGEN_PI / 180, file.axis.direction) *
-        Eigen::Quaterniond::Identity();
+        Eigen::AngleAxisd(image.angle_deg * kPi / 180, file.axis.direction) * Eigen::Quaterniond::Identity();
     image.world_from_object.translation = {0.1 * i, -1.0 / 7, 1e5 / 3};
     file.images.push_back(image);
   }
