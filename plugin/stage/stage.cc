@@ -51,6 +51,12 @@ std::string OptionsReason(const std::map<std::string, std::string>& now,
   return "";
 }
 
+// Another version may compute otherwise from the same.
+std::string VersionReason(const StageStamp& stamp) {
+  if (stamp.program_version == Version()) return "";
+  return fmt::format("it was made by s2gs {}, this is {}", stamp.program_version, Version());
+}
+
 std::string UpstreamReason(const Workspace& workspace, const std::map<std::string, std::string>& upstream,
                            Reporter& reporter) {
   for (const auto& [name, run_id] : upstream) {
@@ -103,7 +109,8 @@ bool AreSame(const std::vector<std::string>& paths, const std::vector<StampedPat
 
 // Compares a stage that is about to run with its stamp; may bring the stamp's input states up to date.
 std::string Reason(const Workspace& workspace, const Stage& stage, StageStamp* stamp, Reporter& reporter) {
-  std::string reason = OptionsReason(stage.options, stamp->options);
+  std::string reason = VersionReason(*stamp);
+  if (reason.empty()) reason = OptionsReason(stage.options, stamp->options);
   if (!reason.empty()) return reason;
   std::map<std::string, std::string> upstream;
   for (const std::string& name : stage.depends_on) upstream[name] = "";
@@ -170,7 +177,8 @@ std::vector<StageStatus> CheckStages(const Workspace& workspace, Reporter& repor
       continue;
     }
     StageStamp stamp = *status.stamp;
-    status.reason = OutputsReason(workspace, stamp.outputs);
+    status.reason = VersionReason(stamp);
+    if (status.reason.empty()) status.reason = OutputsReason(workspace, stamp.outputs);
     if (status.reason.empty()) status.reason = InputsReason(workspace, &stamp.inputs, reporter);
     if (status.reason.empty()) status.reason = UpstreamReason(workspace, stamp.upstream, reporter);
     status.state = status.reason.empty() ? StageState::kDone : StageState::kStale;

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "s2gs/backend/backend.h"
+#include "s2gs/backend/splat_camera.h"
 #include "s2gs/core/cuda.h"
 #include "s2gs/core/gpu_info.h"
 #include "s2gs/cuda/bin.h"
@@ -27,41 +28,6 @@ namespace s2gs {
 namespace {
 
 using namespace cuda;  // NOLINT(google-build-using-namespace): this file is the other half of that namespace.
-
-Mat3<float> ToMat3(const Eigen::Quaterniond& rotation) {
-  const Eigen::Matrix3f m = rotation.toRotationMatrix().cast<float>();
-  const auto column = [&m](int i) { return Vec3<float>{m(0, i), m(1, i), m(2, i)}; };
-  return {column(0), column(1), column(2)};
-}
-
-Vec3<float> ToVec3(const Eigen::Vector3d& v) {
-  return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
-}
-
-SplatCamera<float> ToSplatCamera(const PinholeView& view) {
-  return {ToMat3(view.cam_from_world.rotation),
-          ToVec3(view.cam_from_world.translation),
-          ToMat3(view.cam_from_object.rotation),
-          ToVec3(view.cam_from_object.translation),
-          static_cast<float>(view.fx),
-          static_cast<float>(view.fy),
-          static_cast<float>(view.cx),
-          static_cast<float>(view.cy),
-          static_cast<float>(view.near_depth),
-          view.width,
-          view.height};
-}
-
-ForegroundRule RuleFor(SceneBodies bodies, bool freeze_foreground) {
-  switch (bodies) {
-    case SceneBodies::kObjectOnly:
-      return ForegroundRule::kObject;
-    case SceneBodies::kStaticOnly:
-      return ForegroundRule::kStatic;
-    default:
-      return freeze_foreground ? ForegroundRule::kHard : ForegroundRule::kSoft;
-  }
-}
 
 class CudaBackend : public Backend {
  public:
@@ -100,7 +66,7 @@ class CudaBackend : public Backend {
     const auto upload = [&](const std::vector<uint8_t>& values) -> const uint8_t* {
       if (values.empty()) return nullptr;
       uint8_t* target = next;
-      CheckCuda(cudaMemcpy(target, values.data(), values.size(), cudaMemcpyHostToDevice), "photos");
+      Upload(values, target, "photos");
       next += values.size();
       return target;
     };
@@ -111,6 +77,7 @@ class CudaBackend : public Backend {
       const uint8_t* mask = upload(photo.mask);
       photos_.push_back({photo.view, {rgb, mask, photo.view.width, photo.view.height}});
     }
+    Wait();
     reports_.Forget();  // other sizes have other counts
   }
 
@@ -136,9 +103,8 @@ class CudaBackend : public Backend {
         for (size_t j = 0; j < k; ++j) planes[j * n + i] = state.neighbours[i * k + j];
       }
       neighbours_.Reserve(k * n);
-      CheckCuda(cudaMemcpy(neighbours_.get(), planes.data(), planes.size() * sizeof(uint32_t),
-                           cudaMemcpyHostToDevice),
-                "neighbours");
+      Upload(planes, neighbours_.get(), "neighbours");
+      Wait();
     }
     reports_.Forget();
   }
@@ -479,11 +445,20 @@ class CudaBackend : public Backend {
     return chosen;
   }
 
+  // In the stream's order: a plain cudaMemcpy goes to the default stream, returns when pageable memory is
+  // staged and not when it has arrived, and this stream waits for no other. `values` must live until Wait().
+  template <typename T>
+  void Upload(const std::vector<T>& values, T* target, const char* what) const {
+    CheckCuda(
+        cudaMemcpyAsync(target, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice, stream_),
+        what);
+  }
+
   void UploadSums(const std::vector<float>& values, float* target) const {
     if (values.empty()) return;
     S2GS_INVARIANT(values.size() == static_cast<size_t>(count_));
-    CheckCuda(cudaMemcpy(target, values.data(), values.size() * sizeof(float), cudaMemcpyHostToDevice),
-              "state");
+    Upload(values, target, "state");
+    Wait();
   }
 
   Gaussians DownloadModel(const Planes& planes) const {

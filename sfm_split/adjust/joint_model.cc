@@ -16,6 +16,8 @@ using Eigen::Vector2d;
 // Score statistic of each image for a camera pose of its own, from one body's observations with the structure
 // held: g^T (s^2 sum J^T J)^-1 g / 6, with g the gradient of the robust cost. Its mean is 1 under the simple
 // model (a little less, since other parameters are fitted); images with too few observations give -1.
+// Weights of observations do not enter: they discount what the photos of a station repeat, and within one
+// image every point is seen once, with errors of its own and one variance.
 std::vector<double> PoseScores(const JointProblem& problem, const JointOptions& options, bool of_object) {
   const JointSystem system(problem, options, true);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);

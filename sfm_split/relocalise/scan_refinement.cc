@@ -1,7 +1,6 @@
 #include "sfm_split/relocalise/scan_refinement.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -12,14 +11,15 @@
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/match_noise.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/stopwatch.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/relocalise/unmoved_keypoints.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr double kMaxFocalChange = 1.4;  // of one adjustment; more: it is not observable
 constexpr float kMaxShakePx = 8;
 constexpr float kMaxUnmovedPx = 1.5F;
@@ -299,10 +299,10 @@ JointReport ScanRefiner::Adjust(JointModel model, bool covariance) {
   JointOptions options = joint_options_;
   options.model = model;
   options.compute_covariance = covariance;
-  return AdjustWith(options);
+  return AdjustWith(options, false);
 }
 
-JointReport ScanRefiner::AdjustWith(JointOptions options) {
+JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   if (options.loss_scale_px == 0 && noise_px_ > 0) options.loss_scale_px = LossScalePx(noise_px_);
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   options.refine_focal_length &= !holds_cameras_;
@@ -315,10 +315,16 @@ JointReport ScanRefiner::AdjustWith(JointOptions options) {
     const double after = FocalLengths(problem.cameras[c]).x();
     ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange);
   }
-  if (ran_away && !holds_cameras_) {
-    reporter_.Warn("the focal length cannot be observed: cameras are held as they were");
-    holds_cameras_ = true;
-    return AdjustWith(options);
+  if (ran_away && options.refine_focal_length) {
+    if (is_rough) {
+      // SfM's tracks need not tell it; those that are triangulated next may.
+      reporter_.Debug("the focal length cannot be observed yet");
+      options.refine_focal_length = options.refine_extra_params = false;
+    } else {
+      reporter_.Warn("the focal length cannot be observed: cameras are held as they were");
+      holds_cameras_ = true;
+    }
+    return AdjustWith(options, is_rough);
   }
   ApplyJointProblem(problem, aligned_);
   return report;
@@ -401,7 +407,7 @@ RefineReport ScanRefiner::Run() {
     options.max_rounds = 1;
     options.function_tolerance = 1e-5;
     options.compute_covariance = false;
-    AdjustWith(options);
+    AdjustWith(options, true);
     reporter_.Debug("adjusted both reconstructions to common cameras");
   }
   if (!features_.static_pairs.empty()) FindUnmoved();
@@ -414,7 +420,7 @@ RefineReport ScanRefiner::Run() {
   int last_observations = 0;
   for (int round = 0; round < options_.max_rounds; ++round) {
     if (reporter_.StopRequested()) throw Interrupted();
-    const auto start = std::chrono::steady_clock::now();
+    const double start = SteadySeconds();
     if (round > 0) {
       DropContradictedStations(max_error_px);
       DropDoubtful(max_error_px);
@@ -459,7 +465,7 @@ RefineReport ScanRefiner::Run() {
     figures.background_points = static_cast<int>(background_points_.size());
     figures.object_rms_px = report_.joint.object_rms_px;
     figures.background_rms_px = report_.joint.background_rms_px;
-    figures.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    figures.seconds = SteadySeconds() - start;
     report_.rounds.push_back(figures);
     reporter_.Info("round " + std::to_string(round + 1) + ": " + std::to_string(figures.images) +
                    " images, " + std::to_string(figures.object_points) + " object points, rms " +

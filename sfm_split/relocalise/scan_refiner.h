@@ -95,7 +95,7 @@ class ScanRefiner {
                          bool of_object) const;
   std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
   JointReport Adjust(JointModel model, bool covariance);
-  JointReport AdjustWith(JointOptions options);
+  JointReport AdjustWith(JointOptions options, bool is_rough);
   void Relabel(double max_error_px);
   void WriteModels();
 

@@ -7,10 +7,12 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "plugin/cli/version.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "tests/support/bad_input.h"
@@ -256,12 +258,27 @@ TEST(CheckStages, SurvivesStampsThatDependOnEachOther) {
   for (const std::string name : {"a", "b"}) {
     StageStamp stamp;
     stamp.run_id = "1";
+    stamp.program_version = Version();
     stamp.upstream = {{name == "a" ? "b" : "a", "1"}};
     if (name == "a") stamp.outputs = {{"missing.txt", {}}};
     WriteStageStamp(p.workspace, name, stamp);
   }
   EXPECT_EQ(p.Status("a").reason, "missing.txt is missing");
   EXPECT_EQ(p.Status("b").reason, "a is stale");
+}
+
+TEST(StageRunner, AnotherVersionRunsEveryStageAgain) {
+  Pipeline pipeline;
+  pipeline.Run();
+  EXPECT_THAT(pipeline.Run(), IsEmpty());
+  std::optional<StageStamp> stamp = ReadStageStamp(pipeline.workspace, "match", pipeline.log);
+  ASSERT_TRUE(stamp);
+  stamp->program_version = "0.0.1";
+  WriteStageStamp(pipeline.workspace, "match", *stamp);
+  EXPECT_EQ(pipeline.Status("match").state, StageState::kStale);
+  EXPECT_THAT(pipeline.Status("match").reason, HasSubstr("0.0.1"));
+  EXPECT_THAT(pipeline.Run(), ElementsAre("match", "train", "mesh"));
+  EXPECT_THAT(pipeline.Run(), IsEmpty());
 }
 
 TEST(StageRunner, ADamagedStampMakesTheStageRunAgain) {

@@ -43,6 +43,12 @@ TEST(Workspace, EveryStandardOutputIsDescribed) {
   }
 }
 
+// Otherwise `workspace_info` waits for a file that nothing writes.
+TEST(Workspace, EveryStandardStageHasACommandThatRunsIt) {
+  for (const StandardStage& stage : StandardStages(Workspace{"W"}))
+    EXPECT_NE(stage.command, "") << stage.name;
+}
+
 TEST(WorkspaceLock, KeepsOthersOut) {
   const TemporaryFolder folder;
   const Workspace workspace{folder.path()};
