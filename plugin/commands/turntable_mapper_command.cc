@@ -66,14 +66,6 @@ void AddOptions(Options& options, Settings* settings) {
               "runs of `colmap mapper` for one body, each more tolerant");
   options.Add("mapper_options", &settings->mapper_options,
               "options for `colmap mapper` in its own spelling, like Mapper.ba_global_max_refinements=2");
-  auto turntable = options.Group("Turntable", &settings->placement.turntable);
-  turntable.Add("inlier_sigmas", &TurntableOptions::inlier_sigmas, "images beyond are left out and mended");
-  turntable
-      .Add("max_axis_sigma_deg", &TurntableOptions::max_axis_sigma_deg,
-           "an axis known less well: the steps are too small")
-      .Unit("degrees");
-  turntable.Add("max_scale_sigma_rel", &TurntableOptions::max_scale_sigma_rel,
-                "a scale known less well counts as unobservable");
   auto joint = options.Group("Joint", &settings->placement.joint);
   joint.AddEnum("model", &JointOptions::model,
                 {{"auto", JointModel::kAuto},
@@ -112,48 +104,10 @@ void AddOptions(Options& options, Settings* settings) {
   refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
   refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")
       .Unit("px");
-  refine
-      .Add("min_triangulation_deg", &RefineOptions::min_triangulation_deg,
-           "points whose rays all meet at less are left out")
-      .Unit("degrees");
-  refine.Add("min_mend_inliers", &RefineOptions::min_mend_inliers,
-             "keypoints that must agree before an image is taken back");
-  refine.Add("min_mend_share", &RefineOptions::min_mend_share, "their share of those that could");
-  refine.Add("max_adjusted_observations", &RefineOptions::max_adjusted_observations,
-             "of the object in the adjustment");
-  refine.Add("max_adjusted_background", &RefineOptions::max_adjusted_background,
-             "background points in the adjustment");
   auto axis = options.Group("SingleAxis", &settings->placement.single_axis);
   axis.Add("noise_px", &SingleAxisOptions::noise_px, "expected standard deviation of a keypoint").Unit("px");
-  axis.Add("min_matches", &SingleAxisOptions::min_matches, "pairs with fewer are not used");
-  axis.Add("num_directions", &SingleAxisOptions::num_directions, "of the axis in the coarse search");
-  axis.Add("num_refined", &SingleAxisOptions::num_refined, "axes of the coarse search that are refined");
-  axis.Add("max_matches", &SingleAxisOptions::max_matches, "of a pair in the adjustment");
-  axis.Add("min_inlier_ratio", &SingleAxisOptions::min_inlier_ratio,
-           "of all matches, below which nothing was found");
   auto circular = options.Group("Circular", &settings->placement.circular);
   circular.Add("noise_px", &CircularOptions::noise_px, "largest standard deviation of a keypoint").Unit("px");
-  circular.Add("max_matches", &CircularOptions::max_matches, "of a pair in the fit");
-  circular.Add("num_refined", &CircularOptions::num_refined, "starts of each hypothesis that are refined");
-  circular.Add("min_photos", &CircularOptions::min_photos, "of a station that is fitted");
-  auto guided = options.Group("Guided", &settings->placement.guided);
-  guided.Add("max_looks", &GuidedOptions::max_looks, "keypoints whose descriptors stand for a point");
-  guided.Add("num_candidates", &GuidedOptions::num_candidates, "points that a keypoint proposes");
-  guided.Add("max_distance_rad", &GuidedOptions::max_distance_rad, "between descriptors").Unit("radians");
-  guided
-      .Add("max_view_change_deg", &GuidedOptions::max_view_change_deg,
-           "between the directions a point is seen from in two photos")
-      .Unit("degrees");
-  guided.Add("max_error_px", &GuidedOptions::max_error_px, "of a proposal").Unit("px");
-  guided
-      .Add("window_px", &GuidedOptions::window_px,
-           "around a point's place, in which its keypoint is looked for")
-      .Unit("px");
-  guided.Add("min_inliers", &GuidedOptions::min_inliers,
-             "proposals that must agree on a photo's table angle");
-  guided.Add("min_margin", &GuidedOptions::min_margin, "how many times those at any other angle");
-  guided.Add("max_chance", &GuidedOptions::max_chance,
-             "expected number of angles at which as many agree by chance");
 }
 
 json ReadJson(const fs::path& path) {

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "plugin/cli/version.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "tests/support/bad_input.h"
@@ -257,6 +258,7 @@ TEST(CheckStages, SurvivesStampsThatDependOnEachOther) {
   for (const std::string name : {"a", "b"}) {
     StageStamp stamp;
     stamp.run_id = "1";
+    stamp.program_version = Version();
     stamp.upstream = {{name == "a" ? "b" : "a", "1"}};
     if (name == "a") stamp.outputs = {{"missing.txt", {}}};
     WriteStageStamp(p.workspace, name, stamp);
