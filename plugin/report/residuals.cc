@@ -12,7 +12,7 @@ namespace {
 
 // Once in so many fields, one cell of pure noise may look systematic.
 constexpr double kFalseAlarms = 0.05;
-constexpr size_t kMinPoints = 10;  // of a cell: from fewer their variance is a guess
+constexpr size_t kMinPoints = 10;  // of a cell: fewer are not alike enough, seen by one photo or by many
 
 }  // namespace
 
@@ -86,11 +86,11 @@ ResidualField ComputeResidualField(const std::vector<const ColmapModel*>& models
     }
     const auto n = static_cast<double>(points.size());
     cell.mean /= n;
-    // Of n points whose residuals have the variance s^2 in each coordinate the mean's length r has the tail
-    // exp(-n r^2 / (2 s^2)) (Rayleigh). From fewer than ten, s is a guess.
-    const double twice_variance = squares / n - cell.mean.squaredNorm();
-    const double log_tail = twice_variance > 0 ? -n * cell.mean.squaredNorm() / twice_variance
-                                               : (cell.mean.norm() > 0 ? -1e300 : 0.0);
+    // Of n normal residuals with one unknown variance, the mean's square over that of the rest is distributed
+    // as F(2, 2 (n - 1)), whose tail has this closed form.
+    const double others = squares - n * cell.mean.squaredNorm();
+    const double log_tail = others > 0 ? -(n - 1) * std::log1p(n * cell.mean.squaredNorm() / others)
+                                       : (cell.mean.norm() > 0 ? -1e300 : 0.0);
     cell.is_systematic =
         cell.count >= kMinPoints && log_tail < std::log(kFalseAlarms / static_cast<double>(sums.size()));
     field.cells.push_back(cell);
