@@ -84,10 +84,9 @@ void RunWorkPrecision(CommandContext& context) {
       "ground_truth_path", &paths.truths,
       "data sets as scan_evaluator takes them, one for each scan; empty: poses and meshes are measured "
       "against the run of the last value");
-  options.Add(
-      "arguments", &sweep.arguments,
-      "more options for the knob's command as NAME=VALUE, e.g. quality=low,test_every=8 (training needs "
-      "photos held out)");
+  options.Add("arguments", &sweep.arguments,
+              "more options for the knob's command as NAME=VALUE, {workspace} is the scan's folder; e.g. "
+              "quality=low,test_list={workspace}/test_list.txt (training needs photos held out)");
   options.Add("use_gpu", &sweep.use_gpu, "auto, 0 or 1");
   options.Add("jobs", &sweep.jobs, "runs at a time; wall times mean something with 1 alone");
   options.Add("keep_files", &sweep.keep_files,

@@ -42,6 +42,16 @@ std::string FileName(const std::string& text) {
   return name;
 }
 
+// {workspace} in an argument is the scan's folder, so that one argument fits several scans.
+std::string InWorkspace(std::string text, const Workspace& workspace) {
+  const std::string place = "{workspace}";
+  const std::string root = fs::absolute(workspace.root).string();
+  for (size_t at = text.find(place); at != std::string::npos; at = text.find(place, at + root.size())) {
+    text.replace(at, place.size(), root);
+  }
+  return text;
+}
+
 struct Run {
   int scene = 0;
   std::string value;
@@ -179,7 +189,7 @@ class Sweep {
     if (command == o_.knob.command) {
       for (const std::string& argument : o_.arguments) {
         const size_t equals = argument.find('=');
-        add(argument.substr(0, equals), argument.substr(equals + 1));
+        add(argument.substr(0, equals), InWorkspace(argument.substr(equals + 1), Base(scene)));
       }
       if (value != nullptr) add(o_.knob.option, *value);
     }

@@ -23,7 +23,8 @@ struct SweepOptions {
   std::vector<SweptScene> scenes;
   std::vector<std::string> values;  ///< from cheap to costly; empty: the knob's.
   std::vector<uint64_t> seeds = {0};
-  std::vector<std::string> arguments;  ///< more options for the knob's command, as NAME=VALUE.
+  std::vector<std::string> arguments;  ///< more options for the knob's command, as NAME=VALUE; {workspace} is
+                                       ///< the scan's folder.
   std::string use_gpu = "auto";
   int jobs = 1;                   ///< runs at a time.
   bool keep_files = false;        ///< of every run; else what comparisons need.

@@ -46,7 +46,8 @@ std::vector<DepthView> AnalyticViews(const std::vector<Shape>& shapes, const Ana
   views.reserve(options.num_views);
   for (int i = 0; i < options.num_views; ++i) {
     // Directions on a spiral from pole to pole.
-    const double z = 1 - 2 * (i + 0.5) / options.num_views;
+    const double z = options.ring_elevation_deg < 0 ? 1 - 2 * (i + 0.5) / options.num_views
+                                                    : std::sin(options.ring_elevation_deg * kDegree);
     const double angle = i * kPi * (3 - std::sqrt(5.0));
     const double r = std::sqrt(1 - z * z);
     const Eigen::Vector3d direction(r * std::cos(angle), r * std::sin(angle), z);

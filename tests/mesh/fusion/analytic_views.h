@@ -14,7 +14,8 @@ struct AnalyticViewOptions {
   int height = 140;
   double focal = 300;  ///< [px]
   Eigen::Vector2d principal_point = {83.3, 68.1};
-  double distance = 4;  ///< of the cameras from the middle.
+  double ring_elevation_deg = -1;  ///< from 0 on: all views from this height over the horizon instead.
+  double distance = 4;             ///< of the cameras from the middle.
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
   double scale = 1;  ///< of all lengths, after everything else.
   Eigen::Vector2d first_position = {0.5, 0.5};

@@ -22,6 +22,13 @@
 namespace s2gs {
 namespace {
 
+// Voxels of one pixel of the depth maps: what the bounds of this file were measured with.
+TsdfOptions PixelVoxels() {
+  TsdfOptions options;
+  options.voxel_size_pixels = 1;
+  return options;
+}
+
 bool HasGpu() {
   const std::vector<GpuInfo> gpus = ListGpus();
   return std::any_of(gpus.begin(), gpus.end(), [](const GpuInfo& gpu) { return gpu.is_usable; });
@@ -72,7 +79,7 @@ TEST_P(TsdfOnBackend, SphereIsUnbiased) {
     view_options.with_normals = with_normals;
     const std::vector<DepthView> views = AnalyticViews({SphereShape(0.8)}, view_options);
     for (const double truncation : {4.0, 5.0, 6.0, 8.0}) {
-      TsdfOptions options;
+      TsdfOptions options = PixelVoxels();
       options.truncation_voxels = truncation;
       options.backend = GetParam();
       TsdfSummary summary;
@@ -111,7 +118,7 @@ TEST_P(TsdfOnBackend, BoxIsUnbiased) {
   view_options.num_views = 60;
   const std::vector<DepthView> views = AnalyticViews({BoxShape(half, object_from_box)}, view_options);
   for (const double truncation : {4.0, 5.0, 6.0, 8.0}) {
-    TsdfOptions options;
+    TsdfOptions options = PixelVoxels();
     options.truncation_voxels = truncation;
     options.backend = GetParam();
     TsdfSummary summary;
@@ -144,7 +151,7 @@ TEST_P(TsdfOnBackend, AgreesWithTheCpu) {
   const std::vector<DepthView> views =
       AnalyticViews({SphereShape(0.7), BoxShape({0.3, 0.3, 0.3}, aside)}, view_options);
   const DepthViewList source(views);
-  TsdfOptions options;
+  TsdfOptions options = PixelVoxels();
   Reporter silent;
   options.backend = TsdfBackend::kCpu;
   TsdfFusion reference(source, options, silent);
@@ -172,7 +179,7 @@ INSTANTIATE_TEST_SUITE_P(Backends, TsdfOnBackend, testing::Values(TsdfBackend::k
                          BackendName);
 
 TsdfOptions CpuOptions(int num_threads = 2) {
-  TsdfOptions options;
+  TsdfOptions options = PixelVoxels();
   options.backend = TsdfBackend::kCpu;
   options.num_threads = num_threads;
   return options;
@@ -431,7 +438,7 @@ TEST(TsdfBadInput, SizesAndCamerasThatDoNotFit) {
   expect_refused([](DepthView* view) { view->camera.fx = 0; });
   expect_refused([](DepthView* view) { view->camera.cx = std::numeric_limits<double>::quiet_NaN(); });
   expect_refused([](DepthView* view) { view->camera.cam_from_object.rotation.coeffs().setZero(); });
-  TsdfOptions options;
+  TsdfOptions options = PixelVoxels();
   options.truncation_voxels = 1;
   ExpectUserError([&] { Fuse(good, options); }, {"truncation_voxels"});
 }

@@ -104,9 +104,10 @@ TEST_F(SweepTest, MeasuresEveryValueAgainstTheLongestRun) {
 TEST_F(SweepTest, OtherSettingsRunAgain) {
   RunSweep(options_, silent_);
   EXPECT_EQ(Calls(), 8);
-  options_.arguments = {"more=1"};
+  options_.arguments = {"more=a {workspace}/b"};
   RunSweep(options_, silent_);
   EXPECT_EQ(Calls(), 16);
+  EXPECT_THAT(folder_.Read("calls"), testing::HasSubstr("--more a " + scan_.root.string() + "/b --knob "));
   options_.values.insert(options_.values.begin(), "3");  // one new value: its two runs alone, which fail
   RunSweep(options_, silent_);
   EXPECT_EQ(Calls(), 18);
