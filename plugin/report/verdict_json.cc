@@ -41,6 +41,8 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"seam", ToJson(evidence.seam)},
                    {"seam_pairs", evidence.seam_pairs},
                    {"contradicted_seams", evidence.contradicted_seams},
+                   {"neighbour_apart_deg", Number(evidence.neighbour_apart_deg)},
+                   {"seam_apart_deg", Number(evidence.seam_apart_deg)},
                    {"turns_of_nothing", evidence.turns_of_nothing},
                    {"median_step_deg", Number(evidence.median_step_deg)},
                    {"least_step_deg", Number(evidence.least_step_deg)},

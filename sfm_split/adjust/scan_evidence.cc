@@ -162,7 +162,8 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       pairs[kSeam].push_back(&pair);
     }
   }
-  std::set<int> closed;  // stations whose end shows what their beginning does
+  std::vector<double> apart[2];  // table angles between the photos of each kind of pair
+  std::set<int> closed;          // stations whose end shows what their beginning does
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
     AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
@@ -171,6 +172,9 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       if (proven.empty()) continue;
       const AgreeingMatches compared = Compare(*pairs[kind][p], proven);
       sum.Add(compared);
+      const double turned = view_of_[static_cast<size_t>(pairs[kind][p]->image2)]->angle_deg -
+                            view_of_[static_cast<size_t>(pairs[kind][p]->image1)]->angle_deg;
+      apart[kind].push_back(std::abs(WrapAngle(turned * kDegree)) / kDegree);
       const bool is_contradicted = compared.agreeing * 2 < compared.all;
       evidence->neighbour_pairs += kind == kNeighbours ? 1 : 0;
       evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
@@ -179,6 +183,8 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pairs[kind][p]->image1));
     }
   }
+  if (!apart[kNeighbours].empty()) evidence->neighbour_apart_deg = UpperMedian(apart[kNeighbours]);
+  if (!apart[kSeam].empty()) evidence->seam_apart_deg = UpperMedian(apart[kSeam]);
   for (const int station : closed)
     evidence->turns_of_nothing += TurnsOf(station) == std::optional<int>(0) ? 1 : 0;
 }
