@@ -20,8 +20,6 @@ constexpr double kMostFocalWidths = 10;
 constexpr double kAround = 0.9;
 // Fewer matches than COLMAP asks of a motion between two photos tell nothing.
 constexpr int64_t kLeastMatches = 15;
-// Neighbours are one or two steps apart, pairs across the end one to three.
-constexpr double kFarApart = 3;
 // Points were built from keypoints within so many standard deviations of a coordinate (scan_refinement.cc).
 constexpr double kErrorSigmas = 5;
 // Excess of the held-back noise over the adjusted one, in its standard deviations: three are one in 700.
@@ -150,16 +148,12 @@ class Judge {
     }
     // Photos farther apart share fewer details: as many as neighbours have, they cannot be several times as
     // far.
-    if (evidence_.neighbour_apart_deg && evidence_.seam_apart_deg && evidence_.seam_pairs > 0 &&
-        evidence_.neighbour_pairs > 0 &&
-        *evidence_.seam_apart_deg > kFarApart * *evidence_.neighbour_apart_deg &&
-        static_cast<double>(evidence_.seam.all) / evidence_.seam_pairs >
-            kHalf * static_cast<double>(evidence_.neighbours.all) / evidence_.neighbour_pairs) {
+    if (evidence_.far_pairs > 0 && evidence_.widest_far_pair_deg && evidence_.neighbour_apart_deg) {
       Add(Verdict::kDoubtful,
-          Text("the last photos and the first share as many details as neighbours, but are %.3g degrees "
-               "apart by the "
-               "poses, neighbours %.3g",
-               *evidence_.seam_apart_deg, *evidence_.neighbour_apart_deg),
+          Text("%d pairs of photos share as many details as neighbours, but are up to %.3g degrees apart by "
+               "the poses, "
+               "neighbours %.3g",
+               evidence_.far_pairs, *evidence_.widest_far_pair_deg, *evidence_.neighbour_apart_deg),
           {kFocal, kTexture, kSmallerSteps});
     }
     const std::optional<double> seam = evidence_.seam.Share();
