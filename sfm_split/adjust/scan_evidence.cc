@@ -16,10 +16,11 @@
 namespace s2gs {
 namespace {
 
-constexpr float kLeastMovePx = 3;       // less may be the background's
-constexpr int kLeastUnmoved = 3;        // photos of one camera place: two may be taken from one hand
-constexpr int kNextInOrder = 2;         // photos so far apart in order are neighbours
-constexpr int kLeastOfTurn = 6;         // photos of a station that can be a turn
+constexpr float kLeastMovePx = 3;  // less may be the background's
+constexpr double kFarApart = 3;    // neighbours are one or two steps apart, pairs across the end one to three
+constexpr int kLeastUnmoved = 3;   // photos of one camera place: two may be taken from one hand
+constexpr int kNextInOrder = 2;    // photos so far apart in order are neighbours
+constexpr int kLeastOfTurn = 6;    // photos of a station that can be a turn
 constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their robust fits take
 constexpr double kNoiseRange = 6;       // of the bound, over which errors are looked at
 constexpr int kLeastSupport = 15;       // COLMAP's least motion between two photos
@@ -162,7 +163,8 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       pairs[kSeam].push_back(&pair);
     }
   }
-  std::set<int> closed;  // stations whose end shows what their beginning does
+  std::vector<std::pair<double, double>> apart[2];  // table angle between a pair's photos, matches
+  std::set<int> closed;                             // stations whose end shows what their beginning does
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
     AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
@@ -171,12 +173,29 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       if (proven.empty()) continue;
       const AgreeingMatches compared = Compare(*pairs[kind][p], proven);
       sum.Add(compared);
+      const double turned = view_of_[static_cast<size_t>(pairs[kind][p]->image2)]->angle_deg -
+                            view_of_[static_cast<size_t>(pairs[kind][p]->image1)]->angle_deg;
+      apart[kind].emplace_back(std::abs(WrapAngle(turned * kDegree)) / kDegree, proven.size());
       const bool is_contradicted = compared.agreeing * 2 < compared.all;
       evidence->neighbour_pairs += kind == kNeighbours ? 1 : 0;
       evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
       evidence->seam_pairs += kind == kSeam ? 1 : 0;
       evidence->contradicted_seams += kind == kSeam && is_contradicted ? 1 : 0;
       if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pairs[kind][p]->image1));
+    }
+  }
+  if (!apart[kNeighbours].empty()) {
+    std::vector<double> angles;
+    for (const auto& [angle, matches] : apart[kNeighbours]) angles.push_back(angle);
+    const double median = UpperMedian(angles);
+    evidence->neighbour_apart_deg = median;
+    const double mean = static_cast<double>(evidence->neighbours.all) / evidence->neighbour_pairs;
+    for (const auto& kind : apart) {
+      for (const auto& [angle, matches] : kind) {
+        if (angle <= kFarApart * median || 2 * matches < mean) continue;
+        ++evidence->far_pairs;
+        evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), angle);
+      }
     }
   }
   for (const int station : closed)

@@ -146,6 +146,16 @@ class Judge {
           "same way",
           {kTexture, kSmallerSteps, kFocal});
     }
+    // Photos farther apart share fewer details: as many as neighbours have, they cannot be several times as
+    // far.
+    if (evidence_.far_pairs > 0 && evidence_.widest_far_pair_deg && evidence_.neighbour_apart_deg) {
+      Add(Verdict::kDoubtful,
+          Text("%d pairs of photos share as many details as neighbours, but are up to %.3g degrees apart by "
+               "the poses, "
+               "neighbours %.3g",
+               evidence_.far_pairs, *evidence_.widest_far_pair_deg, *evidence_.neighbour_apart_deg),
+          {kFocal, kTexture, kSmallerSteps});
+    }
     const std::optional<double> seam = evidence_.seam.Share();
     if (!seam || evidence_.seam.all < kLeastMatches) return;
     const double others = evidence_.neighbours.Share().value_or(1);

@@ -56,6 +56,11 @@ struct ScanEvidence {
   int contradicted_neighbours = 0;  ///< pairs of which fewer than half agree.
   int seam_pairs = 0;
   int contradicted_seams = 0;
+  std::optional<double> neighbour_apart_deg;  ///< table angle between the photos of such a pair (median).
+  /// Pairs of both kinds that share at least half as many details as neighbours do in the mean, but are more
+  /// than three times as far apart by the poses; and the widest of them.
+  int far_pairs = 0;
+  std::optional<double> widest_far_pair_deg;
   /// Stations whose last photos and first share details, though their steps and the one across the end add up
   /// to no turn at all: the table went and came back the same way.
   int turns_of_nothing = 0;

@@ -73,6 +73,12 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
       {"came back the same way", Verdict::kDoubtful, [](ScanEvidence* e) { e->turns_of_nothing = 1; }},
       {"miss their lines by 1.2 px", Verdict::kDoubtful,
        [](ScanEvidence* e) { e->adjusted_noise_px = e->held_back_noise_px = 1.2; }},
+      {"94 degrees apart", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->neighbour_apart_deg = 11;
+         e->far_pairs = 3;
+         e->widest_far_pair_deg = 94;
+       }},
       {"a guess", Verdict::kDoubtful, [](ScanEvidence* e) { e->is_focal_guessed = true; }},
       {"focal length", Verdict::kFailed, [](ScanEvidence* e) { e->focal_widths = {0.036}; }},
       {"different camera places", Verdict::kFailed,
@@ -179,6 +185,7 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_LT(*evidence.least_step_deg, 20);
   EXPECT_GT(*evidence.camera_radius_rel, 2);
   EXPECT_EQ(evidence.turns_of_nothing, 0);
+  EXPECT_EQ(evidence.far_pairs, 0);
   EXPECT_NEAR(*evidence.held_back_noise_px, 0.3, 0.05);
   EXPECT_NEAR(*evidence.adjusted_noise_px, 0.3, 0.05);
   const ScanVerdict verdict = JudgeScan(evidence);
