@@ -127,12 +127,16 @@ TEST_F(FakeColmap, WhatDoesNotAnswerIsGivenUp) {
 
 TEST_F(FakeColmap, ACrashInsteadOfOptionsIsNamed) {
   WriteAll(folder_ / "colmap",
-           "#!/bin/sh\nif [ \"$1\" = help ]; then\n  printf '%s\\n' 'COLMAP 3.8' 'Available commands:' '  mapper'\n"
+           "#!/bin/sh\nif [ \"$1\" = help ]; then\n  printf '%s\\n' 'COLMAP 3.8' 'Available commands:' '  "
+           "mapper'\n"
            "  exit 0\nfi\necho broken\nkill -SEGV $$\n");
   ::chmod((folder_ / "colmap").c_str(), 0755);
   ColmapProgram program = Find();
-  ExpectUserError([&] { program.Run({"mapper", {{"database_path", "x"}}, {}}, reporter_); },
-                  {"cannot be asked for the options of mapper", "signal 11", "broken"});
+  ExpectUserError(
+      [&] {
+        program.Run({"mapper", {{"database_path", "x"}}, {}}, reporter_);
+      },
+      {"cannot be asked for the options of mapper", "signal 11", "broken"});
 }
 
 TEST_F(FakeColmap, WhatASignalEndsIsToldFromWhatFails) {
