@@ -113,8 +113,13 @@ void TsdfFusion::PlanGrid() {
   for (int axis = 0; axis < 3; ++axis) {
     const std::vector<double> places =
         of_samples([axis](const TsdfSurfaceSample& s) { return s.x_in_object[axis]; });
-    box.min()[axis] = Quantile(places, kOutlierQuantile);
-    box.max()[axis] = Quantile(places, 1 - kOutlierQuantile);
+    // Of the nearest rank, where Quantile takes the one below, so that the box does not lean to one side.
+    const auto last = static_cast<double>(places.size() - 1);
+    const auto nearest = [&](double share) {
+      return Quantile(places, (std::round(share * last) + 0.5) / std::max(last, 1.0));
+    };
+    box.min()[axis] = nearest(kOutlierQuantile);
+    box.max()[axis] = nearest(1 - kOutlierQuantile);
   }
   const double longest = std::max(box.sizes().maxCoeff(), 8 * pixel);
   double voxel = options_.voxel_size;
