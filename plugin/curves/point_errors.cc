@@ -1,5 +1,7 @@
 #include "plugin/curves/point_errors.h"
 
+#include <fmt/format.h>
+
 #include <Eigen/Geometry>
 #include <cmath>
 #include <fstream>
@@ -41,7 +43,7 @@ std::map<std::string, double> EvaluatedFigures(const fs::path& json_path) {
   for (const auto& [name, figure] : json["figures"].items()) {
     if (!figure.is_object()) continue;
     for (const auto& [statistic, value] : figure.items()) {
-      if (value.is_number()) figures[name + "." + statistic] = value.get<double>();
+      if (value.is_number()) figures[fmt::format("{}.{}", name, statistic)] = value.get<double>();
     }
   }
   return figures;

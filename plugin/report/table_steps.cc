@@ -75,6 +75,7 @@ std::vector<StationSteps> FindSteps(const TurntableFile& turntable) {
   std::map<int, std::map<std::string, double>> stations;
   for (const TurntableImage& image : turntable.images) stations[image.station][image.name] = image.angle_deg;
   std::vector<StationSteps> steps;
+  steps.reserve(stations.size());
   for (const auto& [station, angles] : stations) steps.push_back(StepsOf(station, angles));
   return steps;
 }

@@ -90,7 +90,7 @@ ImageOutputs::ImageOutputs(const fs::path& root, const fs::path& photos,
 
 fs::path ImageOutputs::Locate(const fs::path& folder, const ImageName& name,
                               const std::string& suffix) const {
-  const fs::path path = folder / (name.text() + suffix);
+  fs::path path = folder / (name.text() + suffix);
   const fs::path resolved = Resolved(path);
   const fs::path resolved_place = Resolved(path.parent_path()) / path.filename();
   if (!IsWithin(resolved, resolved_root_) || !IsWithin(resolved_place, resolved_root_)) {

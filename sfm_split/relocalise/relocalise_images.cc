@@ -161,8 +161,8 @@ std::optional<PoseByPoints> ScanRefiner::PoseFromPoints(int image, double max_er
     in_object.push_back(point.x_in_object);
     in_plane.push_back(focal * ray->hnormalized());
   }
-  const std::optional<PoseByPoints> pose = FitPoseByPoints(in_object, in_plane, focal, max_error_px,
-                                                           kOverwhelmingInliers * options_.min_mend_inliers);
+  std::optional<PoseByPoints> pose = FitPoseByPoints(in_object, in_plane, focal, max_error_px,
+                                                     kOverwhelmingInliers * options_.min_mend_inliers);
   if (pose && pose->inliers < options_.min_mend_share * static_cast<double>(in_object.size()))
     return std::nullopt;
   return pose;
