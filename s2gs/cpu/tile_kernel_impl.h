@@ -4,6 +4,9 @@
 #include "s2gs/cpu/tile_kernel.h"
 #include "s2gs/kernel/constants.h"
 
+// One file for each instruction set includes this in a namespace of its own.
+// NOLINTBEGIN(misc-definitions-in-headers)
+
 namespace s2gs {
 namespace S2GS_TILE_NAMESPACE {
 namespace {
@@ -517,3 +520,4 @@ void Adam(float rate, float first_correction, float second_correction, const flo
 }  // namespace
 }  // namespace S2GS_TILE_NAMESPACE
 }  // namespace s2gs
+// NOLINTEND(misc-definitions-in-headers)
