@@ -151,13 +151,14 @@ def main():
             if numbers["report"]["mesh"]:
                 seen = browser.js(CANVAS)
                 expect(seen and seen["drawn"] > 0.05 and seen["colors"] > 50, f"{layout}: the viewer shows {seen}")
-                box = browser.js("(() => { const c = document.querySelector('.viewer canvas'); c.scrollIntoView();"
+                box = browser.js("(() => { const c = document.querySelector('.viewer canvas'); c.scrollIntoView({block: 'center', behavior: 'instant'});"
                                  " const b = c.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()")
+                browser.js(FRAME)
                 x, y = box[0] + box[2] / 2, box[1] + box[3] / 2
                 for kind, dx in (("mousePressed", 0), ("mouseMoved", 60), ("mouseReleased", 60)):
                     browser.call("Input.dispatchMouseEvent", type=kind, x=x + dx, y=y, button="left", buttons=1,
                                  clickCount=1)
-                browser.js(FRAME)
+                    browser.js(FRAME)  # moves are held back until a frame is drawn
                 expect(browser.js(CANVAS)["digest"] != seen["digest"], f"{layout}: the viewer does not turn")
                 for mode in ("views", "shape"):
                     before = browser.js(CANVAS)["digest"]
