@@ -93,8 +93,8 @@ struct ScanVerdict {
   std::vector<std::string> advice;   ///< what to photograph differently; empty when good.
 };
 
-/// The verdict on evidence. Bounds come from chance, from noise or from what is asked of a scan (table angles to
-/// a degree); the shares of a half and of nine tenths and the factor of two for noise are judgement.
+/// The verdict on evidence. Bounds come from chance, from noise or from what is asked of a scan (table angles
+/// to a degree); the shares of a half and of nine tenths and the factor of two for noise are judgement.
 ScanVerdict JudgeScan(const ScanEvidence& evidence);
 
 }  // namespace s2gs
