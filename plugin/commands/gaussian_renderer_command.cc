@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "plugin/commands/backend_choice.h"
-#include "plugin/commands/dense_folder.h"
+#include "plugin/outputs/dense_folder.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/stale_outputs.h"
 #include "plugin/stage/workspace.h"

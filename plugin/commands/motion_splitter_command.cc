@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "plugin/colmap/extract_features.h"
-#include "plugin/commands/split_files.h"
-#include "plugin/commands/split_overlay.h"
-#include "plugin/commands/split_pictures.h"
+#include "plugin/outputs/split_files.h"
+#include "plugin/outputs/split_overlay.h"
+#include "plugin/outputs/split_pictures.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"

@@ -4,7 +4,7 @@
 #include <optional>
 #include <ostream>
 
-#include "plugin/commands/scan_evaluation.h"
+#include "plugin/evaluation/scan_evaluation.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"

@@ -17,7 +17,7 @@
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/colmap/point_colors.h"
 #include "plugin/commands/mapping_failure.h"
-#include "plugin/commands/turntable_report.h"
+#include "plugin/outputs/turntable_report.h"
 #include "plugin/report/verdict_json.h"
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/stage.h"

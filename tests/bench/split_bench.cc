@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "plugin/commands/split_files.h"
+#include "plugin/outputs/split_files.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/split/motion_split.h"
 #include "tests/support/synthetic_turntable.h"

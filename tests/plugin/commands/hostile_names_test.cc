@@ -13,7 +13,7 @@
 #include <sstream>
 
 #include "mesh/io/dense_workspace.h"
-#include "plugin/commands/split_overlay.h"
+#include "plugin/outputs/split_overlay.h"
 #include "plugin/stage/split_labels.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "mesh/surface/mesh_error.h"
-#include "plugin/commands/scan_evaluation.h"
+#include "plugin/evaluation/scan_evaluation.h"
 
 namespace s2gs {
 namespace {

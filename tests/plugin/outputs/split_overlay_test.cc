@@ -1,4 +1,4 @@
-#include "plugin/commands/split_overlay.h"
+#include "plugin/outputs/split_overlay.h"
 
 #include <gtest/gtest.h>
 

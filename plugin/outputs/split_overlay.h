@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "plugin/commands/split_files.h"
+#include "plugin/outputs/split_files.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/split/motion_split.h"
 

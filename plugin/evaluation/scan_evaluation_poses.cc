@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "plugin/commands/scan_evaluation.h"
+#include "plugin/evaluation/scan_evaluation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"

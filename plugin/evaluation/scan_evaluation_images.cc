@@ -6,7 +6,7 @@
 #include <system_error>
 #include <vector>
 
-#include "plugin/commands/scan_evaluation.h"
+#include "plugin/evaluation/scan_evaluation.h"
 #include "s2gs/image/image_error.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/statistics.h"

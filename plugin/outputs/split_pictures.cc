@@ -1,4 +1,4 @@
-#include "plugin/commands/split_pictures.h"
+#include "plugin/outputs/split_pictures.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "plugin/commands/dense_folder.h"
+#include "plugin/outputs/dense_folder.h"
 
 #include <system_error>
 

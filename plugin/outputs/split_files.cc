@@ -1,4 +1,4 @@
-#include "plugin/commands/split_files.h"
+#include "plugin/outputs/split_files.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "plugin/commands/turntable_report.h"
+#include "plugin/outputs/turntable_report.h"
 
 #include <fmt/format.h>
 
