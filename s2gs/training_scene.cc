@@ -130,6 +130,12 @@ std::vector<ScenePhoto> CollectViews(const TrainingScenePaths& paths, const Scen
     reporter.Warn(std::to_string(without_turn) + " images of " + paths.object_model.string() +
                   " are not in turntable.json and are left out");
   }
+  const auto without_pose = std::count_if(turns.begin(), turns.end(),
+                                          [&](const auto& turn) { return by_name.count(turn.first) == 0; });
+  if (without_pose > 0) {
+    reporter.Warn(std::to_string(without_pose) + " images of " + paths.turntable.string() +
+                  " have no pose in " + paths.object_model.string() + " and are left out");
+  }
   if (contradictions > 0) {
     reporter.Warn(std::to_string(contradictions) + " images have another pose in " +
                   paths.static_model.string() +
@@ -202,6 +208,7 @@ std::set<std::string> HeldOutNames(const TrainingSceneOptions& options,
 struct Loader {
   const TrainingScenePaths& paths;
   const TrainingSceneOptions& options;
+  Reporter& reporter;
   std::map<uint32_t, Undistortion> undistortions;  // by camera
 
   const Undistortion& Plan(const Camera& camera) {
@@ -229,7 +236,7 @@ struct Loader {
 
   Image8 Undistort(const Image8& image, const Camera& camera) {
     const Undistortion& plan = Plan(camera);
-    return UndistortImage(image, plan.source, plan.pinhole);
+    return UndistortImage(image, plan.source, plan.pinhole, reporter);
   }
 
   void Load(const Camera& camera, bool with_mask, bool needs_mask, ScenePhoto* photo) {
@@ -448,7 +455,7 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
   }
   const bool needs_mask = files.mode == TrainMode::kMasks;
   const bool with_mask = needs_mask || (options.masks_as_hint && Exists(paths.masks));
-  Loader loader{paths, options, {}};
+  Loader loader{paths, options, reporter, {}};
   for (size_t i = 0; i < scene.photos.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
     ScenePhoto& photo = scene.photos[i];

@@ -34,7 +34,7 @@ void CheckSize(const fs::path& path, const Camera& camera) {
 
 // Writes the picture as the pinhole sees it. `channels` of the decoded picture.
 void WritePicture(const fs::path& from, const fs::path& to, const Camera& camera, const Camera& pinhole,
-                  int channels) {
+                  int channels, Reporter& reporter) {
   CheckSize(from, camera);
   if (IsDistortionFree(camera)) {
     const std::string bytes = ReadWholeFile(from, kMaxPhotoBytes);
@@ -43,7 +43,7 @@ void WritePicture(const fs::path& from, const fs::path& to, const Camera& camera
     });
     return;
   }
-  WriteImage(to, UndistortImage(ReadImage(from, channels), camera, pinhole));
+  WriteImage(to, UndistortImage(ReadImage(from, channels), camera, pinhole, reporter));
 }
 
 }  // namespace
@@ -69,11 +69,12 @@ ColmapModel WriteDenseWorkspace(const fs::path& folder, const ColmapModel& model
     const Camera& camera = model.cameras.at(image->camera_id);
     const Camera& pinhole = dense.cameras.at(image->camera_id);
     const ImageName image_name(name, source.model);
-    WritePicture(source.images / name, outputs.Make(folder / "images", image_name, ""), camera, pinhole, 3);
+    WritePicture(source.images / name, outputs.Make(folder / "images", image_name, ""), camera, pinhole, 3,
+                 reporter);
     const fs::path mask = source.masks / (name + ".png");
     std::error_code ec;
     if (!source.masks.empty() && fs::exists(mask, ec)) {
-      WritePicture(mask, outputs.Make(folder / "masks", image_name, ".png"), camera, pinhole, 1);
+      WritePicture(mask, outputs.Make(folder / "masks", image_name, ".png"), camera, pinhole, 1, reporter);
     }
     // For COLMAP, which writes there but makes no folders.
     for (const char* maps : {"depth_maps", "normal_maps"}) outputs.Make(stereo / maps, image_name, "");

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "plugin/colmap/colmap_process.h"
+#include "plugin/colmap/mapping_attempts.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/io/colmap_model.h"
 
@@ -27,13 +28,6 @@ struct BodyMapping {
 BodyMapping ObjectMapping();
 /// The background's: two photos, one a station, are a model, and a station that it lacks is hard to place.
 BodyMapping BackgroundMapping();
-
-struct MappingAttempt {
-  std::string settings;  ///< what was relaxed; "default".
-  int models = 0;
-  int images = 0;  ///< of the largest model.
-  double seconds = 0;
-};
 
 /// \return  the attempts made; the models are in `mapping.output`, none when every attempt failed.
 /// Throws Interrupted, ColmapKilled when nothing came of it because colmap was ended by a signal, and

@@ -154,11 +154,13 @@ RenderRequest ForegroundAlone(const PinholeView& view) {
 
 class Renderer {
  public:
-  Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend)
+  Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend,
+           Reporter& reporter)
       : a_(arguments),
         workspace_(workspace),
         scene_(std::move(scene)),
         backend_(backend),
+        reporter_(reporter),
         output_(a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path),
         in_workspace_(workspace.root, a_.image_path, NamesOf(scene_)),
         in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)) {
@@ -264,12 +266,12 @@ class Renderer {
 
   // Masks are those of the photos as they are, with their distortion.
   Image8 DistortedMask(const ScenePhoto& photo, const Image8& mask) {
-    return DistortMask(PlanOf(photo), mask);
+    return DistortMask(PlanOf(photo), mask, reporter_);
   }
 
   Image8 Photo(const ScenePhoto& photo) {
     const Undistortion& plan = PlanOf(photo);
-    return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole);
+    return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole, reporter_);
   }
 
   void WriteStereo(const ImageName& name, PinholeView view) {
@@ -305,6 +307,7 @@ class Renderer {
   const Workspace& workspace_;
   TrainingScene scene_;
   Backend* backend_;
+  Reporter& reporter_;
   std::optional<RotatingShape> shape_;
   fs::path output_;
   ImageOutputs in_workspace_;
@@ -328,7 +331,7 @@ class LazyRenderer {
     backend_ = MakeBackend(a_.backend, reporter_);
     backend_->SetState(state);
     names_ = ReadList(a_.image_list, scene);
-    renderer_.emplace(a_, workspace_, std::move(scene), backend_.get());
+    renderer_.emplace(a_, workspace_, std::move(scene), backend_.get(), reporter_);
     return *renderer_;
   }
 

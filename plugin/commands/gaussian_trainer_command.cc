@@ -280,6 +280,7 @@ std::string Shown(double value, const char* unit) {
 void PrintSummary(const TrainResult& result, const TrainingScene& scene, const fs::path& path,
                   std::ostream& out) {
   out << fmt::format("mode                  {}\n", TrainModeName(scene.mode))
+      << fmt::format("photos                {}\n", scene.photos.size())
       << fmt::format("iterations            {}\n", result.iterations)
       << fmt::format("seconds               {:.1f} (CPU {:.1f}; measuring besides {:.1f})\n",
                      result.wall_seconds, result.cpu_seconds, result.measuring_seconds)

@@ -231,6 +231,7 @@ void RunMotionSplitter(CommandContext& context) {
   Stage stage{"motion_splitter", {settings.database_path}, SplitOptions(options), {}, depends_on};
   if (!settings.mask_path.empty()) stage.inputs.push_back(settings.mask_path);
   stage.outputs = {paths.output / "object.db", paths.output / "static.db", paths.output / "labels.json"};
+  stage.also_writes = {paths.output};
   const bool has_run = runner.Run(stage, [&] { Split(settings, paths, context.out(), reporter); });
   if (!has_run) context.out() << "up to date: " << paths.output.string() << '\n';
 }

@@ -20,6 +20,7 @@
 #include "s2gs/train_options.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 namespace {
@@ -53,16 +54,6 @@ fs::path NearestFolder(const fs::path& folder) {
   while (!fs::exists(path, ec) && path.has_parent_path() && path != path.parent_path())
     path = path.parent_path();
   return path;
-}
-
-fs::path Resolved(const fs::path& path) {
-  std::error_code ec;
-  fs::path resolved = fs::weakly_canonical(fs::absolute(path, ec), ec);
-  return resolved.has_filename() ? resolved : resolved.parent_path();
-}
-
-bool IsWithin(const fs::path& path, const fs::path& folder) {
-  return std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first == folder.end();
 }
 
 // What can be had without swapping, by the machine and by the limits of a container; nothing when unknown.
@@ -171,8 +162,8 @@ class Preflight {
 
   void CheckPlaces() {
     const Workspace& w = request_.workspace;
-    const fs::path images = Resolved(request_.image_path);
-    const fs::path root = Resolved(w.root);
+    const fs::path images = ResolvedPath(request_.image_path);
+    const fs::path root = ResolvedPath(w.root);
     if (IsWithin(root, images)) {
       Fault(w.root.string() + ": the workspace lies in the photos' folder " + request_.image_path.string() +
             ", and its own pictures would be taken for photos. Give another --workspace_path");
@@ -180,12 +171,13 @@ class Preflight {
     const std::vector<fs::path> own = {w.Masks(), w.root / "dense", w.root / "split", w.root / "sparse",
                                        w.Own()};
     for (const fs::path& folder : own) {
-      if (IsWithin(images, Resolved(folder))) {
+      if (IsWithin(images, ResolvedPath(folder))) {
         Fault(request_.image_path.string() + ": the photos lie where results are written (" +
               folder.string() + "). Keep them in a folder of their own");
       }
     }
     if (IsAllDone()) return;  // nothing will be written
+    CheckLinks();
     std::vector<fs::path> written = own;
     written.push_back(w.root);
     for (const fs::path& folder : written) {
@@ -201,6 +193,21 @@ class Preflight {
                 "--workspace_path");
         }
       }
+    }
+  }
+
+  // Of the places where this scan will write.
+  void CheckLinks() {
+    const Workspace& w = request_.workspace;
+    std::vector<fs::path> places = {w.Own(), w.Masks(), w.root / "dense", w.ReportHtml(), w.ReportJson()};
+    if (!HasPoses()) places.insert(places.end(), {w.root / "split", w.root / "sparse", w.Turntable()});
+    if (!IsDone("feature_extractor")) places.push_back(w.Database());
+    for (const fs::path& place : places) {
+      const std::optional<fs::path> link = FindLinkOut(w.root, place);
+      if (!link) continue;
+      Fault(link->string() +
+            ": is a symbolic link out of the workspace, through which nothing is written. Remove it, or "
+            "replace it by a folder or a copy");
     }
   }
 

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -37,7 +36,6 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr uint64_t kMaxReportBytes = uint64_t{1} << 28;
 struct Settings {
   fs::path workspace_path;
   fs::path image_path;
@@ -108,26 +106,6 @@ void AddOptions(Options& options, Settings* settings) {
   axis.Add("noise_px", &SingleAxisOptions::noise_px, "expected standard deviation of a keypoint").Unit("px");
   auto circular = options.Group("Circular", &settings->placement.circular);
   circular.Add("noise_px", &CircularOptions::noise_px, "largest standard deviation of a keypoint").Unit("px");
-}
-
-json ReadJson(const fs::path& path) {
-  try {
-    return json::parse(ReadWholeFile(path, kMaxReportBytes, "Delete it and run turntable_mapper again"));
-  } catch (const json::exception& error) {
-    throw UserError(path, std::string("is damaged: ") + error.what(),
-                    "Delete it and run turntable_mapper again");
-  }
-}
-
-// JSON's own exceptions, while `path` is made sense of, are the file's faults.
-void MakeSenseOf(const fs::path& path, const std::function<void(const json&)>& use) {
-  const json content = ReadJson(path);
-  try {
-    use(content);
-  } catch (const json::exception& error) {
-    throw UserError(path, std::string("is damaged: ") + error.what(),
-                    "Delete it and run turntable_mapper again");
-  }
 }
 
 void WriteJson(const fs::path& path, const json& content) {
@@ -305,12 +283,11 @@ void TurntableMapper::Place() {
   for (const auto& [body, folder] :
        {std::make_pair("object", ObjectFolder()), std::make_pair("background", BackgroundFolder())}) {
     if (!fs::exists(folder / "attempts.json", ec)) continue;
-    MakeSenseOf(folder / "attempts.json", [&, name = body](const json& attempts) {
-      double sum = 0;
-      for (const json& attempt : attempts) sum += attempt.at("seconds").get<double>();
-      seconds_[std::string("map_") + name] = sum;
-      report["mapping"][name] = attempts;
-    });
+    const std::vector<MappingAttempt> attempts = ReadMappingAttempts(folder / "attempts.json");
+    double sum = 0;
+    for (const MappingAttempt& attempt : attempts) sum += attempt.seconds;
+    seconds_[std::string("map_") + body] = sum;
+    report["mapping"][body] = ToJson(attempts);
   }
   std::vector<ColmapModel> objects = ReadMappedModels(ObjectFolder(), reporter_);
   if (input_.capture_case == CaptureCase::kOneBody) {
@@ -421,9 +398,10 @@ void RunTurntableMapper(CommandContext& context) {
               {workspace.ObjectDatabase(), workspace.StaticDatabase()},
               options.Values(),
               {workspace.ObjectModel(), workspace.Turntable(), mapper.ReportPath()},
-              before},
+              before,
+              {workspace.StaticModel(), mapper.ReportPath().parent_path()}},
              [&] { mapper.Place(); });
-  MakeSenseOf(mapper.ReportPath(), [&](const json& report) { PrintTurntableSummary(report, context.out()); });
+  PrintTurntableSummary(mapper.ReportPath(), context.out());
 }
 
 }  // namespace s2gs

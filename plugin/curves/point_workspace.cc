@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 namespace {
@@ -27,11 +28,6 @@ void LinkOrCopy(const fs::path& from, const fs::path& to) {
   }
   fs::copy_file(from, to, fs::copy_options::overwrite_existing, ec);
   ThrowIf(ec, to, "cannot be copied");
-}
-
-bool IsInside(const fs::path& path, const fs::path& folder) {
-  const auto [end, rest] = std::mismatch(folder.begin(), folder.end(), path.begin(), path.end());
-  return end == folder.end();
 }
 
 // Relative to the workspace: what no run needs, and what the stages from `from` on make.
@@ -90,7 +86,7 @@ void ThinPointWorkspace(const Workspace& point) {
   std::error_code ec;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(point.root, ec)) {
     const bool stays = std::any_of(kept.begin(), kept.end(), [&](const fs::path& path) {
-      return IsInside(entry.path(), path) || IsInside(path, entry.path());
+      return IsWithin(entry.path(), path) || IsWithin(path, entry.path());
     });
     if (!stays) doomed.push_back(entry.path());
   }

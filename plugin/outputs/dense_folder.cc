@@ -40,7 +40,8 @@ std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace
                          {workspace.ObjectModel(), image_path},
                          {},
                          {workspace.DenseImages(), workspace.DenseModel()},
-                         {}};
+                         {},
+                         {workspace.Dense()}};
     runner->Run(stage, [&] {
       // Its presence says that the folder is complete.
       fs::remove_all(workspace.DenseModel(), ec);

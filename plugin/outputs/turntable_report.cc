@@ -6,8 +6,12 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "plugin/report/verdict_json.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/base/printable.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -16,6 +20,7 @@ namespace {
 using nlohmann::json;
 
 constexpr size_t kMaxNamed = 5;
+constexpr uint64_t kMaxReportBytes = uint64_t{1} << 28;
 
 json ToJson(const ModelTest& test) {
   return {{"simple", JointModelName(test.simple)},
@@ -63,17 +68,6 @@ json DescribePoints(const ColmapModel& model) {
           {"observations", observations},
           {"mean_reprojection_error_px", mean(over_points, model.points3D.size())},
           {"mean_observation_error_px", mean(over_observations, observations)}};
-}
-
-json ToJson(const std::vector<MappingAttempt>& attempts) {
-  json result = json::array();
-  for (const MappingAttempt& attempt : attempts) {
-    result.push_back({{"settings", attempt.settings},
-                      {"models", attempt.models},
-                      {"images", attempt.images},
-                      {"seconds", attempt.seconds}});
-  }
-  return result;
 }
 
 json ToJson(const std::vector<GuidedPhoto>& photos) {
@@ -172,7 +166,9 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   return report;
 }
 
-void PrintTurntableSummary(const json& report, std::ostream& out) {
+namespace {
+
+void PrintSummary(const json& report, std::ostream& out) {
   const auto row = [&](const std::string& what, const std::string& value) {
     out << fmt::format("{:<24}{}\n", what, value);
   };
@@ -268,6 +264,19 @@ void PrintTurntableSummary(const json& report, std::ostream& out) {
     seconds += fmt::format("{}{} {:.1f}", seconds.empty() ? "" : ", ", step, value.get<double>());
   }
   row("seconds", seconds);
+}
+
+}  // namespace
+
+void PrintTurntableSummary(const std::filesystem::path& path, std::ostream& out) {
+  constexpr const char* kRemedy = "Delete it and run turntable_mapper again";
+  std::ostringstream summary;
+  try {
+    PrintSummary(json::parse(ReadWholeFile(path, kMaxReportBytes, kRemedy)), summary);
+  } catch (const json::exception& error) {
+    throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
+  }
+  out << Printable(summary.str());  // its names come from a file
 }
 
 }  // namespace s2gs

@@ -1,18 +1,17 @@
 #pragma once
 
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 #include <vector>
 
-#include "plugin/colmap/body_mapper.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/turntable/align_scene.h"
 
 namespace s2gs {
 
-nlohmann::json ToJson(const std::vector<MappingAttempt>& attempts);
 nlohmann::json ToJson(const std::vector<GuidedPhoto>& photos);
 
 /// A body's points, observations and reprojection errors [px], by the errors that its points carry:
@@ -25,7 +24,8 @@ nlohmann::json DescribePoints(const ColmapModel& model);
 /// model and the tests that chose it.
 nlohmann::json DescribeScene(const AlignedScene& aligned, const RefineReport& refined);
 
-/// The summary table, from the content of split/turntable_mapper.json.
-void PrintTurntableSummary(const nlohmann::json& report, std::ostream& out);
+/// The summary table of split/turntable_mapper.json. Throws UserError, and prints nothing, when the file is
+/// missing or damaged.
+void PrintTurntableSummary(const std::filesystem::path& path, std::ostream& out);
 
 }  // namespace s2gs

@@ -13,6 +13,7 @@
 #include "plugin/cli/version.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/resolved_path.h"
 #include "sfm_split/base/stopwatch.h"
 
 namespace s2gs {
@@ -233,6 +234,9 @@ bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
     }
   }
   if (reporter_.StopRequested()) throw Interrupted();
+  for (const auto& written : {stage.outputs, stage.also_writes}) {
+    for (const fs::path& path : written) RequireNoLinkOut(workspace_.root, path);
+  }
   reporter_.Info(stage.name + ": runs (" + reason + ")");
 
   StageStamp stamp;

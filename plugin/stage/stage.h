@@ -23,6 +23,8 @@ struct Stage {
   /// Files or folders that exist when it is done. Later stages may change them.
   std::vector<std::filesystem::path> outputs;
   std::vector<std::string> depends_on;  ///< stages that come before: when one runs again, so does this one.
+  /// Besides its outputs, what it may write or remove in the workspace.
+  std::vector<std::filesystem::path> also_writes = {};
 };
 
 enum class StageState {
@@ -55,7 +57,8 @@ class StageRunner {
   StageRunner(Workspace workspace, Reporter& reporter);
 
   /// Runs `work` unless the stage is done, with the same options and inputs and after the same runs of the
-  /// stages that it depends on; says which and why. When `work` throws, or the program is killed, the stage
+  /// stages that it depends on; says which and why. Begins nothing that would be written through a symbolic
+  /// link out of the workspace, but throws UserError. When `work` throws, or the program is killed, the stage
   /// is not done and runs again next time. Returns whether it ran. Throws UserError when an output is missing
   /// afterwards.
   bool Run(const Stage& stage, const std::function<void()>& work);

@@ -11,6 +11,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 
@@ -65,6 +66,7 @@ WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
   if (!fs::is_directory(workspace.root, ec)) {
     throw UserError(workspace.root, "no such folder", "Check --workspace_path, or create the folder");
   }
+  RequireNoLinkOut(workspace.root, workspace.Own());
   CreateFolder(workspace.Own());
   const fs::path path = workspace.LockFile();
   // Programs that s2gs starts must not hold the lock after it ends: close-on-exec.
@@ -113,7 +115,7 @@ void RemoveStaleWorkspaceTemporaries(const Workspace& workspace) {
   fs::recursive_directory_iterator entry(workspace.root, fs::directory_options::skip_permission_denied, ec);
   for (const fs::recursive_directory_iterator end; !ec && entry != end; entry.increment(ec)) {
     std::error_code is_folder_ec;
-    if (!entry->is_directory(is_folder_ec)) continue;
+    if (entry->is_symlink(is_folder_ec) || !entry->is_directory(is_folder_ec)) continue;
     if (entry.depth() == 0 && entry->path().filename() == workspace.Images().filename()) {
       entry.disable_recursion_pending();
     } else {

@@ -87,8 +87,9 @@ std::vector<std::pair<std::filesystem::path, std::string>> WorkspaceContents(con
 /// Keeps other runs of s2gs out of a workspace for as long as it exists, even when the process is killed.
 class WorkspaceLock {
  public:
-  /// Throws UserError when the workspace is no folder or another process works in it. Where the file system
-  /// knows no locks, warns and goes on. A workspace that was used before may be read-only.
+  /// Throws UserError when the workspace is no folder, its own folder is or holds a link out of it, or
+  /// another process works in it. Where the file system knows no locks, warns and goes on. A workspace that
+  /// was used before may be read-only.
   WorkspaceLock(const Workspace& workspace, Reporter& reporter);
   WorkspaceLock(const WorkspaceLock&) = delete;
   WorkspaceLock& operator=(const WorkspaceLock&) = delete;

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "s2gs/image/picture_rows.h"
 #include "s2gs/image/undistort.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/scene/io/colmap_model.h"
@@ -99,7 +100,7 @@ std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::pat
   return plans;
 }
 
-Image8 DistortMask(const Undistortion& plan, const Image8& mask) {
+Image8 DistortMask(const Undistortion& plan, const Image8& mask, Reporter& reporter) {
   const int width = static_cast<int>(plan.source.width);
   const int height = static_cast<int>(plan.source.height);
   if (IsDistortionFree(plan.source) && mask.width == width && mask.height == height) return mask;
@@ -108,7 +109,7 @@ Image8 DistortMask(const Undistortion& plan, const Image8& mask) {
   const double scale_y = static_cast<double>(mask.height) / static_cast<double>(plan.pinhole.height);
   Image8 result{width, height, 1, {}};
   result.pixels.resize(static_cast<size_t>(width) * height);
-  for (int y = 0; y < height; ++y) {
+  ForEachRow(height, width, reporter, [&](int y) {
     for (int x = 0; x < width; ++x) {
       const std::optional<Eigen::Vector3d> ray = UnprojectFromImage(plan.source, {x + 0.5, y + 0.5});
       if (!ray) continue;
@@ -118,7 +119,7 @@ Image8 DistortMask(const Undistortion& plan, const Image8& mask) {
       const int row = static_cast<int>(std::clamp(v, 0.0, mask.height - 1.0));
       *result.Pixel(x, y) = *mask.Pixel(column, row);
     }
-  }
+  });
   return result;
 }
 

@@ -8,6 +8,7 @@
 
 #include "s2gs/core/pinhole_view.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/camera_model.h"
 
 namespace s2gs {
@@ -43,8 +44,8 @@ Undistortion PlanUndistortion(const Camera& camera, const std::filesystem::path&
 std::map<std::string, Undistortion> PlanUndistortions(const std::filesystem::path& model_folder);
 
 /// The inverse for a mask: of the pinhole's size, or smaller, to the source camera's. Outside of what the
-/// pinhole sees the nearest pixel counts.
-Image8 DistortMask(const Undistortion& plan, const Image8& mask);
+/// pinhole sees the nearest pixel counts. Throws Interrupted.
+Image8 DistortMask(const Undistortion& plan, const Image8& mask, Reporter& reporter);
 
 /// A view of the pinhole camera's intrinsics, without poses.
 PinholeView ViewOfPinhole(const Camera& pinhole);

@@ -7,8 +7,8 @@
 #include <optional>
 #include <string>
 
+#include "s2gs/image/picture_rows.h"
 #include "sfm_split/base/error.h"
-#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/scene/camera_check.h"
 
 namespace s2gs {
@@ -77,13 +77,12 @@ Camera UndistortedCamera(const Camera& camera, const std::filesystem::path& path
   return pinhole;
 }
 
-Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& pinhole) {
+Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& pinhole, Reporter& reporter) {
   const Eigen::Vector2d focal = FocalLengths(pinhole);
   const Eigen::Vector2d principal = PrincipalPoint(pinhole);
   Image8 result = {static_cast<int>(pinhole.width), static_cast<int>(pinhole.height), image.channels, {}};
   result.pixels.resize(static_cast<size_t>(result.width) * result.height * result.channels);
-  ParallelFor(result.height, 0, [&](int64_t of_result) {
-    const auto y = static_cast<int>(of_result);
+  ForEachRow(result.height, result.width, reporter, [&](int y) {
     for (int x = 0; x < result.width; ++x) {
       const Eigen::Vector2d center(x + 0.5, y + 0.5);
       const Eigen::Vector2d slope = (center - principal).cwiseQuotient(focal);

@@ -3,6 +3,7 @@
 #include <filesystem>
 
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_model.h"
 
@@ -15,8 +16,8 @@ namespace s2gs {
 Camera UndistortedCamera(const Camera& camera, const std::filesystem::path& path);
 
 /// The image as `pinhole` (of UndistortedCamera) sees it, bilinear between pixels. The result does not depend
-/// on the number of threads.
-Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& pinhole);
+/// on the number of threads. Throws Interrupted.
+Image8 UndistortImage(const Image8& image, const Camera& camera, const Camera& pinhole, Reporter& reporter);
 
 /// The model with all cameras replaced by UndistortedCamera's and the keypoints moved along.
 /// \param path  of the model, for messages.

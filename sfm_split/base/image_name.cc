@@ -1,11 +1,11 @@
 #include "sfm_split/base/image_name.h"
 
-#include <algorithm>
 #include <system_error>
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/printable.h"
+#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 namespace {
@@ -14,21 +14,6 @@ namespace fs = std::filesystem;
 
 constexpr size_t kMaxBytes = 1024;
 constexpr size_t kMaxPartBytes = 240;  // file systems' 255 less ".geometric.bin"
-
-// Without symbolic links, as far as it exists.
-fs::path Resolved(const fs::path& path) {
-  std::error_code ec;
-  fs::path resolved = fs::weakly_canonical(fs::absolute(path, ec), ec);
-  if (ec) {
-    throw UserError(path, "cannot be followed (" + ec.message() + ")", "Check the links on the way to it");
-  }
-  // "folder/" and "folder" are one.
-  return resolved.has_filename() ? resolved : resolved.parent_path();
-}
-
-bool IsWithin(const fs::path& path, const fs::path& folder) {
-  return std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first == folder.end();
-}
 
 }  // namespace
 
@@ -76,14 +61,14 @@ std::string DescribeNameFault(std::string_view name, const std::string& fault) {
 
 ImageOutputs::ImageOutputs(const fs::path& root, const fs::path& photos,
                            const std::vector<std::string>& photo_names)
-    : root_(root), resolved_root_(Resolved(root)) {
+    : root_(root), resolved_root_(ResolvedPath(root)) {
   if (photos.empty()) return;
-  const fs::path resolved = Resolved(photos);
+  const fs::path resolved = ResolvedPath(photos);
   for (const std::string& name : photo_names) {
     if (ImageName::FindFault(name)) continue;
     photos_.insert(resolved / name);
     // The photo may itself be a link.
-    photos_.insert(Resolved(resolved / name));
+    photos_.insert(ResolvedPath(resolved / name));
   }
   if (!IsWithin(resolved_root_, resolved)) resolved_photos_ = resolved;
 }
@@ -91,8 +76,8 @@ ImageOutputs::ImageOutputs(const fs::path& root, const fs::path& photos,
 fs::path ImageOutputs::Locate(const fs::path& folder, const ImageName& name,
                               const std::string& suffix) const {
   fs::path path = folder / (name.text() + suffix);
-  const fs::path resolved = Resolved(path);
-  const fs::path resolved_place = Resolved(path.parent_path()) / path.filename();
+  const fs::path resolved = ResolvedPath(path);
+  const fs::path resolved_place = ResolvedPath(path.parent_path()) / path.filename();
   if (!IsWithin(resolved, resolved_root_) || !IsWithin(resolved_place, resolved_root_)) {
     throw UserError(
         path, "leads to " + resolved.string() + ", outside " + root_.string() + ": nothing is written there",

@@ -1,7 +1,6 @@
 // COLMAP databases: opening and reading everything.
 
 #include <sqlite3.h>
-#include <unistd.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -14,17 +13,13 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/scene/io/colmap_database.h"
 #include "tests/fuzz/fuzz_seeds.h"
+#include "tests/fuzz/scratch_path.h"
 
 namespace {
 
 namespace fs = std::filesystem;
 using s2gs::ColmapDatabase;
-
-// A file without a disk: the code under test reads files only.
-fs::path ScratchPath(const std::string& name) {
-  static const fs::path folder = fs::is_directory("/dev/shm") ? "/dev/shm" : fs::temp_directory_path();
-  return folder / ("s2gs_fuzz_" + std::to_string(::getpid()) + "_" + name);
-}
+using s2gs::ScratchPath;
 
 std::string Content(const fs::path& path) {
   std::ifstream stream(path, std::ios::binary);

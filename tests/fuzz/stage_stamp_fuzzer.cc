@@ -1,5 +1,3 @@
-#include <unistd.h>
-
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -8,13 +6,13 @@
 #include "plugin/stage/stage_stamp.h"
 #include "sfm_split/base/reporter.h"
 #include "tests/fuzz/fuzz_seeds.h"
+#include "tests/fuzz/scratch_path.h"
 
 namespace {
 
 // Where the one file of this process lies.
 const s2gs::Workspace& Workspace() {
-  static const s2gs::Workspace workspace{std::filesystem::temp_directory_path() /
-                                         ("s2gs_stamp_fuzz_" + std::to_string(::getpid()))};
+  static const s2gs::Workspace workspace{s2gs::ScratchPath("stamp")};
   return workspace;
 }
 

@@ -208,6 +208,50 @@ def link_to_photo(box):
     return Want(1, ("nothing is written",)), renderer(box), {}
 
 
+def split_leads_out(box):
+    (box.folder / "outside").mkdir()
+    write_database(box.scan / "database.db", names_of(box))
+    (box.scan / "split").symlink_to(box.folder / "outside")
+    return Want(1, ("scan/split: is a symbolic link", "nothing is written there")), splitter(box), {}
+
+
+def lock_is_a_photo(box):
+    box.use_workspace()
+    (box.scan / "s2gs" / "lock").unlink(missing_ok=True)
+    (box.scan / "s2gs" / "lock").symlink_to(box.photos / names_of(box)[0])
+    return Want(1, ("s2gs/lock: is a symbolic link",)), trainer(box), {}
+
+
+def mapper_into_a_link(box):
+    """The stage that would write the model through it."""
+    write_database(box.scan / "database.db", names_of(box))
+    split = box.scan / "split"
+    split.mkdir()
+    for kind in ("object", "static"):
+        shutil.copyfile(box.scan / "database.db", split / f"{kind}.db")
+    images = [{"name": name, "station": 0, "labels": "2" * 40} for name in names_of(box)]
+    (split / "labels.json").write_text(json.dumps({"version": 1, "case": "turntable", "images": images}))
+    (box.folder / "outside").mkdir()
+    (box.scan / "sparse").symlink_to(box.folder / "outside")
+    return (Want(1, ("scan/sparse: is a symbolic link",)),
+            ["turntable_mapper", "--workspace_path", box.scan, "--image_path", box.photos, "--path", "circular_motion"], {})
+
+
+def scan_with_links(box):
+    """All of them are named at once."""
+    (box.scan / "sparse" / "0").mkdir(parents=True)
+    (box.folder / "outside").mkdir()
+    (box.folder / "other.json").write_text("{}")
+    photo = box.photos / names_of(box)[0]
+    for link, target in [("split", box.folder / "outside"), ("dense", box.folder / "outside"),
+                         ("sparse/0/images.bin", photo), ("turntable.json", box.folder / "other.json"),
+                         ("report.html", box.folder / "new.html"), ("database.db", box.folder / "new.db")]:
+        (box.scan / link).symlink_to(target)
+    says = tuple(f"scan/{name}: is a symbolic link" for name in
+                 ("split", "dense", "sparse/0/images.bin", "turntable.json", "report.html", "database.db"))
+    return Want(1, says, (r"runs \(",)), scanner(box), {}
+
+
 def photos_in_dense(box):
     box.use_workspace()
     images = box.scan / "dense" / "0" / "images"
@@ -559,6 +603,10 @@ def short_cases():
     yield Case("names", "masks are a link out of the workspace", link_out)
     yield Case("names", "a mask is a link to a photo", link_to_photo)
     yield Case("names", "photos in dense/0/images", photos_in_dense)
+    yield Case("links", "split leads out", split_leads_out)
+    yield Case("links", "sparse leads out, turntable_mapper", mapper_into_a_link)
+    yield Case("links", "the lock is a link to a photo", lock_is_a_photo)
+    yield Case("links", "a scan in a workspace of links", scan_with_links)
     yield scanner_option("--num_iterations", "0", ("--num_iterations 0 violates",))
     yield scanner_option("--num_iterations", "-1", ("--num_iterations -1 violates",))
     yield scanner_option("--use_gpu", "yes", ("--use_gpu yes is none of",))
@@ -680,6 +728,25 @@ def deep_json(path):
     return Case("damage", f"{path} nested a million times", prepare)
 
 
+def interrupted_in_a_photo(box):
+    """Photos of 67 megapixels behind a lens; Ctrl-C comes while their pixels are moved."""
+    box.use_workspace()
+    names = names_of(box)
+    side = 8192
+    write_flat_png(box.photos / names[0], side)
+    for name in names[1:]:
+        shutil.copyfile(box.photos / names[0], box.photos / name)
+    (box.scan / "sparse" / "0" / "cameras.txt").write_text(
+        f"1 FULL_OPENCV {side} {side} {side} {side} {side / 2} {side / 2} .05 0 0 0 0 0 0 0\n")
+    box.forget("gaussian_renderer", "image_undistorter")
+    wait = 6
+
+    def then(box, run):
+        after = run.wall_seconds - wait
+        return [] if after < 10 else [f"heard Ctrl-C after {after:.0f} s"]
+    return Want(130, ("stopped as asked",), then=then, max_cpu_seconds=60), renderer(box), {"interrupt_after": wait}
+
+
 def silent_colmap(box):
     colmap = sandbox.fake_colmap(box.folder / "colmap", "@OPTIONS@\nsleep 1000")
     return (Want(130, ("has printed nothing for 6[0-9] seconds", "Ctrl-C")), scanner(box, colmap=colmap), {"interrupt_after": 64})
@@ -703,6 +770,7 @@ def full_cases():
     for value in ("0", "-1", "nan", "inf", "1e300"):
         yield tsdf_memory(value)
     yield with_photo("268 megapixels of one colour", lambda box: write_flat_png(box.photos / "x.png", 16384), ("no photo fits",))
+    yield Case("signals", "Ctrl-C in the undistortion of one photo", interrupted_in_a_photo)
     yield Case("dead ends", "photos of noise", noise_photos)
     yield Case("dead ends", "nothing turns", nothing_turns)
     yield Case("dead ends", "colmap is silent for a minute", silent_colmap)

@@ -6,14 +6,17 @@ usage: run.py PROGRAM [--full] [--only WORD] [--work FOLDER] [--list]
 Each case has a folder of its own: a workspace, in which the program may write, and everything else, in which it may not:
 photos, models from elsewhere, files that hostile names point at. Before and after each run all of these are hashed. A case
 fails when a file outside the workspace changed, appeared or went; when the program ended with a code that it does not
-document (0, 1, 2, 130), above all 134; when it computed for more than ten seconds, or waited for two minutes; or when it
-did not say what the case wants to hear. The short form has every defect that was ever seen once; --full adds every name to
-every reader, every option of every command, damage at every place, limits and signals.
+document (0, 1, 2, 3, 130), above all 134; when it computed for more than ten seconds, or waited for two minutes; when it
+says that it is done, used or wrote fewer photos than there are, and gave no warning; or when it did not say what the case
+wants to hear. The short form has every defect that was ever seen once; --full adds every name to every reader, every option
+of every command, damage at every place, limits and signals.
 
 Needs numpy and opencv of Debian, and the photos of examples/falcon_desk.
 """
 import argparse
 import collections
+import json
+import os
 import pathlib
 import re
 import shutil
@@ -24,37 +27,57 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import cases  # noqa: E402
 import sandbox  # noqa: E402
 
-GOOD_CODES = {0, 1, 2, 130}
+GOOD_CODES = {0, 1, 2, 3, 130}
+# What a run may be found guilty of; the first five must never be.
+KINDS = ["originals changed", "written outside", "exit code 134", "hangs", "partial without a warning", "other codes", "words"]
+
+
+def missing_photos(box, run):
+    """Whether a run that calls itself done left photos out: those of the exact workspace that it did not use or write for."""
+    command = os.fspath(run.arguments[0])
+    names = [image["name"] for image in json.loads((box.base / "scan" / "turntable.json").read_text())["images"]]
+    if command == "gaussian_trainer" and "up to date" not in run.text:
+        used = re.search(r"^photos +(\d+)$", run.text, re.M)
+        return len(names) - int(used.group(1)) if used else len(names)
+    if command == "gaussian_renderer":
+        def is_written(name):
+            places = [box.scan / "masks" / f"{name}.png", box.scan / "dense/0/images" / name,
+                      box.scan / "dense/0/stereo/depth_maps" / f"{name}.geometric.bin"]
+            return all(path.is_file() and path.stat().st_size > 0 for path in places)
+        return sum(not is_written(name) for name in names)
+    return 0
 
 
 def judge(box, run, before, want):
-    """What is wrong, in words; nothing when all is well."""
+    """What is wrong, as pairs of its kind and words; nothing when all is well."""
     faults = []
     after = box.outside()
     changed = [key for key in before if before[key] != after.get(key)]
     new = [key for key in after if key not in before]
     if changed:
-        faults.append(f"originals changed: {changed[:3]}")
+        faults.append(("originals changed", f"originals changed: {changed[:3]}"))
     if new:
-        faults.append(f"written outside the workspace: {new[:3]}")
+        faults.append(("written outside", f"written outside the workspace: {new[:3]}"))
     if run.code not in GOOD_CODES:
-        faults.append(f"exit code {run.code}")
+        faults.append(("exit code 134" if run.code in (134, -6) else "other codes", f"exit code {run.code}"))
     if run.is_hung or run.cpu_seconds > want.max_cpu_seconds:
-        faults.append(f"hangs ({run.wall_seconds:.0f} s, {run.cpu_seconds:.0f} s of CPU)")
+        faults.append(("hangs", f"hangs ({run.wall_seconds:.0f} s, {run.cpu_seconds:.0f} s of CPU)"))
+    if run.code == 0 and "warning" not in run.text and (left_out := missing_photos(box, run)) > 0:
+        faults.append(("partial without a warning", f"says that it is done and left {left_out} photos out"))
     if want.code is not None and run.code != want.code:
-        faults.append(f"exit code {run.code}, not {want.code}")
+        faults.append(("other codes", f"exit code {run.code}, not {want.code}"))
     for pattern in want.says:
         if not re.search(pattern, run.text, re.S):
-            faults.append(f"does not say /{pattern}/")
+            faults.append(("words", f"does not say /{pattern}/"))
     for pattern in want.not_says:
         if re.search(pattern, run.text, re.S):
-            faults.append(f"says /{pattern}/")
+            faults.append(("words", f"says /{pattern}/"))
     if re.search("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]", run.text):
-        faults.append("control characters on the terminal")
+        faults.append(("words", "control characters on the terminal"))
     if run.code == 1 and "error:" not in run.text and want.needs_message:
-        faults.append("fails without a message")
+        faults.append(("words", "fails without a message"))
     if want.then is not None:
-        faults += want.then(box, run)
+        faults += [("words", fault) for fault in want.then(box, run)]
     return faults
 
 
@@ -75,6 +98,7 @@ def main():
     if not base.exists():
         sandbox.prepare_base(program, examples, base)
     groups = collections.Counter()
+    kinds = collections.Counter()
     failed = []
     for number, case in enumerate(cases.all_cases(args.full)):
         if args.only not in f"{case.group}: {case.name}":
@@ -95,7 +119,8 @@ def main():
         if args.list or faults:
             message = next((line for line in run.text.splitlines() if "error:" in line), "").strip()
             print(f"{'FAILED' if faults else 'ok    '} {case.group}: {case.name}: exit code {run.code} {message}")
-        for fault in faults:
+        for kind, fault in faults:
+            kinds[kind] += 1
             print(f"    {fault}")
         if faults:
             failed.append(case)
@@ -105,6 +130,7 @@ def main():
     for group, count in groups.items():
         print(f"{group:12} {count:5}  {sum(case.group == group for case in failed)}")
     print(f"{'all':12} {sum(groups.values()):5}  {len(failed)}")
+    print("; ".join(f"{kind}: {kinds[kind]}" for kind in KINDS))
     if args.work is None:
         shutil.rmtree(work, ignore_errors=True)
     return 1 if failed or not groups else 0

@@ -94,8 +94,9 @@ def fingerprint(folder):
 class Run:
     """How a run of the program ended."""
 
-    def __init__(self, code, text, wall_seconds, cpu_seconds, is_hung):
-        self.code, self.text, self.wall_seconds, self.cpu_seconds, self.is_hung = code, text, wall_seconds, cpu_seconds, is_hung
+    def __init__(self, arguments, code, text, wall_seconds, cpu_seconds, is_hung):
+        self.arguments, self.code, self.text = arguments, code, text
+        self.wall_seconds, self.cpu_seconds, self.is_hung = wall_seconds, cpu_seconds, is_hung
 
 
 class Sandbox:
@@ -157,7 +158,7 @@ class Sandbox:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         text = log.read_bytes().decode("utf-8", "backslashreplace")
-        return Run(process.returncode, text, time.time() - started, cpu, is_hung)
+        return Run(arguments, process.returncode, text, time.time() - started, cpu, is_hung)
 
 
 def fake_colmap(path, extractor, help_text=True):

@@ -83,6 +83,43 @@ struct Pipeline {
   }
 };
 
+TEST(StageRunner, WritesThroughNoLinkOutOfTheWorkspace) {
+  for (const char* place : {"dense", "dense/0/meshed-tsdf.ply", "maps", "s2gs/point_cloud.ply"}) {
+    Pipeline p;
+    const TemporaryFolder outside;
+    WriteAll(outside / "photo", "photo");
+    fs::create_directories((p.folder / place).parent_path());
+    fs::create_symlink(outside.path() / (fs::path(place).extension() == ".ply" ? "photo" : ""),
+                       p.folder / place);
+    ExpectUserError([&] { p.Run(); }, {place, "nothing is written there", "Remove the link"}, place);
+    EXPECT_EQ(ReadAll(outside / "photo"), "photo");
+    EXPECT_EQ(std::distance(fs::directory_iterator(outside.path()), fs::directory_iterator()), 1) << place;
+    fs::remove(p.folder / place);
+    EXPECT_THAT(p.Run(), testing::Contains("mesh")) << place;
+    // What is done needs nothing written.
+    fs::rename(p.folder / "maps", outside / "maps");
+    fs::create_symlink(outside / "maps", p.folder / "maps");
+    EXPECT_THAT(p.Run(), IsEmpty()) << place;
+  }
+}
+
+TEST(StageRunner, TakesNoPhotoForItsLock) {
+  Pipeline p;
+  fs::create_directories(p.workspace.Own());
+  fs::create_symlink(p.folder / "images/../../photo", p.workspace.LockFile());
+  ExpectUserError([&] { StageRunner(p.workspace, p.log); }, {"s2gs/lock", "symbolic link"});
+}
+
+TEST(StageRunner, MayWriteMoreThanItsOutputs) {
+  Pipeline p;
+  const TemporaryFolder outside;
+  fs::create_symlink(outside.path(), p.folder / "sparse");
+  Stage stage{"match", {}, {}, {p.workspace.Database()}, {}, {p.folder / "sparse/static"}};
+  StageRunner runner(p.workspace, p.log);
+  ExpectUserError([&] { runner.Run(stage, [] { FAIL() << "was begun"; }); },
+                  {"sparse", outside.path().string()});
+}
+
 TEST(StageRunner, SkipsWhatIsDone) {
   Pipeline p;
   EXPECT_THAT(p.Run(), ElementsAre("match", "train", "mesh"));

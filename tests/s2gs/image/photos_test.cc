@@ -91,7 +91,8 @@ TEST(Undistort, MovesPixelsToWhereTheirRaysPoint) {
       *photo.Pixel(x, y) = static_cast<uint8_t>(std::lround(128 + 150 * ray->x()));
     }
   }
-  const Image8 straight = UndistortImage(photo, plan.source, plan.pinhole);
+  Reporter silent;
+  const Image8 straight = UndistortImage(photo, plan.source, plan.pinhole, silent);
   const std::vector<double>& p = plan.pinhole.params;
   for (int y = 2; y + 2 < straight.height; ++y) {
     for (int x = 2; x + 2 < straight.width; ++x) {
@@ -104,9 +105,10 @@ TEST(Undistort, APinholeStaysAsItIs) {
   const Undistortion plan = PlanUndistortion(Distorted(0), "cameras.bin");
   EXPECT_EQ(plan.pinhole.width, 60U);
   const Image8 photo = Ramp(60, 40, 3);
-  EXPECT_EQ(UndistortImage(photo, plan.source, plan.pinhole).pixels, photo.pixels);
+  Reporter silent;
+  EXPECT_EQ(UndistortImage(photo, plan.source, plan.pinhole, silent).pixels, photo.pixels);
   const Image8 mask = Ramp(60, 40, 1);
-  EXPECT_EQ(DistortMask(plan, mask).pixels, mask.pixels);
+  EXPECT_EQ(DistortMask(plan, mask, silent).pixels, mask.pixels);
 }
 
 TEST(Undistort, MasksGoBackIntoThePhoto) {
@@ -118,7 +120,8 @@ TEST(Undistort, MasksGoBackIntoThePhoto) {
       *mask.Pixel(x, y) = (x + 0.5 - plan.pinhole.params[2]) / 50 > 0.1 ? 255 : 0;
     }
   }
-  const Image8 back = DistortMask(plan, mask);
+  Reporter silent;
+  const Image8 back = DistortMask(plan, mask, silent);
   ASSERT_EQ(back.width, 60);
   for (int y = 0; y < 40; ++y) {
     for (int x = 0; x < 60; ++x) {

@@ -6,7 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <thread>
 
+#include "s2gs/image/photos.h"
+#include "sfm_split/base/error.h"
 #include "tests/support/bad_input.h"
 
 namespace s2gs {
@@ -45,7 +48,8 @@ TEST(Undistort, ResamplesToThePinhole) {
     EXPECT_TRUE(IsDistortionFree(pinhole));
     EXPECT_EQ(pinhole.camera_id, 3u);
     EXPECT_EQ(FocalLengths(pinhole), FocalLengths(camera));
-    const Image8 image = UndistortImage(Picture(camera), camera, pinhole);
+    Reporter silent;
+    const Image8 image = UndistortImage(Picture(camera), camera, pinhole, silent);
     const Image8 expected = Picture(pinhole);
     ASSERT_EQ(image.pixels.size(), expected.pixels.size());
     double worst = 0;
@@ -63,7 +67,8 @@ TEST(Undistort, LeavesPinholesAlone) {
   const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
   EXPECT_EQ(pinhole.width, camera.width);
   EXPECT_EQ(PrincipalPoint(pinhole), PrincipalPoint(camera));
-  EXPECT_EQ(UndistortImage(Picture(camera), camera, pinhole).pixels, Picture(camera).pixels);
+  Reporter silent;
+  EXPECT_EQ(UndistortImage(Picture(camera), camera, pinhole, silent).pixels, Picture(camera).pixels);
 }
 
 TEST(Undistort, MovesKeypointsAlong) {
@@ -76,6 +81,40 @@ TEST(Undistort, MovesKeypointsAlong) {
   const ColmapModel result = UndistortedModel(model, "sparse");
   const Eigen::Vector2d expected = *ProjectToImage(result.cameras.at(3), x_in_cam);
   EXPECT_LT((result.images.at(1).points2D[0].xy - expected).norm(), 1e-6);
+}
+
+// Asks to stop when it is asked for the n-th time.
+class StopsAt : public Reporter {
+ public:
+  explicit StopsAt(int n) : n_(n) {}
+  bool StopRequested() const override {
+    EXPECT_EQ(std::this_thread::get_id(), caller_);
+    return ++asked_ >= n_;
+  }
+  int asked() const { return asked_; }
+
+ private:
+  const std::thread::id caller_ = std::this_thread::get_id();
+  int n_;
+  mutable int asked_ = 0;
+};
+
+TEST(Undistort, StopsWithinOnePhoto) {
+  Camera camera = Distorted(0.1);
+  camera.width = 2000;
+  camera.height = 1500;  // three megapixels: begun in three blocks at least
+  camera.params = {1500, 1000, 750, 0.1};
+  const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
+  const Image8 photo{2000, 1500, 1, std::vector<uint8_t>(3'000'000, 9)};
+  StopsAt second(2);
+  EXPECT_THROW(UndistortImage(photo, camera, pinhole, second), Interrupted);
+  EXPECT_EQ(second.asked(), 2);
+  StopsAt never(1000);
+  UndistortImage(photo, camera, pinhole, never);
+  EXPECT_GE(never.asked(), 2);
+  StopsAt second_of_mask(2);
+  EXPECT_THROW(DistortMask({camera, pinhole}, photo, second_of_mask), Interrupted);
+  EXPECT_EQ(second_of_mask.asked(), 2);
 }
 
 TEST(UndistortBadInput, WildLens) {
