@@ -137,6 +137,22 @@ def kernels_table(r):
     return table(['', 'measured', 'machine, commit'], rows)
 
 
+def safety_lines(r):
+    """Sums over the groups of the hostile cases, each fuzz target, killed scans."""
+    lines = []
+    for _, variant, runs in r.of('safety', 'hostile'):
+        sums = {}
+        for name, value in runs[-1]['figures'].items():
+            kind = name.split('.', 1)[1]
+            sums[kind] = sums.get(kind, 0) + value
+        lines += [f'Hostile cases, {variant} form ({provenance(runs)}): ' + ', '.join(f'{k} {digits(v)}' for k, v in sums.items()) + '.', '']
+    for _, variant, runs in r.of('safety', 'kills'):
+        lines += [f'Killed scans, {variant} ({provenance(runs)}): ' + ', '.join(f'{k} {cell(runs, k)}' for k in runs[0]['figures']) + '.', '']
+    return lines + table(['fuzz target', 'executions', 'CPU s', 'edges', 'faults', 'machine, commit'],
+                         [[v, cell(runs, 'executions'), cell(runs, 'cpu_seconds'), cell(runs, 'edges'), cell(runs, 'faults'),
+                           provenance(runs)] for _, v, runs in r.of('safety', 'fuzz')])
+
+
 def page(r, notes):
     lines = ['# Measurements', '',
              'This page is made: `tests/bench/run.py SUITE` measures and leaves one file a run in `tests/bench/results` (command, commit,',
@@ -154,6 +170,7 @@ def page(r, notes):
     if curves(r):
         lines += ['![PSNR on object pixels over seconds of training](tests/bench/plots/train.svg)', '']
     lines += ['## Mesh of these models', '', *scan_table(r, 'mesh'), '## Kernels', '', *kernels_table(r),
+              '## Hostile input', '', 'What is counted, and the commands: [CONTRIBUTING.md](CONTRIBUTING.md#hostile-input).', '', *safety_lines(r),
               '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
               '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
               'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.', '',

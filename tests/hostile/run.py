@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Runs s2gs on what nobody should give it, and looks at what comes of it.
 
-usage: run.py PROGRAM [--full] [--only WORD] [--work FOLDER] [--list]
+usage: run.py PROGRAM [--full] [--only WORD] [--work FOLDER] [--list] [--record]
 
 Each case has a folder of its own: a workspace, in which the program may write, and everything else, in which it may not:
 photos, models from elsewhere, files that hostile names point at. Before and after each run all of these are hashed. A case
@@ -9,7 +9,7 @@ fails when a file outside the workspace changed, appeared or went; when the prog
 document (0, 1, 2, 3, 130), above all 134; when it computed for more than ten seconds, or waited for two minutes; when it
 says that it is done, used or wrote fewer photos than there are, and gave no warning; or when it did not say what the case
 wants to hear. The short form has every defect that was ever seen once; --full adds every name to every reader, every option
-of every command, damage at every place, limits and signals.
+of every command, damage at every place, limits and signals. --record leaves the counts in tests/bench/results/safety.
 
 Needs numpy and opencv of Debian, and the photos of examples/falcon_desk.
 """
@@ -24,7 +24,10 @@ import sys
 import tempfile
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
+sys.dont_write_bytecode = True
 import cases  # noqa: E402
+import safety  # noqa: E402
 import sandbox  # noqa: E402
 
 GOOD_CODES = {0, 1, 2, 3, 130}
@@ -88,6 +91,7 @@ def main():
     parser.add_argument("--only", default="")
     parser.add_argument("--work", type=pathlib.Path, help="kept afterwards; default: a folder that is removed")
     parser.add_argument("--list", action="store_true", help="print what each run said")
+    parser.add_argument("--record", action="store_true")
     args = parser.parse_args()
     examples = pathlib.Path(__file__).resolve().parents[2] / "examples" / "falcon_desk"
     work = args.work or pathlib.Path(tempfile.mkdtemp(prefix="s2gs_hostile_"))
@@ -120,7 +124,7 @@ def main():
             message = next((line for line in run.text.splitlines() if "error:" in line), "").strip()
             print(f"{'FAILED' if faults else 'ok    '} {case.group}: {case.name}: exit code {run.code} {message}")
         for kind, fault in faults:
-            kinds[kind] += 1
+            kinds[case.group, kind] += 1
             print(f"    {fault}")
         if faults:
             failed.append(case)
@@ -130,7 +134,17 @@ def main():
     for group, count in groups.items():
         print(f"{group:12} {count:5}  {sum(case.group == group for case in failed)}")
     print(f"{'all':12} {sum(groups.values()):5}  {len(failed)}")
-    print("; ".join(f"{kind}: {kinds[kind]}" for kind in KINDS))
+    print("; ".join(f"{kind}: {sum(n for (_, k), n in kinds.items() if k == kind)}" for kind in KINDS))
+    if args.record:
+        # What was left by runs of other groups stays.
+        variant = "full" if args.full else "short"
+        figures = {}
+        for group, count in groups.items():
+            figures[f"{group}.runs"] = count
+            for kind in KINDS:
+                figures[f"{group}.{kind}"] = kinds[group, kind]
+        safety.record("hostile", variant, f"tests/hostile/run.py build/cpu/s2gs{' --full' if args.full else ''} --record",
+                      int(bool(failed)), {**safety.recorded("hostile", variant), **figures})
     if args.work is None:
         shutil.rmtree(work, ignore_errors=True)
     return 1 if failed or not groups else 0
