@@ -452,6 +452,15 @@ def edit_turntable(change, want, name):
     return Case("numbers", name, prepare)
 
 
+def half_of_the_model(box):
+    """Cut off between two images: nothing in the file shows that there were more."""
+    box.use_workspace()
+    path = box.scan / "sparse" / "0" / "images.txt"
+    path.write_text("\n".join(path.read_text().splitlines()[:8]) + "\n")
+    box.forget("gaussian_trainer")
+    return Want(0, ("4 images of .*turntable.json have no pose",)), trainer(box), {}
+
+
 def no_images(data):
     data["images"] = []
 
@@ -646,6 +655,7 @@ def short_cases():
     yield Case("numbers", "focal length 1e300 in a database", focal_in_database)
     yield camera("1 PINHOLE 400 400 1e300 1e300 200 200", ("focal length",), "focal length 1e300")
     yield Case("numbers", "translation 1e300", far_translation)
+    yield Case("numbers", "half of the images of a model", half_of_the_model)
     yield edit_turntable(no_images, Want(1, ("images is empty",)), "turntable.json without images")
     yield edit_turntable(other_angles, Want(0, ("contradict",)), "turntable.json contradicts itself")
     yield damaged_checkpoint(b"S2GSCKPT\1\0\0\0", "truncated checkpoint")
@@ -739,6 +749,7 @@ def interrupted_in_a_photo(box):
     (box.scan / "sparse" / "0" / "cameras.txt").write_text(
         f"1 FULL_OPENCV {side} {side} {side} {side} {side / 2} {side / 2} .05 0 0 0 0 0 0 0\n")
     box.forget("gaussian_renderer", "image_undistorter")
+    shutil.rmtree(box.scan / "dense")
     wait = 6
 
     def then(box, run):
