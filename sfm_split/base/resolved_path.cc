@@ -13,7 +13,7 @@ namespace fs = std::filesystem;
 // Where it leads to, or would if that existed.
 fs::path TargetOf(const fs::path& link) {
   std::error_code ec;
-  const fs::path target = fs::canonical(link, ec);
+  fs::path target = fs::canonical(link, ec);
   if (!ec) return target;
   return (link.parent_path() / fs::read_symlink(link, ec)).lexically_normal();
 }
