@@ -18,9 +18,10 @@ namespace s2gs {
 namespace {
 
 constexpr std::string_view kMagic = "S2GSCKPT";
-constexpr uint32_t kVersion = 1;
+constexpr uint32_t kVersion = 2;
 constexpr uint64_t kMaxSettings = 1 << 16;
 constexpr int kMaxNeighbours = 1024;
+constexpr uint64_t kMaxCourse = 1 << 16;
 constexpr size_t kBlock = size_t{1} << 20;
 
 // Writes and hashes at once.
@@ -77,6 +78,12 @@ void PutContent(const Checkpoint& checkpoint, Writer* writer) {
   writer->Put<int64_t>(cursor.last_reset);
   writer->Put<int64_t>(cursor.initial_count);
   writer->Put<int64_t>(cursor.neighbours_turn);
+  writer->Put<int64_t>(cursor.num_unseen_static);
+  writer->Put<uint64_t>(cursor.held_out_course.points().size());
+  for (const HeldOutCourse::Point& point : cursor.held_out_course.points()) {
+    writer->Put(point.progress);
+    writer->Put(point.error);
+  }
   writer->Put<uint64_t>(cursor.settings.size());
   writer->PutBytes(cursor.settings.data(), cursor.settings.size());
 
@@ -141,6 +148,15 @@ TrainCursor ReadCursor(ByteReader* reader) {
   cursor.last_reset = reader->Read<int64_t>("last reset");
   cursor.initial_count = reader->Read<int64_t>("first count");
   cursor.neighbours_turn = reader->Read<int64_t>("neighbours' turn");
+  cursor.num_unseen_static = reader->Read<int64_t>("number of unseen Gaussians");
+  const uint64_t num_points = reader->ReadCount(2 * sizeof(double), "number of held-out errors");
+  if (num_points > kMaxCourse) reader->Fail("there are too many held-out errors");
+  for (uint64_t i = 0; i < num_points; ++i) {
+    const auto progress = reader->Read<double>("progress of a held-out error");
+    const auto error = reader->Read<double>("held-out error");
+    if (!(progress >= 0 && progress <= 1) || !(error > 0)) reader->Fail("a held-out error is impossible");
+    cursor.held_out_course.Add(progress, error);
+  }
   const uint64_t length = reader->ReadCount(1, "length of the settings");
   if (length > kMaxSettings) reader->Fail("the settings are too long");
   cursor.settings.resize(length);

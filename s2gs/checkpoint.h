@@ -7,6 +7,7 @@
 #include <string>
 
 #include "s2gs/backend/backend.h"
+#include "s2gs/held_out_course.h"
 
 namespace s2gs {
 
@@ -24,7 +25,10 @@ struct TrainCursor {
   int64_t last_reset = 0;        ///< of opacities; iteration, 0: none yet.
   int64_t initial_count = 0;     ///< of Gaussians, before any growth.
   int64_t neighbours_turn = -1;  ///< of the schedule, when they were found last.
-  std::string settings;          ///< fingerprint of options and scene: another one refuses to resume.
+  int64_t num_unseen_static =
+      0;  ///< Gaussians that stood still and were removed because no photo shows them.
+  HeldOutCourse held_out_course;
+  std::string settings;  ///< fingerprint of options and scene: another one refuses to resume.
 };
 
 struct Checkpoint {

@@ -13,6 +13,8 @@
 #include "s2gs/core/rng.h"
 #include "s2gs/freeze.h"
 #include "s2gs/image/photos.h"
+#include "s2gs/kernel/sh.h"
+#include "s2gs/told_bands.h"
 #include "s2gs/train_log.h"
 #include "sfm_split/base/stopwatch.h"
 
@@ -119,14 +121,17 @@ class Trainer {
     for (const ScenePhoto& photo : scene.photos) {
       has_held_out_ = has_held_out_ || photo.held_out;
       has_masks_ = has_masks_ || (!photo.held_out && !photo.mask.empty());
+      num_held_out_ += photo.held_out ? 1 : 0;
     }
+    DecideBands();
+    if (!resumed_) DecideWhetherToStop();
   }
 
   TrainResult Run() {
     double before = cursor_.progress;
     while (before < 1) {
-      const TrainMoment moment =
-          MomentAt(options_, before, scene_.bodies(), cursor_.foreground_frozen, has_masks_);
+      TrainMoment moment = MomentAt(options_, before, scene_.bodies(), cursor_.foreground_frozen, has_masks_);
+      moment.sh_degree = std::min(moment.sh_degree, max_sh_degree_);
       UseLevel(moment.coarse_level);
       FindNeighboursIfNeeded(moment, before);
       StepOnce(moment);
@@ -137,6 +142,7 @@ class Trainer {
       Tidy(before, now);
       Report(before, now);
       Measure(before, now);
+      if (HasStoppedFalling(before, now)) break;
       SaveIfDue(before, now);
       before = now;
     }
@@ -192,6 +198,80 @@ class Trainer {
     cursor_.settings = files_.settings;
     backend_->SetState(state);
     return false;
+  }
+
+  // Bands of colour that no photo tells are not learnt.
+  void DecideBands() {
+    max_sh_degree_ = options_.sh_degree;
+    if (!options_.only_told_bands || options_.sh_degree < 1) return;
+    const ToldBands told = FindToldBands(scene_, options_.sh_degree);
+    max_sh_degree_ = told.degree;
+    if (resumed_) return;
+    TrainDecision decision;
+    decision.part = "sh_bands";
+    decision.is_left_out = told.degree < options_.sh_degree;
+    decision.measured = Format("band %.0f adds %.3g to what lower bands can do in these views",
+                               told.last.band, told.last.own_part);
+    decision.threshold = Format("a grey level, %.3g", kGreyLevel);
+    decision.reason = decision.is_left_out ? Format("the photos tell bands up to %.0f alone", told.degree)
+                                           : std::string("the photos tell all bands");
+    if (decision.is_left_out) {
+      decision.saving = Format("%.0f of %.0f numbers of each Gaussian's colour are not learnt",
+                               3 * (ShRestCount(options_.sh_degree) - ShRestCount(told.degree)),
+                               3 * (1 + ShRestCount(options_.sh_degree)));
+      reporter_.Info(decision.reason + ": " + decision.measured);
+    }
+    log_.AddDecision(Point(), decision);
+  }
+
+  bool MayStop() const { return options_.stop_gain_pct > 0 && num_held_out_ >= HeldOutCourse::kMinPhotos; }
+
+  // Why it will not, where that is known from the start.
+  void DecideWhetherToStop() {
+    if (MayStop()) return;
+    TrainDecision decision;
+    decision.part = "end_of_training";
+    decision.measured = Format("%.0f photos held out", static_cast<double>(num_held_out_));
+    decision.threshold = Format("%.0f", HeldOutCourse::kMinPhotos);
+    decision.reason = options_.stop_gain_pct > 0
+                          ? "too few to say when their error stops falling: training runs to its end"
+                          : "asked for: training runs to its end";
+    log_.AddDecision(Point(), decision);
+  }
+
+  // Where the model has stopped growing and p is settled, the rest of the run only polishes.
+  bool HasStoppedFalling(double before, double now) {
+    if (!MayStop()) return false;
+    const bool learns_p = scene_.bodies() == SceneBodies::kBoth && options_.settle_until < 1;
+    if (learns_p && !cursor_.foreground_frozen) return false;
+    if (before < std::max(options_.densify_until, options_.coarse_until)) return false;
+    const bool is_end = now >= 1;
+    if (!is_end && !Passed(before, now, HeldOutCourse::kEvery)) return false;
+    if (!is_end) {
+      backend_->Wait();
+      clock_.Lap();
+      held_out_ = MeasureHeldOut(scene_, backend_);
+      clock_.LapMeasuring();
+      log_.AddHeldOut(Point(), *held_out_);
+      const double error = std::pow(10.0, -held_out_->psnr / 20);
+      if (std::isfinite(error) && error > 0) cursor_.held_out_course.Add(now, error);
+    }
+    const double gain = cursor_.held_out_course.GainToComePct();
+    const bool stops = !is_end && gain < options_.stop_gain_pct;
+    if (!stops && !is_end) return false;
+    TrainDecision decision;
+    decision.part = "end_of_training";
+    decision.is_left_out = stops;
+    decision.measured =
+        std::isfinite(gain)
+            ? Format("%+.2f %% of the held-out error to come at %.0f %% of the run", gain, 100 * now)
+            : "the course was too short to tell";
+    decision.threshold = Format("%.3g %%", options_.stop_gain_pct);
+    decision.reason = stops ? "the error of held-out photos has stopped falling" : "it fell to the end";
+    if (stops) decision.saving = Format("%.0f %% of the iterations", 100 * (1 - now));
+    if (stops) reporter_.Info("training stops: " + decision.reason + ", " + decision.measured);
+    log_.AddDecision(Point(), decision);
+    return stops;
   }
 
   double Progress() const {
@@ -309,13 +389,24 @@ class Trainer {
                              " Gaussians that rotated outside the rotating part's region removed";
     reporter_.Info(note);
     log_.AddNote(Point(), note);
+    TrainDecision decision;
+    decision.part = "learning_p";
+    decision.is_left_out = true;
+    decision.measured = Format("%.2f %% of p outside [.1, .9] at %.0f %% of the run", 100 * share, 100 * now);
+    decision.threshold =
+        Format("%.4g %%, or %.0f %% of the run", 100 * options_.settled_share, 100 * options_.settle_until);
+    decision.reason = share < options_.settled_share ? "its time was up" : "p has settled";
+    decision.saving = Format("the map of p, its three terms and its gradient in %.0f %% of the iterations",
+                             100 * (1 - now));
+    log_.AddDecision(Point(), decision);
   }
 
   // Strays: rotating Gaussians where nothing rotates, and those that no photo shows.
   void Tidy(double before, double now) {
     if (!Passed(before, now, kTidyEvery) || now > kTidyUntil) return;
-    if (scene_.bodies() == SceneBodies::kStaticOnly) return;
-    const bool has_region = options_.use_rotating_region && scene_.region.has_value();
+    const bool all_stand = scene_.bodies() == SceneBodies::kStaticOnly;
+    if (all_stand && !(options_.unseen_static_weight > 0)) return;
+    const bool has_region = !all_stand && options_.use_rotating_region && scene_.region.has_value();
     if (!cursor_.foreground_frozen && scene_.bodies() == SceneBodies::kBoth) {
       if (!has_region || now < options_.regularise_from) return;
       Placement placement = backend_->GetPlacement();
@@ -332,18 +423,39 @@ class Trainer {
       kept.resize(placement.size());
       std::iota(kept.begin(), kept.end(), 0U);
     }
-    if (options_.unseen_weight > 0) {
+    if (options_.unseen_weight > 0 || options_.unseen_static_weight > 0) {
       const std::vector<float> peak = backend_->PeakWeights(training_views_, scene_.bodies());
       if (!peak.empty()) {
+        int64_t num_unseen_static = 0;
         const auto is_unseen = [&](uint32_t i) {
-          return peak[i] < options_.unseen_weight && placement.foreground_logit[i] > 0;
+          const bool rotates = !all_stand && placement.foreground_logit[i] > 0;
+          const bool goes = peak[i] < (rotates ? options_.unseen_weight : options_.unseen_static_weight);
+          num_unseen_static += goes && !rotates ? 1 : 0;
+          return goes;
         };
         kept.erase(std::remove_if(kept.begin(), kept.end(), is_unseen), kept.end());
+        if (num_unseen_static > 0) AddUnseen(num_unseen_static, static_cast<int64_t>(placement.size()));
       }
     }
     if (kept.size() == placement.size() || kept.empty()) return;
     log_.AddNote(Point(), std::to_string(placement.size() - kept.size()) + " stray Gaussians removed");
     backend_->Keep(kept);
+  }
+
+  void AddUnseen(int64_t count, int64_t of) {
+    cursor_.num_unseen_static += count;
+    TrainDecision decision;
+    decision.part = "unseen_background";
+    decision.is_left_out = true;
+    decision.measured =
+        std::to_string(cursor_.num_unseen_static) +
+        " Gaussians of the background blended with less in every pixel of every photo, " +
+        Format("%.1f %% of the model at %.0f %% of the run",
+               100 * static_cast<double>(count) / static_cast<double>(of), 100 * cursor_.progress);
+    decision.threshold = Format("half a grey level, %.2g", options_.unseen_static_weight);
+    decision.reason = "no photo shows them";
+    decision.saving = "their share of each iteration from then on";
+    log_.AddDecision(Point(), decision);
   }
 
   LogPoint Point() const {
@@ -465,6 +577,8 @@ class Trainer {
   PhotoOrder order_;
   Stopwatch clock_;
   bool has_held_out_ = false;
+  int64_t num_held_out_ = 0;
+  int max_sh_degree_ = 0;
   bool has_masks_ = false;
   int level_ = -1;
   int width_ = 0;

@@ -78,6 +78,17 @@ void TrainLog::AddNote(const LogPoint& point, const std::string& note) {
   lines_.push_back(line.dump(-1, ' ', false, Json::error_handler_t::replace));
 }
 
+void TrainLog::AddDecision(const LogPoint& point, const TrainDecision& decision) {
+  Json line = Begin("decision", point);
+  line["part"] = decision.part;
+  line["left_out"] = decision.is_left_out;
+  line["measured"] = decision.measured;
+  line["threshold"] = decision.threshold;
+  line["reason"] = decision.reason;
+  line["saving"] = decision.saving;
+  lines_.push_back(line.dump(-1, ' ', false, Json::error_handler_t::replace));
+}
+
 void TrainLog::Write() const {
   if (path_.empty()) return;
   WriteFileAtomically(path_, [&](std::ostream& stream) {

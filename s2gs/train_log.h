@@ -21,9 +21,16 @@ struct LogPoint {
   int width = 0, height = 0;     ///< of the first photo at the present resolution [px].
 };
 
+/// What was left out, or kept, by a measurement in the course of training, in words for people.
+struct TrainDecision {
+  std::string part;  ///< as the plan names it.
+  bool is_left_out = false;
+  std::string measured, threshold, reason, saving;
+};
+
 /// W/s2gs/log.jsonl: one JSON object a line, "stage": "train" in each. "event" is "loss" (the means of the
-/// loss terms since the line before), "held_out", or "note". Kept in memory and written as a whole,
-/// atomically.
+/// loss terms since the line before), "held_out", "decision" or "note". Kept in memory and written as a
+/// whole, atomically.
 class TrainLog {
  public:
   /// \param path       empty: nothing is written.
@@ -34,6 +41,7 @@ class TrainLog {
   void AddLoss(const LogPoint& point, const LossTerms& loss);
   void AddHeldOut(const LogPoint& point, const HeldOutErrors& errors);
   void AddNote(const LogPoint& point, const std::string& note);
+  void AddDecision(const LogPoint& point, const TrainDecision& decision);
   /// Throws UserError when the file cannot be written.
   void Write() const;
 

@@ -82,10 +82,12 @@ OptionCheck CheckCourse(const TrainOptions& o) {
   return CheckRanges({
       {"num_iterations", static_cast<double>(o.num_iterations), 1, 1e9, "1 <= num_iterations <= 1000000000"},
       {"max_seconds", o.max_seconds, 0, kNoBound, "max_seconds >= 0"},
+      {"stop_gain_pct", o.stop_gain_pct, 0, 100, "0 <= stop_gain_pct <= 100"},
       {"settle_from", o.settle_from, 0, 1, "0 <= settle_from <= 1"},
       {"settle_until", o.settle_until, o.settle_from, 1, "settle_from <= settle_until <= 1"},
       {"settled_share", o.settled_share, 0, 1, "0 <= settled_share <= 1"},
       {"unseen_weight", o.unseen_weight, 0, 1, "0 <= unseen_weight <= 1"},
+      {"unseen_static_weight", o.unseen_static_weight, 0, 1, "0 <= unseen_static_weight <= 1"},
       {"coarse_levels", static_cast<double>(o.coarse_levels), 0, 6, "0 <= coarse_levels <= 6"},
       {"coarse_until", o.coarse_until, 0, 1, "0 <= coarse_until <= 1"},
       {"min_coarse_size", static_cast<double>(o.min_coarse_size), 16, kNoBound, "min_coarse_size >= 16"},

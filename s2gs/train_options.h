@@ -22,6 +22,10 @@ struct TrainOptions {
   // Length.
   int64_t num_iterations = 30'000;
   double max_seconds = 0;  ///< 0: no bound. Otherwise the whole course is run through in this time at most.
+  /// Training stops when the error of held-out photos, falling on as it fell last, would lose less than this
+  /// share of itself over the rest of the run [%]; 0: never. Not before the model has stopped growing and p
+  /// is settled, and not with fewer than HeldOutCourse::kMinPhotos held out.
+  double stop_gain_pct = 1;
 
   // Start.
   InitialiseOptions initial;
@@ -53,6 +57,7 @@ struct TrainOptions {
   // Colour.
   int sh_degree = 3;
   double sh_degree_every = 1.0 / 30;
+  bool only_told_bands = true;  ///< bands that no training photo tells from lower ones are left out.
 
   // Growth.
   GrowthStrategy growth = GrowthStrategy::kAdaptive;
@@ -73,6 +78,8 @@ struct TrainOptions {
   bool use_rotating_region = true;  ///< nothing outside the rotating points' cylinder rotates.
   double unseen_weight =
       0.02;  ///< frozen foreground that is never blended with more than this goes; 0: stays.
+  /// The same for what stands still: less than half a grey level of 8 bits, which no photo shows.
+  double unseen_static_weight = 0.5 / 255;
 
   // Resolution.
   int coarse_levels = 2;      ///< training starts at 1 / 2^n of the photos' size.

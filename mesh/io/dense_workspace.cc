@@ -34,9 +34,9 @@ void CheckSize(const fs::path& path, const Camera& camera) {
 
 // Writes the picture as the pinhole sees it. `channels` of the decoded picture.
 void WritePicture(const fs::path& from, const fs::path& to, const Camera& camera, const Camera& pinhole,
-                  int channels, Reporter& reporter) {
+                  int channels, bool resample_always, Reporter& reporter) {
   CheckSize(from, camera);
-  if (IsDistortionFree(camera)) {
+  if (IsDistortionFree(camera) && !resample_always) {
     const std::string bytes = ReadWholeFile(from, kMaxPhotoBytes);
     WriteFileAtomically(to, [&](std::ostream& stream) {
       stream.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
@@ -70,11 +70,12 @@ ColmapModel WriteDenseWorkspace(const fs::path& folder, const ColmapModel& model
     const Camera& pinhole = dense.cameras.at(image->camera_id);
     const ImageName image_name(name, source.model);
     WritePicture(source.images / name, outputs.Make(folder / "images", image_name, ""), camera, pinhole, 3,
-                 reporter);
+                 source.resample_always, reporter);
     const fs::path mask = source.masks / (name + ".png");
     std::error_code ec;
     if (!source.masks.empty() && fs::exists(mask, ec)) {
-      WritePicture(mask, outputs.Make(folder / "masks", image_name, ".png"), camera, pinhole, 1, reporter);
+      WritePicture(mask, outputs.Make(folder / "masks", image_name, ".png"), camera, pinhole, 1,
+                   source.resample_always, reporter);
     }
     // For COLMAP, which writes there but makes no folders.
     for (const char* maps : {"depth_maps", "normal_maps"}) outputs.Make(stereo / maps, image_name, "");

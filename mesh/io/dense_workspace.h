@@ -13,6 +13,7 @@ struct DenseWorkspaceSource {
   std::filesystem::path images;  ///< photos by the names of the model's images.
   std::filesystem::path masks;   ///< NAME.png; may be empty, missing, or lack some.
   std::filesystem::path root{};  ///< that nothing is written outside of; empty: the dense workspace itself.
+  bool resample_always = false;  ///< photos without distortion are resampled too, not copied.
 };
 
 /// Writes `folder` as `colmap image_undistorter` leaves it: images without distortion, sparse, and stereo

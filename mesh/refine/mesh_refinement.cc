@@ -32,7 +32,6 @@ struct Pass {
 };
 constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3}, {0, 1.0F, 4}, {0, 0.5F, 4}}};
 
-constexpr int kMinPhotos = 4;
 // With fewer, a part that one photo shows may well be there.
 constexpr size_t kMinPhotosToDrop = 40;
 // Of one vertex. Two photos agree by chance too often.
@@ -50,8 +49,8 @@ constexpr float kFullTrust = 0.8F;
 // How much a peak falls in a pixel of the pyramid's level at least. Shading without texture correlates at any
 // depth, and its flat peaks lie where noise puts them (below 0.02; those of texture from 0.04 on).
 constexpr float kLeastSharpness = 0.03F;
-// Fewer vertices than this share with a clear peak may all be chance: then none moves.
-constexpr double kLeastAccepted = 0.05;
+// Vertices at which the photos' agreement is measured.
+constexpr size_t kMeasuredVertices = 20'000;
 // A second peak of this share of the highest makes that doubtful.
 constexpr float kRivalShare = 0.9F;
 constexpr float kRivalTrust = 0.1F;
@@ -211,6 +210,7 @@ class Refiner {
     const size_t count = mesh_.vertices.size();
     visible_ = FindVisible(
         {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)), kVisibilityMargin});
+    if (course_.empty()) NoteAgreement();
     const int width = 2 * pass.max_steps + 1;
     curves_.assign(count * width, 0);
     pixels_.assign(count, 0);
@@ -228,7 +228,7 @@ class Refiner {
     }
     num_accepted_ = std::count_if(observations.begin(), observations.end(),
                                   [](const OffsetObservation& o) { return o.weight > 0; });
-    if (static_cast<double>(num_accepted_) < kLeastAccepted * static_cast<double>(count)) return;
+    if (static_cast<double>(num_accepted_) < kLeastAcceptedShare * static_cast<double>(count)) return;
     // Vertices that no photo shows move as far as those around them.
     SpreadPixels();
     const std::vector<float> offsets =
@@ -238,6 +238,8 @@ class Refiner {
       moved_[i] += offsets[i];
     }
     ComputeNormals(&mesh_);
+    has_moved_ = true;
+    NoteAgreement();
   }
 
   void Summarise(MeshRefinementSummary* summary) const {
@@ -252,6 +254,8 @@ class Refiner {
     summary->num_accepted = num_accepted_;
     summary->mean_offset_px = sum / count;
     summary->rms_offset_px = std::sqrt(squares / count);
+    summary->course = course_;
+    summary->has_moved = has_moved_;
   }
 
  private:
@@ -263,7 +267,8 @@ class Refiner {
     return visible;
   }
 
-  void MeasureCurve(size_t vertex, const Pass& pass) {
+  // The surface at a vertex with the photos that are compared there.
+  SurfacePatch PatchAt(size_t vertex) const {
     std::vector<const PhotoPyramid*> candidates;
     candidates.reserve(photos_.size());
     for (size_t i = 0; i < photos_.size(); ++i) {
@@ -273,6 +278,30 @@ class Refiner {
     patch.middle = mesh_.vertices[vertex];
     patch.normal = mesh_.normals[vertex];
     SelectPhotos(candidates, options_.num_views, &patch);
+    return patch;
+  }
+
+  // Where the mesh is now, by what was visible when the pass began.
+  void NoteAgreement() {
+    const size_t every = std::max<size_t>(1, mesh_.vertices.size() / kMeasuredVertices);
+    std::vector<float> agreement(mesh_.vertices.size() / every, std::numeric_limits<float>::quiet_NaN());
+    ParallelFor(static_cast<int64_t>(agreement.size()), num_threads_, 128, [&](int64_t i) {
+      const SurfacePatch patch = PatchAt(static_cast<size_t>(i) * every);
+      if (patch.num_views < kMinViews) return;
+      ConsistencyCurve(patch, 0, patch.PixelSize(), 0, &agreement[static_cast<size_t>(i)]);
+    });
+    double sum = 0;
+    int64_t count = 0;
+    for (const float value : agreement) {
+      if (!std::isfinite(value)) continue;
+      sum += value;
+      ++count;
+    }
+    if (count > 0) course_.push_back({SteadySeconds() - started_, 1 - sum / static_cast<double>(count)});
+  }
+
+  void MeasureCurve(size_t vertex, const Pass& pass) {
+    const SurfacePatch patch = PatchAt(vertex);
     if (patch.num_views < kMinViews) return;
     pixels_[vertex] = patch.PixelSize();
     is_known_[vertex] = 1;
@@ -326,6 +355,9 @@ class Refiner {
   std::vector<uint8_t> is_known_;
   std::vector<float> moved_;  // [px]
   int64_t num_accepted_ = 0;
+  bool has_moved_ = false;
+  std::vector<RefinementMoment> course_;
+  double started_ = SteadySeconds();
 };
 
 }  // namespace
@@ -364,7 +396,7 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   Refiner refiner(options, reporter, mesh);
   refiner.LoadPhotos(photos);
   summary.num_photos = static_cast<int>(refiner.num_photos());
-  if (summary.num_photos < kMinPhotos) return summary;
+  if (summary.num_photos < kMinRefinementPhotos) return summary;
   summary.num_unseen_triangles = refiner.DropUnseen();
   refiner.BeginPasses();
   const auto count = static_cast<int64_t>(mesh->vertices.size());

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "mesh/surface/object_view.h"
 #include "mesh/surface/triangle_mesh.h"
@@ -48,6 +49,12 @@ class RefinementPhotoSource {
   virtual Image8 Load(int index) const = 0;
 };
 
+/// How well the photos agree on the mesh at one moment of its refinement.
+struct RefinementMoment {
+  double seconds = 0;       ///< since the refinement began.
+  double disagreement = 0;  ///< 1 - mean correlation of photos over vertices spread evenly; at full size.
+};
+
 struct MeshRefinementSummary {
   int num_photos = 0;                ///< that show the mesh.
   int64_t num_vertices = 0;          ///< after what nobody sees is gone.
@@ -56,11 +63,19 @@ struct MeshRefinementSummary {
   double mean_offset_px = 0;         ///< how far vertices moved outwards in all passes, in pixels there.
   double rms_offset_px = 0;
   double seconds = 0;
+  std::vector<RefinementMoment>
+      course;              ///< before the first pass and after each; what no photo sees is gone.
+  bool has_moved = false;  ///< enough vertices had a clear peak in some pass.
 };
 
-/// Nothing happens with fewer than four photos of the mesh. The result is bit-identical for any number of
-/// threads. Throws what the source throws, and Interrupted.
-/// \param mesh  in the object's frame; its normals are computed again, its colours stay.
+/// Fewer photos of the mesh than this do not refine it.
+constexpr int kMinRefinementPhotos = 4;
+/// Fewer vertices with a clear peak than this share may all be chance: then none moves.
+constexpr double kLeastAcceptedShare = 0.05;
+
+/// Nothing happens with fewer than kMinRefinementPhotos photos of the mesh. The result is bit-identical for
+/// any number of threads. Throws what the source throws, and Interrupted. \param mesh  in the object's frame;
+/// its normals are computed again, its colours stay.
 MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const MeshRefinementOptions& options,
                                  Reporter& reporter, TriangleMesh* mesh);
 

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -15,6 +16,8 @@
 #include "plugin/cli/shell_quote.h"
 #include "plugin/commands/quality.h"
 #include "plugin/commands/scan_preflight.h"
+#include "plugin/plan/plan_parts.h"
+#include "plugin/plan/scan_plan.h"
 #include "plugin/report/scan_summary.h"
 #include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
@@ -41,7 +44,8 @@ struct Settings {
   std::optional<int64_t> num_iterations;
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
-  bool force = false;
+  std::vector<std::string> force;  // as given
+  std::set<std::string> forced;    // parts of the plan
 };
 
 // Features per photo. Fewer would leave out small scales, which is where objects have theirs.
@@ -90,6 +94,8 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   std::vector<Step> steps;
   const auto add = [&](const std::string& command, const std::string& title,
                        std::vector<std::string> arguments) {
+    const std::vector<std::string> forced = ForcedArguments(command, settings.forced);
+    arguments.insert(arguments.end(), forced.begin(), forced.end());
     steps.push_back(MakeStep(command, title, std::move(arguments), options));
   };
   const auto with = [](std::vector<std::string> arguments, const std::string& name,
@@ -101,7 +107,7 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   add("motion_splitter", "What stands still and what turns",
       with(with({"--database_path", workspace.Database().string(), "--image_path", images,
                  "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
-                "--mask_path", settings.mask_path.string()),
+                "--mask_path", settings.forced.count("motion") > 0 ? "" : settings.mask_path.string()),
            "--colmap_path", settings.colmap_path.string()));
   add("turntable_mapper", "Cameras, table, and both sparse models",
       with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
@@ -145,6 +151,17 @@ ScanRequest RequestOf(const Settings& settings, const std::vector<Step>& steps) 
   request.trains = settings.until != Until::kSplit;
   request.meshes = settings.until == Until::kMesh;
   for (const Step& step : steps) request.steps.emplace_back(step.command, step.arguments);
+  return request;
+}
+
+PlanRequest PlanOf(const Settings& settings) {
+  PlanRequest request;
+  request.workspace = Workspace{settings.workspace_path};
+  request.image_path = settings.image_path;
+  request.has_masks = !settings.mask_path.empty();
+  request.trains = settings.until != Until::kSplit;
+  request.meshes = settings.until == Until::kMesh;
+  request.forced = settings.forced;
   return request;
 }
 
@@ -227,7 +244,10 @@ void RunAutomaticScanner(CommandContext& context) {
       "run "
       "that was stopped goes on where it was. Options, photos, masks, disk, memory and colmap are checked "
       "first, and "
-      "all that is wrong is listed at once. Each step's own command line is printed: run it by hand to "
+      "all that is wrong is listed at once. The plan is printed before anything long runs: what runs, what "
+      "is "
+      "left out and why; decisions that need a stage's measurements follow it. Each step's own command line "
+      "is printed: run it by hand to "
       "change "
       "more of it. Ends with report.html, which judges the scan and shows all of it.",
       "--workspace_path scan --image_path photos --quality medium");
@@ -250,13 +270,14 @@ void RunAutomaticScanner(CommandContext& context) {
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
-  options.Add(
-      "force", &settings.force,
-      "go on to training when the poses are doubtful or have failed; without it the scan stops there, "
-      "with exit code 3");
+  options.Add("force", &settings.force,
+              "1: go on to training when the poses are doubtful or have failed; without it the scan stops "
+              "there, with exit code 3. Names of parts or stages, separated by commas: run what the plan "
+              "leaves out (scan_planner lists the parts)");
   options.Add("colmap_path", &settings.colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
   Reporter& reporter = context.Parse();
+  settings.forced = ForcedParts(settings.force);
 
   const Workspace workspace{settings.workspace_path};
   if (settings.image_path.empty()) settings.image_path = workspace.Images();
@@ -268,8 +289,18 @@ void RunAutomaticScanner(CommandContext& context) {
   }
   const std::vector<Step> steps = MakeSteps(settings, options);
   RequireSoundScan(RequestOf(settings, steps), reporter);
-  CreateFolder(workspace.root);
+  CreateFolder(workspace.Own());
 
+  ScanPlan plan = MakeScanPlan(PlanOf(settings), reporter);
+  PrintScanPlan(plan, context.out());
+  WriteScanPlan(workspace.Plan(), plan);
+  // What a step has measured decides more.
+  const auto plan_again = [&] {
+    const ScanPlan now = MakeScanPlan(PlanOf(settings), reporter);
+    PrintNewDecisions(plan, now, context.out());
+    WriteScanPlan(workspace.Plan(), now);
+    plan = now;
+  };
   ScanSummary summary;
   const auto finish = [&] {
     WriteScanRecord(workspace.ScanRecord(), summary);
@@ -291,7 +322,9 @@ void RunAutomaticScanner(CommandContext& context) {
     }
     step.has_run = AddStages(workspace, steps[i].command, before, &summary);
     summary.steps.push_back(step);
-    if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() && !settings.force) {
+    plan_again();
+    if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() &&
+        settings.forced.count("doubtful_poses") == 0) {
       const std::string verdict = ReadPoseVerdict(workspace).verdict;
       if (verdict.empty() || verdict == "good") continue;
       finish();

@@ -4,6 +4,7 @@
 #include "plugin/commands/gaussian_trainer_command.h"
 #include "plugin/commands/report_command.h"
 #include "plugin/commands/scan_evaluator_command.h"
+#include "plugin/commands/scan_planner_command.h"
 #include "plugin/commands/tsdf_mesher_command.h"
 #include "plugin/commands/work_precision_command.h"
 #include "plugin/commands/workspace_info_command.h"
@@ -41,6 +42,8 @@ std::vector<Command> MakeCommands() {
       {"report", "report.html and report.json: what a scan did, how good it is, what to do next", RunReport});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
+  commands.push_back(
+      {"scan_planner", "what a scan will do, what it leaves out and why: plan.json", RunScanPlanner});
   commands.push_back({"tsdf_mesher", "fuses depth maps into a mesh: .ply, .obj or .glb", RunTsdfMesher});
   commands.push_back({"work_precision",
                       "sweeps a knob of one stage: error against run time, as CSV, JSON and HTML",

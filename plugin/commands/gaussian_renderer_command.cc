@@ -49,6 +49,10 @@ constexpr int kOverviewJpegQuality = 85;
 enum class DepthKind : uint8_t { kMedian, kExpected };
 const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};
 
+// What depth maps, normal maps and silhouettes show.
+enum class MapsOf : uint8_t { kObject, kAll };
+const EnumNames<MapsOf> kMapsOfNames = {{"object", MapsOf::kObject}, {"all", MapsOf::kAll}};
+
 struct Arguments {
   fs::path workspace_path;
   fs::path image_path;
@@ -63,6 +67,8 @@ struct Arguments {
   bool comparison = false;
   bool overview = true;
   DepthKind depth = DepthKind::kMedian;
+  MapsOf maps_of = MapsOf::kObject;
+  bool undistort_always = false;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
   BackendChoice backend;
@@ -84,6 +90,10 @@ void AddOptions(Options* options, Arguments* a) {
       "NAME.geometric.bin and dense/0/masks, for tsdf_mesher and colmap stereo_fusion; makes dense/0 "
       "when there is none");
   options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
+  options->AddEnum("maps_of", &a->maps_of, kMapsOfNames,
+                   "what the maps show: the rotating part, or the background too");
+  options->Add("undistort_always", &a->undistort_always,
+               "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
   options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
   options->Add("pictures", &a->pictures,
@@ -274,15 +284,21 @@ class Renderer {
     return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole, reporter_);
   }
 
+  RenderRequest ForMaps(const PinholeView& view) const {
+    RenderRequest request = ForegroundAlone(view);
+    if (a_.maps_of == MapsOf::kAll) request.drawn = DrawnBody::kAll;
+    return request;
+  }
+
   void WriteStereo(const ImageName& name, PinholeView view) {
-    RenderRequest silhouette = ForegroundAlone(view);
+    RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     WriteImage(in_workspace_.Make(workspace_.DenseMasks(), name, ".png"),
                MaskImage(OpaqueMask(backend_->Render(silhouette))));
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
-    const RenderedView rendered = backend_->Render(ForegroundAlone(view));
+    const RenderedView rendered = backend_->Render(ForMaps(view));
     const std::vector<float>& depth =
         a_.depth == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
     ColmapMap depth_map{rendered.width, rendered.height, 1, {}};
@@ -407,7 +423,8 @@ void RunGaussianRenderer(CommandContext& context) {
   if (a.image_path.empty()) a.image_path = workspace.Images();
   if (a.model_path.empty()) a.model_path = workspace.PointCloud();
   std::map<std::string, PinholeView> dense_views;
-  if (a.stereo) dense_views = PrepareDenseFolder(workspace, a.image_path, &runner, reporter);
+  if (a.stereo)
+    dense_views = PrepareDenseFolder(workspace, a.image_path, a.undistort_always, &runner, reporter);
 
   LazyRenderer lazy(a, workspace, reporter);
   Stage stage;
@@ -416,7 +433,8 @@ void RunGaussianRenderer(CommandContext& context) {
                   a.model_path};
   if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
   const std::map<std::string, std::string> values = options.Values();
-  for (const char* name : {"masks", "stereo", "overview", "depth"}) stage.options[name] = values.at(name);
+  for (const char* name : {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always"})
+    stage.options[name] = values.at(name);
   stage.depends_on = {"gaussian_trainer"};
   if (a.masks) stage.outputs.push_back(workspace.Masks());
   if (a.overview) stage.outputs.push_back(workspace.Overview());

@@ -120,6 +120,10 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("num_iterations", &T::num_iterations, "steps, one photo each");
   group.Add("max_seconds", &T::max_seconds, "run through the whole course in this time at most; 0: no bound")
       .Unit("s");
+  group
+      .Add("stop_gain_pct", &T::stop_gain_pct,
+           "stop when held-out photos would gain less over the rest of the run; 0: never")
+      .Unit("%");
   group.Add("centre_rate", &T::centre_rate, "learning rate of centres at the begin, in scene sizes");
   group.Add("final_centre_rate", &T::final_centre_rate, "the same at the end");
   group.Add("scale_rate", &T::scale_rate, "learning rate of log-scales");
@@ -145,6 +149,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("sh_degree", &T::sh_degree, "highest band of view-dependent colour");
   group.Add("sh_degree_every", &T::sh_degree_every,
             "one band more this often, as share of the run; 0: all at once");
+  group.Add("only_told_bands", &T::only_told_bands,
+            "leave out bands that no training photo tells from lower ones");
   group.AddEnum(
       "growth", &T::growth, kGrowthNames,
       "adaptive: wherever gradients are large; budget: where they are largest, up to a fixed count");
@@ -167,6 +173,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add(
       "unseen_weight", &T::unseen_weight,
       "Gaussians of the rotating part that no photo shows with more weight than this are removed; 0: none");
+  group.Add("unseen_static_weight", &T::unseen_static_weight,
+            "the same for Gaussians that stand still; half a grey level is what no photo shows");
   group.Add("coarse_levels", &T::coarse_levels, "training starts at 1 / 2^n of the photo size");
   group.Add("coarse_until", &T::coarse_until, "when the full size is reached, as share of the run");
   group.Add("min_coarse_size", &T::min_coarse_size, "no photo is reduced below this longer side").Unit("px");

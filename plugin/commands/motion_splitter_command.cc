@@ -34,6 +34,7 @@ struct Settings {
   int max_overlays = 20;
   bool use_matches = false;
   bool weak_features = true;
+  bool weak_features_always = false;
   bool write_matches = true;
   SplitSettings split;
 };
@@ -62,6 +63,8 @@ void AddOptions(Options& options, Settings* settings) {
   options.Add("weak_features", &settings->weak_features,
               "where things change but too few features turn, look there again at lower thresholds, given "
               "--image_path");
+  options.Add("weak_features_always", &settings->weak_features_always,
+              "look there again even if enough features turn");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
   auto station = options.Group("Station", &settings->split.station);
@@ -172,8 +175,10 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
   // Weak features are placed less exactly: scans that have enough of the others do without.
   const bool may_add = settings.weak_features && !settings.use_matches && settings.mask_path.empty();
-  if (split.lacks_features && may_add &&
-      AddWeakFeatures(settings.extraction.image_path, *pictures, &features, reporter) > 0) {
+  const bool is_wanted = split.lacks_features || (settings.weak_features_always && pictures);
+  if (is_wanted && may_add &&
+      AddWeakFeatures(settings.extraction.image_path, *pictures, settings.weak_features_always, &features,
+                      reporter) > 0) {
     split = SplitMotion(features.images, split_settings, &reporter, given, seen);
   }
   for (const std::string& warning : split.warnings) reporter.Warn(warning);

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -13,7 +14,9 @@
 #include "plugin/stage/stage.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
 #include "sfm_split/base/require_writable.h"
+#include "sfm_split/base/stopwatch.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
@@ -235,11 +238,36 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
       << "written          " << summary.output_path.string() << '\n';
 }
 
+// s2gs/mesh_log.jsonl: what the photos say of the mesh over time, as the training's log does.
+void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher) {
+  using Json = nlohmann::ordered_json;
+  std::string text;
+  const MeshRefinementSummary& refinement = summary.refinement;
+  const auto add = [&](const Json& line) { text += line.dump() + "\n"; };
+  for (const RefinementMoment& moment : refinement.course) {
+    add({{"stage", "mesh"},
+         {"event", "course"},
+         {"wall_s", summary.fused_seconds + moment.seconds},
+         {"errors", {{"1 - correlation of photos on the surface", moment.disagreement}}}});
+  }
+  add({{"stage", "mesh"},
+       {"event", "refined"},
+       {"wall_s", summary.fused_seconds + refinement.seconds},
+       {"enabled", mesher.refinement.enabled},
+       {"photos", refinement.num_photos},
+       {"vertices", refinement.num_vertices},
+       {"accepted", refinement.num_accepted},
+       {"moved", refinement.has_moved},
+       {"rms_offset_px", refinement.rms_offset_px}});
+  WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
+}
+
 }  // namespace
 
 TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
                                 Reporter& reporter) {
   TsdfMesherSummary summary;
+  Stopwatch watch;
   summary.output_path = options.output_path.empty() ? workspace.TsdfMesh() : options.output_path;
   RequireMeshExtension(summary.output_path);
   if (!options.output_path.empty()) RequireWritable(summary.output_path);
@@ -261,6 +289,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     MeshRefinementOptions refinement = options.refinement;
     // What stands around a body that is not told from it hides the body's rough parts, which are lost then.
     if (!cleanup.is_axis_known) refinement.min_seen_pct = 0;
+    summary.fused_seconds = watch.Lap();
     summary.refinement = RefineMesh(WorkspacePhotos(files), refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
   }
@@ -361,7 +390,12 @@ void RunTsdfMesher(CommandContext& context) {
                                           "Tsdf.num_threads", "Tsdf.max_memory_gib", "Refine.num_threads"});
   stage.outputs = {workspace.TsdfMesh()};
   stage.depends_on = {"gaussian_renderer"};
-  if (!runner.Run(stage, mesh)) {
+  const auto mesh_and_log = [&] {
+    const TsdfMesherSummary summary = MeshWorkspace(workspace, mesher, reporter);
+    WriteMeshLog(workspace.MeshLog(), summary, mesher);
+    Print(summary, mesher, context.out());
+  };
+  if (!runner.Run(stage, mesh_and_log)) {
     context.out() << "up to date       " << workspace.TsdfMesh().string() << '\n';
   }
 }

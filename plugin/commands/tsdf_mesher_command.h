@@ -34,6 +34,7 @@ struct TsdfMesherSummary {
   int num_masks = 0;       ///< of these, with a mask.
   size_t num_vertices = 0;
   size_t num_triangles = 0;
+  double fused_seconds = 0;  ///< wall time until the refinement began.
 };
 
 /// Fuses the depth maps of dense/0 in the frame of its model, which is the object's, cleans the mesh up,

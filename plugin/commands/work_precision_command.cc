@@ -7,9 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "plugin/curves/forced_parts.h"
 #include "plugin/curves/sweep.h"
 #include "plugin/curves/work_curve_files.h"
 #include "plugin/curves/work_curve_page.h"
+#include "plugin/plan/plan_parts.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -58,10 +60,40 @@ void PrintCurve(const WorkCurve& curve, std::ostream& out) {
   }
 }
 
+// The parts named; none: all that are left out.
+std::vector<std::string> PartsOf(const std::string& forced) {
+  std::vector<std::string> names;
+  std::string name;
+  for (const char c : forced + ",") {
+    if (c != ',') {
+      name += c;
+      continue;
+    }
+    if (!name.empty() && name != "1") names.push_back(name);
+    name.clear();
+  }
+  ForcedParts(names);  // says which there are
+  return names;
+}
+
+// What the plans leave out, forced.
+void RunForced(const SweepOptions& sweep, const std::vector<std::string>& parts, fs::path output,
+               std::ostream& out, Reporter& reporter) {
+  if (output.empty()) output = sweep.scenes[0].workspace / "work_precision" / "forced";
+  const std::vector<ForcedPart> measured = MeasureForcedParts(sweep, parts, reporter);
+  if (output.has_parent_path()) CreateFolder(output.parent_path());
+  WriteFileAtomically(output.string() + ".csv", [&](std::ostream& file) { WriteForcedCsv(measured, file); });
+  WriteFileAtomically(output.string() + ".json",
+                      [&](std::ostream& file) { WriteForcedJson(measured, file); });
+  PrintForcedParts(measured, out);
+  out << "\n" << output.string() << ".csv and .json\n";
+}
+
 }  // namespace
 
 void RunWorkPrecision(CommandContext& context) {
   Paths paths;
+  std::string forced;
   SweepOptions sweep;
   std::string knob;
   Options& options = context.Declare(
@@ -73,10 +105,14 @@ void RunWorkPrecision(CommandContext& context) {
       "in both.",
       "--workspace_path scan --knob joint_tolerance --seeds 0,1,2 --ground_truth_path data/falcon_desk");
   options.Add("workspace_path", &paths.workspaces, "the scans; several give performance profiles").Required();
-  options
-      .Add("knob", &knob, "one of " + KnobList() + ", or any option of a stage's command as COMMAND.OPTION")
-      .Required();
+  options.Add(
+      "knob", &knob,
+      "one of " + KnobList() + ", or any option of a stage's command as COMMAND.OPTION; empty: --forced");
   options.Add("values", &sweep.values, "of the knob, from cheap to costly; empty: the knob's own");
+  options.Add(
+      "forced", &forced,
+      "1, or names of parts with commas: what each part that the plan leaves out (scan_planner) would have "
+      "cost and gained; --arguments are then COMMAND.NAME=VALUE");
   options.Add("seeds", &sweep.seeds, "random seeds; stages before the knob's stay as they are");
   options.Add("image_path", &paths.images,
               "the photos, one folder for each scan; empty: images in the workspaces");
@@ -97,13 +133,17 @@ void RunWorkPrecision(CommandContext& context) {
               "first scan");
   Reporter& reporter = context.Parse();
   if (sweep.jobs < 1) throw CommandLineError("--jobs is below 1.");
-  sweep.knob = FindKnob(knob);
+  if (knob.empty() == (forced.empty() || forced == "0")) {
+    throw CommandLineError("give either --knob or --forced.");
+  }
+  if (!knob.empty()) sweep.knob = FindKnob(knob);
   const size_t count = paths.workspaces.size();
   paths.images = Matched(paths.images, count, "image_path");
   paths.truths = Matched(paths.truths, count, "ground_truth_path");
   for (size_t i = 0; i < count; ++i) {
     sweep.scenes.push_back({paths.workspaces[i], paths.images[i], paths.truths[i]});
   }
+  if (knob.empty()) return RunForced(sweep, PartsOf(forced), paths.output, context.out(), reporter);
   if (paths.output.empty()) paths.output = sweep.scenes[0].workspace / "work_precision" / sweep.knob.name;
 
   const WorkCurve curve = RunSweep(sweep, reporter);

@@ -16,22 +16,26 @@ Knob SplitKnob(std::string name, std::string what, std::string option, std::stri
           std::move(option),
           std::move(from),
           {"motion_splitter", "turntable_mapper"},
-          std::move(values)};
+          std::move(values),
+          {}};
 }
 
 Knob PoseKnob(std::string name, std::string what, std::string option, std::vector<std::string> values) {
-  return {std::move(name),   std::move(what),    KnobStage::kPoses,    "turntable_mapper",
-          std::move(option), "turntable_mapper", {"turntable_mapper"}, std::move(values)};
+  return {std::move(name),      std::move(what),   KnobStage::kPoses,
+          "turntable_mapper",   std::move(option), "turntable_mapper",
+          {"turntable_mapper"}, std::move(values), {}};
 }
 
 Knob TrainingKnob(std::string name, std::string what, std::string option, std::vector<std::string> values) {
-  return {std::move(name),   std::move(what),    KnobStage::kTraining, "gaussian_trainer",
-          std::move(option), "gaussian_trainer", {"gaussian_trainer"}, std::move(values)};
+  return {std::move(name),      std::move(what),   KnobStage::kTraining,
+          "gaussian_trainer",   std::move(option), "gaussian_trainer",
+          {"gaussian_trainer"}, std::move(values), {}};
 }
 
 Knob MeshKnob(std::string name, std::string what, std::string option, std::vector<std::string> values) {
-  return {std::move(name),   std::move(what), KnobStage::kMesh, "tsdf_mesher",
-          std::move(option), "tsdf_mesher",   {"tsdf_mesher"},  std::move(values)};
+  return {std::move(name), std::move(what),   KnobStage::kMesh,
+          "tsdf_mesher",   std::move(option), "tsdf_mesher",
+          {"tsdf_mesher"}, std::move(values), {}};
 }
 
 std::vector<Knob> MakeKnobs() {
@@ -102,7 +106,7 @@ Knob FindKnob(const std::string& name) {
     for (const CommandStage& stage : CommandStages()) {
       if (command != stage.command) continue;
       const std::string option = name.substr(point + 1);
-      return {name, option, stage.stage, command, option, stage.from, stage.commands, {}};
+      return {name, option, stage.stage, command, option, stage.from, stage.commands, {}, {}};
     }
   }
   throw UserError("there is no knob \"" + name + "\". Take one of " + list +
@@ -123,6 +127,18 @@ KnobError ErrorOf(KnobStage stage, bool with_truth) {
       return with_truth
                  ? KnobError{"chamfer_pct.value", "Chamfer distance [% of the object's diameter]"}
                  : KnobError{"own_chamfer_pct", "Chamfer distance to the longest run [% of its diameter]"};
+  }
+  return {};
+}
+
+KnobError OwnErrorOf(KnobStage stage) {
+  switch (stage) {
+    case KnobStage::kPoses:
+      return {"held_back_px", "RMS of matches held back from the adjustment [px]"};
+    case KnobStage::kTraining:
+      return ErrorOf(stage, false);
+    case KnobStage::kMesh:
+      return {"photo_disagreement", "1 - correlation of photos on the surface"};
   }
   return {};
 }

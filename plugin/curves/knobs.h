@@ -1,12 +1,20 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace s2gs {
 
 /// Which part of a scan a knob belongs to, and with it what its error is.
 enum class KnobStage { kPoses, kTraining, kMesh };
+
+/// What one value of a knob stands for, where it is more than a value of the knob's option.
+struct KnobSetting {
+  std::string value;    ///< its name.
+  std::string command;  ///< that gets the options; empty: none does.
+  std::vector<std::pair<std::string, std::string>> options;
+};
 
 /// An option of a command that buys accuracy with time.
 struct Knob {
@@ -18,6 +26,7 @@ struct Knob {
   std::string from;                   ///< the first stage (StandardStages) that runs again for another value.
   std::vector<std::string> commands;  ///< that make a point, in order.
   std::vector<std::string> values;    ///< swept by default, from cheap to costly.
+  std::vector<KnobSetting> settings;  ///< of the values; empty: each is a value of `option`.
 };
 
 const std::vector<Knob>& AllKnobs();
@@ -33,5 +42,8 @@ struct KnobError {
   std::string text;  ///< with its unit, for axes.
 };
 KnobError ErrorOf(KnobStage stage, bool with_truth);
+
+/// The error of a stage that a run tells by itself, without truth and without another run.
+KnobError OwnErrorOf(KnobStage stage);
 
 }  // namespace s2gs

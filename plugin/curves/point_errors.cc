@@ -67,6 +67,27 @@ std::map<std::string, double> TrainingFigures(const Workspace& workspace) {
   return figures;
 }
 
+std::map<std::string, double> OwnFigures(const Workspace& workspace) {
+  std::map<std::string, double> figures;
+  std::error_code ec;
+  if (fs::is_regular_file(workspace.TurntableMapper(), ec)) {
+    const Json json = Json::parse(ReadWholeFile(workspace.TurntableMapper(), kMaxJsonBytes), nullptr, false);
+    const Json::json_pointer noise("/verdict/measured/held_back_noise_px");
+    if (json.is_object() && json.contains(noise) && json[noise].is_number()) {
+      figures["held_back_px"] = json[noise].get<double>();
+    }
+  }
+  std::ifstream log(workspace.MeshLog());
+  for (std::string line; std::getline(log, line);) {
+    const Json entry = Json::parse(line, nullptr, false);
+    if (!entry.is_object() || !entry.contains("errors") || !entry["errors"].is_object()) continue;
+    for (const auto& [name, error] : entry["errors"].items()) {
+      if (error.is_number()) figures["photo_disagreement"] = error.get<double>();
+    }
+  }
+  return figures;
+}
+
 std::map<std::string, double> PosesAgainst(const Workspace& workspace, const Workspace& reference) {
   try {
     const PoseMap own = ReadPoses(workspace.ObjectModel());

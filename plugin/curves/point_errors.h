@@ -21,6 +21,10 @@ std::map<std::string, double> TrainingFigures(const Workspace& workspace);
 /// (median, of the cameras' median distance from their middle) and own_images (share of its photos).
 std::map<std::string, double> PosesAgainst(const Workspace& workspace, const Workspace& reference);
 
+/// What a run says of itself: held_back_px of the poses (RMS of the matches that the adjustment did not see),
+/// and photo_disagreement of the mesh (1 - correlation of the photos on it).
+std::map<std::string, double> OwnFigures(const Workspace& workspace);
+
 /// The mesh against another run's, in the poses' frame: own_chamfer_pct, of the diagonal of its bounding box.
 std::map<std::string, double> MeshAgainst(const Workspace& workspace, const Workspace& reference);
 

@@ -71,7 +71,7 @@ class Sweep {
   WorkCurve Make() {
     CheckOptions();
     for (const SweptScene& scene : o_.scenes) has_truth_ = has_truth_ && !scene.ground_truth.empty();
-    needs_ruler_ = !has_truth_ && o_.knob.stage != KnobStage::kTraining;
+    needs_ruler_ = !has_truth_ && o_.knob.stage != KnobStage::kTraining && o_.knob.settings.empty();
     PrepareSeeds();
     std::vector<Run> runs;
     for (int scene = 0; scene < static_cast<int>(o_.scenes.size()); ++scene) {
@@ -150,6 +150,10 @@ class Sweep {
     std::string text = o_.knob.command + " " + o_.knob.option + " " + run.value + " seed " +
                        std::to_string(run.seed) + " s2gs " + Version() + " gpu " + o_.use_gpu;
     for (const std::string& argument : o_.arguments) text += " " + argument;
+    for (const KnobSetting& setting : o_.knob.settings) {
+      if (setting.value != run.value) continue;
+      for (const auto& [name, value] : setting.options) text += " " + name + "=" + value;
+    }
     Reporter silent;
     for (const StandardStage& stage : StandardStages(Base(run.scene))) {
       if (stage.name == o_.knob.from) break;
@@ -191,7 +195,11 @@ class Sweep {
         const size_t equals = argument.find('=');
         add(argument.substr(0, equals), InWorkspace(argument.substr(equals + 1), Base(scene)));
       }
-      if (value != nullptr) add(o_.knob.option, *value);
+      if (value != nullptr && o_.knob.settings.empty()) add(o_.knob.option, *value);
+    }
+    for (const KnobSetting& setting : o_.knob.settings) {
+      if (value == nullptr || setting.value != *value || setting.command != command) continue;
+      for (const auto& [name, text] : setting.options) add(name, text);
     }
     words.insert(words.end(), more.begin(), more.end());
     std::string output;
@@ -269,6 +277,7 @@ class Sweep {
     if (o_.knob.stage == KnobStage::kTraining) {
       for (const auto& [name, value] : TrainingFigures(workspace)) point->figures[name] = value;
     }
+    for (const auto& [name, value] : OwnFigures(workspace)) point->figures[name] = value;
   }
 
   // By the last value's run of the same seed.
@@ -285,7 +294,8 @@ class Sweep {
   }
 
   WorkCurve CurveOf(std::vector<WorkPoint> points) const {
-    const KnobError error = ErrorOf(o_.knob.stage, has_truth_);
+    const KnobError error = !has_truth_ && !o_.knob.settings.empty() ? OwnErrorOf(o_.knob.stage)
+                                                                     : ErrorOf(o_.knob.stage, has_truth_);
     WorkCurve curve;
     curve.knob = o_.knob.name;
     curve.what = o_.knob.what;
@@ -293,7 +303,8 @@ class Sweep {
     curve.error_text = error.text;
     curve.reference = o_.knob.stage == KnobStage::kTraining ? "photos held out of training"
                       : has_truth_                          ? "ground truth"
-                                   : "the scan's own longest run, " + o_.values.back();
+                      : !o_.knob.settings.empty()           ? "what the run says of itself"
+                                                  : "the scan's own longest run, " + o_.values.back();
     curve.program = Version();
     for (size_t scene = 0; scene < o_.scenes.size(); ++scene) {
       curve.scenes.push_back(SceneName(static_cast<int>(scene)));

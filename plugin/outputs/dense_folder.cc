@@ -31,21 +31,25 @@ bool HasPosesOf(const ColmapModel& model, const fs::path& dense_model) {
 }  // namespace
 
 std::map<std::string, PinholeView> PrepareDenseFolder(const Workspace& workspace, const fs::path& image_path,
-                                                      StageRunner* runner, Reporter& reporter) {
+                                                      bool resample_always, StageRunner* runner,
+                                                      Reporter& reporter) {
   const ColmapModel model = ReadColmapModel(workspace.ObjectModel());
   std::error_code ec;
   const bool is_ours = ReadStageStamp(workspace, kUndistorterStage, reporter).has_value();
   if (is_ours || !fs::exists(workspace.DenseModel(), ec) || !HasPosesOf(model, workspace.DenseModel())) {
+    std::map<std::string, std::string> options;
+    if (resample_always) options["undistort_always"] = "1";
     const Stage stage = {kUndistorterStage,
                          {workspace.ObjectModel(), image_path},
-                         {},
+                         options,
                          {workspace.DenseImages(), workspace.DenseModel()},
                          {},
                          {workspace.Dense()}};
     runner->Run(stage, [&] {
       // Its presence says that the folder is complete.
       fs::remove_all(workspace.DenseModel(), ec);
-      WriteDenseWorkspace(workspace.Dense(), model, {workspace.ObjectModel(), image_path, {}, workspace.root},
+      WriteDenseWorkspace(workspace.Dense(), model,
+                          {workspace.ObjectModel(), image_path, {}, workspace.root, resample_always},
                           reporter);
     });
   }

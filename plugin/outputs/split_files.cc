@@ -213,11 +213,15 @@ void WriteLabels(const fs::path& path, const MotionSplit& split, const SplitFeat
                        split.representative[split.stations.station_of_image[i]] == static_cast<int>(i)},
                       {"labels", labels}});
   }
+  int64_t num_added = 0;
+  for (const SiftFeatures& added : features.added) num_added += static_cast<int64_t>(added.keypoints.size());
   const nlohmann::json file = {{"version", 1},
                                {"case", CaptureCaseName(split.capture_case)},
                                {"reason", split.reason},
                                {"warnings", split.warnings},
                                {"label_values", {{"0", "unknown"}, {"1", "static"}, {"2", "rotating"}}},
+                               {"pairs_matched", split.num_pairs_matched},
+                               {"features_added", num_added},
                                {"num_stations", split.stations.images.size()},
                                {"images", images}};
   WriteFileAtomically(path, [&](std::ostream& stream) {

@@ -39,7 +39,8 @@ void WriteSplitDatabase(const std::filesystem::path& database_path, const std::f
                         const SplitFeatures& features, const std::vector<VerifiedPair>& pairs,
                         const std::vector<ImagePairMatches>* matches, Reporter& reporter);
 
-/// labels.json: the case and its reason, per image its station and per keypoint its label.
+/// labels.json: the case and its reason, pairs that were matched, features that were added, per image its
+/// station and per keypoint its label.
 void WriteLabels(const std::filesystem::path& path, const MotionSplit& split, const SplitFeatures& features);
 
 }  // namespace s2gs

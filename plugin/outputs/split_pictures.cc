@@ -69,8 +69,8 @@ std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const S
   return result;
 }
 
-int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures, SplitFeatures* features,
-                        Reporter& reporter) {
+int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures, bool always,
+                        SplitFeatures* features, Reporter& reporter) {
   const size_t num = features->images.size();
   std::vector<std::vector<uint8_t>> parts(num);
   std::vector<int> num_changing;
@@ -89,7 +89,7 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
         static_cast<int>(std::count_if(image.keypoints.begin(), image.keypoints.end(), is_changing)));
   }
   const int typical = UpperMedian(num_changing);
-  if (num_changing.empty() || typical >= kEnoughFeatures) return 0;
+  if (num_changing.empty() || (!always && typical >= kEnoughFeatures)) return 0;
   features->added.resize(num);
   ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
     if (parts[i].empty()) return;

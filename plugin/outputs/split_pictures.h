@@ -19,7 +19,8 @@ std::optional<ScanPictures> ReadScanPictures(const std::filesystem::path& image_
 
 /// Where what changes has few features, looks there again at lower thresholds, and adds what it finds to
 /// `features`. Returns the number of features added.
-int64_t AddWeakFeatures(const std::filesystem::path& image_path, const ScanPictures& pictures,
+/// \param always  even where they are not few.
+int64_t AddWeakFeatures(const std::filesystem::path& image_path, const ScanPictures& pictures, bool always,
                         SplitFeatures* features, Reporter& reporter);
 
 /// One grey PNG a photo, NAME.png: how much each pixel of the reduced photo differs from what its station

@@ -28,7 +28,7 @@ struct ReportInput {
   std::optional<TurntableFile> turntable;
   std::optional<SplitLabels> split;
   nlohmann::json mapper;            ///< split/turntable_mapper.json; null when missing.
-  std::vector<nlohmann::json> log;  ///< the objects of s2gs/log.jsonl, in order.
+  std::vector<nlohmann::json> log;  ///< the objects of both logs in s2gs, in order.
   std::vector<StageStatus> stages;
   std::vector<std::string> problems;  ///< files that are there, but cannot be read, with the reason.
 

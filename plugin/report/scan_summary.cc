@@ -12,6 +12,7 @@
 
 #include "mesh/surface/triangle_mesh.h"
 #include "plugin/cli/console_reporter.h"
+#include "plugin/plan/scan_plan.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/scene/io/colmap_model.h"
@@ -40,15 +41,16 @@ Json ReadJson(const fs::path& path) {
   }
 }
 
-void AddSplit(const Workspace& workspace, ScanSummary* summary) {
-  const Json labels = ReadJson(workspace.SplitLabels());
-  if (!labels.is_object()) return;
-  const std::string scene_case = labels.value("case", "");
-  const std::string reason = labels.value("reason", "");
-  if (scene_case == "one_body") {
-    summary->left_out.emplace_back("the split into two bodies", reason);
-  } else if (scene_case == "single_station") {
-    summary->left_out.emplace_back("the background's model and the scale against it", reason);
+void AddPlan(const Workspace& workspace, ScanSummary* summary) {
+  PlanRequest request;
+  request.workspace = workspace;
+  Reporter silent;
+  for (const PlanDecision& decision : MakeScanPlan(request, silent).decisions) {
+    // The photos, which decide whether there are masks, are not looked at here.
+    if (decision.state != PlanState::kLeftOut) continue;
+    std::string why = decision.reason;
+    if (!decision.measured.empty()) why += " (" + decision.measured + ")";
+    summary->left_out.emplace_back(WhatOf(decision), why);
   }
 }
 
@@ -131,7 +133,7 @@ ScanSummary::PoseVerdict ReadPoseVerdict(const Workspace& workspace) {
 
 void CollectFigures(const Workspace& workspace, ScanSummary* summary) {
   summary->verdict = ReadPoseVerdict(workspace);
-  for (const auto add : {AddSplit, AddPoses, AddTraining, AddMesh, AddFiles}) {
+  for (const auto add : {AddPlan, AddPoses, AddTraining, AddMesh, AddFiles}) {
     try {
       add(workspace, summary);
     } catch (const UserError&) {

@@ -38,8 +38,8 @@ struct ScanSummary {
     std::vector<std::string> advice;
   };
   PoseVerdict verdict;
-  std::vector<std::pair<std::string, std::string>> left_out;         ///< what, and the measured reason.
-  std::vector<std::pair<std::string, std::string>> figures;          ///< name and value with its unit.
+  std::vector<std::pair<std::string, std::string>> left_out;  ///< by the plan: what, and the measured reason.
+  std::vector<std::pair<std::string, std::string>> figures;   ///< name and value with its unit.
   std::vector<std::pair<std::string, std::filesystem::path>> files;  ///< what, where; those that exist.
 };
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "plugin/cli/console_reporter.h"
+#include "plugin/plan/scan_plan.h"
 #include "plugin/report/sections.h"
 
 namespace s2gs {
@@ -34,6 +35,48 @@ std::string Why(const StageStatus& stage) {
       return "has not run";
   }
   return "";
+}
+
+// What some scenes do not need: left out or not, and what that rests on.
+void WritePlan(const ReportInput& input, const ScanSummary& summary, ReportSection* section) {
+  HtmlWriter& out = section->html;
+  PlanRequest request;
+  request.workspace = input.workspace;
+  Reporter silent;
+  const ScanPlan plan = MakeScanPlan(request, silent);
+  const std::vector<PlanDecision> planned = ReadPlannedDecisions(input.workspace.Plan());
+  out.Element("h3", "What the scene does not need");
+  out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide plan"}});
+  WriteRow({"part", "", "measured", "threshold", "why", "saves"}, &out, "th");
+  nlohmann::ordered_json& left_out = section->numbers["left_out"] = nlohmann::ordered_json::array();
+  for (const auto& [what, why] : summary.left_out) left_out.push_back({{"what", what}, {"why", why}});
+  section->numbers["plan"] = nlohmann::ordered_json::array();
+  for (const PlanState state : {PlanState::kLeftOut, PlanState::kRuns, PlanState::kLater}) {
+    for (const PlanDecision& decision : plan.decisions) {
+      if (decision.state != state) continue;
+      const bool is_forced = std::any_of(planned.begin(), planned.end(), [&](const PlanDecision& other) {
+        return other.part == decision.part && other.is_forced;
+      });
+      out.Open("tr").Element("td", WhatOf(decision));
+      out.Open("td")
+          .Element("span", std::string(PlanStateName(state)) + (is_forced ? ", forced" : ""),
+                   {{"class", state == PlanState::kLeftOut ? "state done" : "state"}})
+          .Close();
+      for (const std::string& cell :
+           {decision.measured, decision.threshold, decision.reason, decision.saving}) {
+        out.Element("td", cell);
+      }
+      out.Close();
+      section->numbers["plan"].push_back({{"part", decision.part},
+                                          {"state", PlanStateName(state)},
+                                          {"measured", decision.measured},
+                                          {"threshold", decision.threshold},
+                                          {"reason", decision.reason},
+                                          {"saving", decision.saving},
+                                          {"forced", is_forced}});
+    }
+  }
+  out.Close().Close();
 }
 
 }  // namespace
@@ -73,18 +116,7 @@ ReportSection StagesSection(const ReportInput& input, const ScanSummary& summary
     stages.push_back(json);
   }
   out.Close().Close();
-  out.Element("h3", "Left out");
-  nlohmann::ordered_json& left_out = section.numbers["left_out"] = nlohmann::ordered_json::array();
-  if (summary.left_out.empty()) {
-    out.Element("p", "Nothing: this scan needed every part.");
-  } else {
-    out.Open("ul");
-    for (const auto& [what, why] : summary.left_out) {
-      out.Open("li").Element("b", what).Text(": " + why).Close();
-      left_out.push_back({{"what", what}, {"why", why}});
-    }
-    out.Close();
-  }
+  WritePlan(input, summary, &section);
   return section;
 }
 

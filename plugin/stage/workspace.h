@@ -62,7 +62,8 @@ struct Workspace {
   Path Checkpoints() const { return Own() / "checkpoints"; }
   Path Plan() const { return Own() / "plan.json"; }
   Path Log() const { return Own() / "log.jsonl"; }
-  Path ScanRecord() const { return Own() / "scan.json"; }  ///< the scanner's last run.
+  Path MeshLog() const { return Own() / "mesh_log.jsonl"; }  ///< error over time of the mesh.
+  Path ScanRecord() const { return Own() / "scan.json"; }    ///< the scanner's last run.
   Path Stages() const { return Own() / "stages"; }
   Path StageStamp(const std::string& stage) const { return Stages() / (stage + ".json"); }
   Path LockFile() const { return Own() / "lock"; }

@@ -153,7 +153,41 @@ def safety_lines(r):
                            provenance(runs)] for _, v, runs in r.of('safety', 'fuzz')])
 
 
-def page(r, notes):
+def curves_part(written):
+    """Error against run time: a table and a diagram a sweep, then what was left out and forced."""
+    lines = []
+    for name, curve in written.items():
+        if 'settings' not in curve:
+            continue
+        lines += [f'### {curve["what"][0].upper()}{curve["what"][1:]}', '',
+                  f'Knob `{curve["knob"]}`; error: {curve["error_text"]}, against {curve["reference"]}. Medians over seeds '
+                  f'(least to largest). [Page of diagrams](tests/bench/results/curves/{name}.html), '
+                  f'[CSV](tests/bench/results/curves/{name}.csv).', '']
+        for scene_index, scene in enumerate(curve['scenes']):
+            rows = [[s['value'], spread_cell(s['cpu_seconds']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
+                     'yes' if s['pareto'] else ''] for s in curve['settings'] if s['scene'] in (scene, scene_index)]
+            lines += table(['value', 'CPU [s]', 'error', 'reached', 'nothing beats it in both'], rows)
+        lines += [f'![error over CPU seconds](tests/bench/plots/curve_{name}.svg)', '']
+    rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
+             '' if p['gain_pct'] is None else f'{p["gain_pct"]:+.2f} %', spread_cell(p['planned_cpu_s']),
+             spread_cell(p['forced_cpu_s'])] for written_file in written.values() for p in written_file.get('parts', [])]
+    if rows:
+        lines += ['### What was left out, and forced', '',
+                  'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
+                  'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on.', '',
+                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'CPU [s]', 'forced'], rows)]
+    return lines
+
+
+def spread_cell(spread):
+    if spread['median'] is None:
+        return 'not reached'
+    text = digits(spread['median'])
+    low, high = digits(spread['min']), digits(spread['max'])
+    return text if low == high else f'{text} ({low} to {high})'
+
+
+def page(r, notes, written=None):
     lines = ['# Measurements', '',
              'This page is made: `tests/bench/run.py SUITE` measures and leaves one file a run in `tests/bench/results` (command, commit,',
              'machine, seed, hash of the photos, all figures), `tests/bench/report.py` writes this page and the figures of README.md from',
@@ -173,9 +207,20 @@ def page(r, notes):
               '## Hostile input', '', 'What is counted, and the commands: [CONTRIBUTING.md](CONTRIBUTING.md#hostile-input).', '', *safety_lines(r),
               '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
               '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
-              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.', '',
+              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.',
+              'Where problems are badly conditioned, what happens there, what helps, and what that costs and gains:',
+              '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '',
+              *curves_lines(written),
               '## Notes', '', 'What was tried, with what it gave, also where it did not pay:', '']
     return '\n'.join(lines + [f'- [{title}]({path})' for title, path in notes]) + '\n'
+
+
+def curves_lines(written):
+    if not written:
+        return []
+    return ['## Error against run time', '', 'Made by `s2gs work_precision`; the times are CPU seconds of the process with what it '
+            'starts, user and system, because the machine was shared: they are counts of work, not of waiting.', '',
+            *curves_part(written)]
 
 
 def note_titles(folder):
@@ -210,6 +255,43 @@ def plot(named, x_title, y_title, width=640, height=300):
         out.append(f'<path d="{path}" fill="none" stroke="{colours[i % 5]}" stroke-width="2"/>')
         out.append(f'<text x="{width - 180}" y="{34 + 18 * i}" fill="{colours[i % 5]}">{name}</text>')
     out.append(f'<text x="{(width - 190) / 2:.0f}" y="{height - 6}" text-anchor="middle">{x_title}</text><text x="50" y="14">{y_title}</text></svg>')
+    return '\n'.join(out) + '\n'
+
+
+def curve_plot(curve):
+    """Error over CPU seconds, log over log, medians with least to largest; a curve a scene."""
+    settings = [s for s in curve['settings'] if s['error']['median'] and s['cpu_seconds']['median']]
+    if not settings:
+        return ''
+    width, height = 640, 340
+    span = lambda values: (min(values), max(values)) if max(values) > min(values) else (min(values) / 2, min(values) * 2)
+    x0, x1 = (math.log10(v) for v in span([s['cpu_seconds'][k] for s in settings for k in ('min', 'max')]))
+    y0, y1 = (math.log10(v) for v in span([s['error'][k] for s in settings for k in ('min', 'max')]))
+    at_x = lambda v: 70 + (math.log10(v) - x0) / (x1 - x0) * (width - 110)
+    at_y = lambda v: height - 50 - (math.log10(v) - y0) / (y1 - y0) * (height - 80)
+    colours = ('#1f5fa8', '#c0392b', '#2e8b57', '#8e6b23', '#6c3483')
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">',
+           f'<rect width="{width}" height="{height}" fill="white"/>']
+    ticks = [m * 10.0 ** e for e in range(-6, 7) for m in (1, 2, 5)]
+    for v in ticks:
+        if x0 <= math.log10(v) <= x1:
+            out.append(f'<path d="M{at_x(v):.1f} 30V{height - 50}" stroke="#ddd"/>'
+                       f'<text x="{at_x(v):.1f}" y="{height - 34}" text-anchor="middle">{v:g}</text>')
+        if y0 <= math.log10(v) <= y1:
+            out.append(f'<path d="M70 {at_y(v):.1f}H{width - 40}" stroke="#ddd"/>'
+                       f'<text x="64" y="{at_y(v) + 4:.1f}" text-anchor="end">{v:g}</text>')
+    for i, scene in enumerate(curve['scenes']):
+        own = [s for s in settings if s['scene'] in (scene, i)]
+        colour = colours[i % 5]
+        points = [(at_x(s['cpu_seconds']['median']), at_y(s['error']['median'])) for s in own]
+        out.append('<path d="M' + 'L'.join(f'{a:.1f} {b:.1f}' for a, b in points) + f'" fill="none" stroke="{colour}" stroke-width="2"/>')
+        for s, (a, b) in zip(own, points):
+            out.append(f'<path d="M{a:.1f} {at_y(s["error"]["min"]):.1f}V{at_y(s["error"]["max"]):.1f}'
+                       f'M{at_x(s["cpu_seconds"]["min"]):.1f} {b:.1f}H{at_x(s["cpu_seconds"]["max"]):.1f}" stroke="{colour}"/>'
+                       f'<circle cx="{a:.1f}" cy="{b:.1f}" r="4" fill="{colour if s["pareto"] else "white"}" stroke="{colour}"/>'
+                       f'<text x="{a + 6:.1f}" y="{b - 6:.1f}">{s["value"]}</text>')
+    out.append(f'<text x="{width / 2:.0f}" y="{height - 12}" text-anchor="middle">CPU seconds ({curve["what"]})</text>'
+               f'<text x="10" y="18">{curve["error_text"]}</text></svg>')
     return '\n'.join(out) + '\n'
 
 
@@ -250,10 +332,13 @@ def with_block(text, block):
     return text[:text.index(BEGIN)] + BEGIN + '\n' + block + '\n' + text[text.index(END):]
 
 
-def files(all_results, output):
-    """{path: text} of all that is written."""
+def files(all_results, output, written=None):
+    """{path: text} of all that is written. `written`: results.read_curves()."""
     r = Results(all_results)
-    out = {output / 'BENCHMARK.md': page(r, note_titles(output / 'tests/bench/notes'))}
+    out = {output / 'BENCHMARK.md': page(r, note_titles(output / 'tests/bench/notes'), written)}
+    for name, curve in (written or {}).items():
+        if 'settings' in curve and (svg := curve_plot(curve)):
+            out[output / f'tests/bench/plots/curve_{name}.svg'] = svg
     if curves(r):
         out[output / 'tests/bench/plots/train.svg'] = plot(curves(r), 'seconds of training', 'PSNR on object pixels [dB]')
     readme = output / 'README.md'
@@ -269,7 +354,7 @@ def main(arguments=None):
     parser.add_argument('--output', type=pathlib.Path, default=scenes.REPOSITORY)
     args = parser.parse_args(arguments)
     stale = []
-    for path, text in files(results.read_results(args.results), args.output).items():
+    for path, text in files(results.read_results(args.results), args.output, results.read_curves(args.results)).items():
         if args.check:
             if not path.exists() or path.read_text() != text:
                 stale.append(path)

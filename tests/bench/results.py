@@ -6,6 +6,7 @@ import subprocess
 
 HERE = pathlib.Path(__file__).resolve().parent
 RESULTS = HERE / 'results'
+CURVES = 'curves'  # folder of RESULTS: what work_precision wrote
 KEYS = ('suite', 'scene', 'variant', 'seed', 'commit', 'machine', 'command', 'data_hash', 'recorded', 'exit_code', 'figures')
 MACHINE_KEYS = ('name', 'cpu', 'cores', 'gpu')
 # What is better: less (-1) or more (1), by the last word before the statistic; others are not judged.
@@ -65,15 +66,23 @@ def parse(text, where):
 
 
 def read_results(where):
-    """All results of a folder, or of a commit of this repository (its tests/bench/results)."""
+    """All results of a folder, or of a commit of this repository (its tests/bench/results), but for what
+    work_precision wrote (curves/), which has a form of its own: read_curves()."""
     folder = pathlib.Path(where)
     if folder.is_dir():
-        return [parse(path.read_text(), path) for path in sorted(folder.rglob('*.json'))]
+        return [parse(path.read_text(), path) for path in sorted(folder.rglob('*.json')) if path.parent.name != CURVES]
     git = ['git', '-C', str(HERE)]
     listed = subprocess.run([*git, 'ls-tree', '-r', '--name-only', '--full-tree', str(where), 'tests/bench/results/'],
                             capture_output=True, text=True)
     if listed.returncode != 0:
         raise FileNotFoundError(f'{where}: neither a folder nor a commit')
-    names = [name for name in listed.stdout.split('\n') if name.endswith('.json')]
+    names = [name for name in listed.stdout.split('\n')
+             if name.endswith('.json') and pathlib.PurePosixPath(name).parent.name != CURVES]
     return [parse(subprocess.run([*git, 'show', f'{where}:{name}'], check=True, capture_output=True, text=True).stdout,
                   f'{where}:{name}') for name in names]
+
+
+def read_curves(folder=RESULTS):
+    """{name: content} of what `s2gs work_precision` wrote into FOLDER/curves: sweeps ("settings") and parts that
+    were left out and forced ("parts")."""
+    return {path.stem: json.loads(path.read_text()) for path in sorted((pathlib.Path(folder) / CURVES).glob('*.json'))}

@@ -124,6 +124,41 @@ TEST(Train, ResumesAsIfItHadNeverStopped) {
   EXPECT_EQ(last, 120);
 }
 
+// An error that can be anything at the end is not to be had: with a threshold of all of it, training stops as
+// soon as there are enough measurements.
+TEST(Train, StopsWhenHeldOutPhotosGainTooLittleAlsoWhenResumed) {
+  const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 48, 36, 2, 10);
+  TrainOptions options = QuickOptions(200);
+  options.stop_gain_pct = 100;
+  Reporter silent;
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.log = folder / "log.jsonl";
+  const TrainResult stopped = Train(scene, options, 3, files, MakeCpuBackend().get(), silent);
+  EXPECT_LT(stopped.iterations, 180);
+  EXPECT_GT(stopped.iterations, 140);  // .6 of the run for the model to settle, then three intervals
+  EXPECT_NE(folder.Read("log.jsonl").find("\"part\":\"end_of_training\",\"left_out\":true"),
+            std::string::npos);
+
+  files.checkpoint = folder / "latest.checkpoint";
+  for (const int64_t stop_at : {100, 134}) {
+    StoppingReporter stopping(stop_at);
+    EXPECT_THROW(Train(scene, options, 3, files, MakeCpuBackend().get(), stopping), Interrupted);
+  }
+  const TrainResult resumed = Train(scene, options, 3, files, MakeCpuBackend().get(), silent);
+  EXPECT_EQ(resumed.iterations, stopped.iterations);
+  ExpectSameGaussians(resumed.gaussians, stopped.gaussians);
+
+  options.stop_gain_pct = 0;
+  EXPECT_EQ(Train(scene, options, 3, {}, MakeCpuBackend().get(), silent).iterations, 200);
+  // Few photos held out never stop it.
+  TrainingScene few = scene;
+  int kept = HeldOutCourse::kMinPhotos - 1;
+  for (ScenePhoto& photo : few.photos) photo.held_out = photo.held_out && kept-- > 0;
+  options.stop_gain_pct = 100;
+  EXPECT_EQ(Train(few, options, 3, {}, MakeCpuBackend().get(), silent).iterations, 200);
+}
+
 TEST(Train, OtherSettingsStartAnew) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 64, 48, 1, 5);
   const TrainOptions options = QuickOptions(20);

@@ -159,6 +159,14 @@ TEST(MeshRefinement, TakesAKnownOffsetOff) {
     EXPECT_EQ(summary.num_photos, 36);
     EXPECT_GT(summary.num_accepted, 0.8 * static_cast<double>(summary.num_vertices));
     EXPECT_EQ(summary.num_unseen_triangles, 0);
+    // Photos of a surface that is two or three pixels off disagree; those of the true one agree.
+    ASSERT_EQ(summary.course.size(), 4U);
+    EXPECT_TRUE(summary.has_moved);
+    EXPECT_GT(summary.course.front().disagreement, 5 * summary.course.back().disagreement);
+    EXPECT_LT(summary.course.back().disagreement, 0.1);
+    for (size_t i = 1; i < summary.course.size(); ++i) {
+      EXPECT_GE(summary.course[i].seconds, summary.course[i - 1].seconds);
+    }
     const auto [mean, rms] = DistanceFromSphere(mesh);
     EXPECT_LT(std::abs(mean), 0.05) << offset;
     EXPECT_LT(rms, 0.1) << offset;
@@ -183,7 +191,9 @@ TEST(MeshRefinement, LeavesPlainSurfacesAlone) {
   const TriangleMesh start = Sphere(1 - 2 * kPixel, 60);
   TriangleMesh mesh = start;
   const SpherePhotos plain(12, kThreeRings, Plain);
-  EXPECT_EQ(Refine(plain, &mesh).num_accepted, 0);
+  const MeshRefinementSummary of_plain = Refine(plain, &mesh);
+  EXPECT_EQ(of_plain.num_accepted, 0);
+  EXPECT_FALSE(of_plain.has_moved);
   EXPECT_EQ(mesh.vertices, start.vertices);
   // Noise alone correlates now and then, but never well.
   const SpherePhotos noisy(12, kThreeRings, Plain, 3);

@@ -1,0 +1,67 @@
+#include "plugin/curves/forced_parts.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <sstream>
+#include <string>
+
+#include "plugin/stage/workspace.h"
+#include "tests/support/temporary_folder.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+// A trained scan, and a program that stands for s2gs: held-out photos are worse where p is learnt to the end,
+// and equal where the channel of distortion is on.
+TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
+  TemporaryFolder folder;
+  const Workspace scan{folder / "scan"};
+  WriteAll(scan.PointCloud(), "model");
+  WriteAll(scan.Images() / "a.jpg", "photo");
+  WriteAll(
+      scan.Log(),
+      R"({"event": "decision", "part": "learning_p", "left_out": true, "measured": "", "threshold": "", )"
+      R"("reason": "", "saving": ""})");
+  folder.Write(
+      "program",
+      "#!/bin/sh\n"
+      "echo \"$*\" >> " +
+          (folder / "calls").string() +
+          "\n"
+          "psnr=20; while [ $# -gt 0 ]; do case $1 in\n"
+          "--workspace_path) workspace=$2;; --Train.settle_until) psnr=18;; esac; shift; done\n"
+          "mkdir -p \"$workspace/s2gs\"\n"
+          "echo '{\"event\": \"held_out\", \"psnr_db\": '$psnr'}' > \"$workspace/s2gs/log.jsonl\"\n");
+  fs::permissions(folder / "program", fs::perms::owner_all);
+  SweepOptions options;
+  options.scenes = {{scan.root, "", ""}};
+  options.program = folder / "program";
+  options.arguments = {"gaussian_trainer.quality=low", "tsdf_mesher.nothing=1"};
+  Reporter silent;
+  const std::vector<ForcedPart> parts =
+      MeasureForcedParts(options, {"learning_p", "distortion_channel"}, silent);
+  ASSERT_EQ(parts.size(), 2U);
+  EXPECT_EQ(parts[0].part, "distortion_channel");
+  EXPECT_NEAR(parts[0].GainPct(), 0, 1e-9);
+  EXPECT_EQ(parts[1].part, "learning_p");
+  EXPECT_NEAR(parts[1].planned_error.median, 0.1, 1e-12);  // 20 dB
+  EXPECT_NEAR(parts[1].GainPct(), 100 * (1 - std::pow(10, 0.1)), 1e-9);
+  const std::string calls = folder.Read("calls");
+  EXPECT_EQ(std::count(calls.begin(), calls.end(), '\n'), 3);  // as planned, and once for each
+  EXPECT_THAT(calls, testing::HasSubstr("--quality low --Train.distortion_weight 100"));
+  EXPECT_THAT(calls, testing::Not(testing::HasSubstr("nothing")));
+  // The plan says itself what is left out: the same two.
+  const std::vector<ForcedPart> planned = MeasureForcedParts(options, {}, silent);
+  ASSERT_EQ(planned.size(), 2U);
+  EXPECT_EQ(planned[1].part, "learning_p");
+  std::ostringstream csv;
+  WriteForcedCsv(parts, csv);
+  EXPECT_THAT(csv.str(), testing::HasSubstr("\"scan\",learning_p,"));
+}
+
+}  // namespace
+}  // namespace s2gs

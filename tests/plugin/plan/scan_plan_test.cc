@@ -1,0 +1,147 @@
+#include "plugin/plan/scan_plan.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <sstream>
+#include <string>
+
+#include "plugin/cli/options.h"
+#include "plugin/plan/plan_parts.h"
+#include "sfm_split/scene/io/turntable_file.h"
+#include "tests/support/temporary_folder.h"
+
+namespace s2gs {
+namespace {
+
+using testing::HasSubstr;
+
+class ScanPlanTest : public testing::Test {
+ protected:
+  ScanPlanTest() { request_.workspace.root = folder_ / "scan"; }
+
+  // What motion_splitter leaves, without a stamp: as if somebody else had made it.
+  void WriteSplit(const std::string& scene_case, int pairs_matched, int stations) const {
+    const Workspace& w = request_.workspace;
+    WriteAll(w.ObjectDatabase(), "object");
+    WriteAll(w.StaticDatabase(), "static");
+    WriteAll(w.SplitLabels(),
+             R"({"version": 1, "case": ")" + scene_case + R"(", "reason": "as measured", "pairs_matched": )" +
+                 std::to_string(pairs_matched) + R"(, "features_added": 0, "num_stations": )" +
+                 std::to_string(stations) + R"(, "images": [{}, {}, {}, {}]})");
+  }
+
+  void WriteTraining(const std::string& log) const {
+    WriteAll(request_.workspace.PointCloud(), "model");
+    WriteAll(request_.workspace.Log(), log);
+  }
+
+  PlanDecision Of(const std::string& part) const { return MakeScanPlan(request_, silent_).Of(part); }
+
+  TemporaryFolder folder_;
+  PlanRequest request_;
+  mutable Reporter silent_;
+};
+
+TEST_F(ScanPlanTest, WithoutAnyStageOnlyThePhotosDecide) {
+  const ScanPlan plan = MakeScanPlan(request_, silent_);
+  ASSERT_EQ(plan.decisions.size(), PlanParts().size());
+  for (size_t i = 0; i < plan.decisions.size(); ++i) {
+    const PlanPart& part = PlanParts()[i];
+    EXPECT_EQ(plan.decisions[i].part, part.name);
+    EXPECT_EQ(plan.decisions[i].state == PlanState::kLater, !part.after.empty()) << part.name;
+    if (!part.after.empty()) {
+      EXPECT_THAT(plan.decisions[i].reason, HasSubstr(part.after));
+    }
+  }
+  EXPECT_EQ(Of("motion").state, PlanState::kRuns);
+  request_.has_masks = true;
+  EXPECT_EQ(Of("motion").state, PlanState::kLeftOut);
+  for (const PlanStage& stage : plan.stages) EXPECT_EQ(stage.state, "runs") << stage.name;
+}
+
+TEST_F(ScanPlanTest, TheSplitDecidesWhatItMeasured) {
+  WriteSplit("single_station", 5, 1);
+  EXPECT_EQ(Of("two_bodies").state, PlanState::kRuns);
+  EXPECT_EQ(Of("background").state, PlanState::kLeftOut);
+  EXPECT_THAT(Of("pairs").measured, HasSubstr("5 of 6 pairs"));
+  EXPECT_EQ(Of("pairs").state, PlanState::kLeftOut);
+  EXPECT_EQ(Of("pairs").saving, "17 % of the matching");
+  EXPECT_EQ(Of("weak_features").state, PlanState::kLeftOut);
+  EXPECT_EQ(Of("scale").state, PlanState::kLater);
+
+  WriteSplit("one_body", 6, 0);
+  EXPECT_EQ(Of("two_bodies").state, PlanState::kLeftOut);
+  EXPECT_EQ(Of("two_bodies").measured, "as measured");
+  EXPECT_EQ(Of("pairs").state, PlanState::kRuns);
+
+  WriteAll(request_.workspace.SplitLabels(), R"({"case": 5, "images": 7, "pairs_matched": []})");
+  EXPECT_EQ(Of("pairs").state, PlanState::kLater);  // damaged: as if it were not there
+}
+
+TEST_F(ScanPlanTest, TrainingsOwnDecisionsAreTakenOver) {
+  WriteTraining(
+      R"({"event": "decision", "part": "learning_p", "left_out": false, "measured": "first", "threshold": "", )"
+      R"("reason": "", "saving": ""})"
+      "\n"
+      R"({"event": "decision", "part": "learning_p", "left_out": true, "measured": "99.9 %", "threshold": "99 %", )"
+      R"("reason": "settled", "saving": "much"})"
+      "\nno JSON\n");
+  const PlanDecision learnt = Of("learning_p");
+  EXPECT_EQ(learnt.state, PlanState::kLeftOut);
+  EXPECT_EQ(learnt.measured, "99.9 %");
+  EXPECT_EQ(learnt.threshold, "99 %");
+  EXPECT_EQ(learnt.reason, "settled");
+  EXPECT_EQ(learnt.saving, "much");
+  EXPECT_EQ(Of("unseen_background").state, PlanState::kRuns);
+}
+
+TEST_F(ScanPlanTest, WhatIsForcedRuns) {
+  request_.forced = {"distortion_channel"};
+  const PlanDecision forced = Of("distortion_channel");
+  EXPECT_EQ(forced.state, PlanState::kRuns);
+  EXPECT_TRUE(forced.is_forced);
+  EXPECT_THAT(forced.reason, HasSubstr("asked for"));
+}
+
+TEST_F(ScanPlanTest, IsReadAsWrittenAndPrintsOnlyWhatIsNew) {
+  const ScanPlan before = MakeScanPlan(request_, silent_);
+  WriteSplit("turntable", 3, 2);
+  const ScanPlan now = MakeScanPlan(request_, silent_);
+  const auto path = folder_ / "plan.json";
+  WriteScanPlan(path, now);
+  const std::vector<PlanDecision> read = ReadPlannedDecisions(path);
+  ASSERT_EQ(read.size(), now.decisions.size());
+  for (size_t i = 0; i < read.size(); ++i) {
+    EXPECT_EQ(read[i].part, now.decisions[i].part);
+    EXPECT_EQ(read[i].state, now.decisions[i].state);
+    EXPECT_EQ(read[i].measured, now.decisions[i].measured);
+    EXPECT_EQ(read[i].saving, now.decisions[i].saving);
+  }
+  std::ostringstream out;
+  PrintNewDecisions(before, now, out);
+  EXPECT_THAT(out.str(), HasSubstr("two_bodies"));
+  EXPECT_THAT(out.str(), testing::Not(HasSubstr("distortion_channel")));
+  std::ostringstream all;
+  PrintScanPlan(now, all);
+  for (const PlanPart& part : PlanParts()) EXPECT_THAT(all.str(), HasSubstr(part.name));
+  folder_.Write("plan.json", "{\"decisions\": [{\"part\": 3}]}");
+  EXPECT_TRUE(ReadPlannedDecisions(path).empty());
+}
+
+TEST(PlanParts, ForceTakesPartsStagesAndTheOldNumbers) {
+  EXPECT_TRUE(ForcedParts({}).empty());
+  EXPECT_TRUE(ForcedParts({"0"}).empty());
+  EXPECT_EQ(ForcedParts({"1"}), std::set<std::string>({"doubtful_poses"}));
+  EXPECT_EQ(ForcedParts({"pairs", "undistortion"}), std::set<std::string>({"pairs", "undistortion"}));
+  const std::set<std::string> training = ForcedParts({"gaussian_trainer"});
+  EXPECT_EQ(training.count("sh_bands"), 1U);
+  EXPECT_EQ(training.count("doubtful_poses"), 0U);
+  EXPECT_THROW(ForcedParts({"scale"}), CommandLineError);
+  EXPECT_THROW(ForcedParts({"nothing"}), CommandLineError);
+  EXPECT_EQ(ForcedArguments("gaussian_trainer", {"sh_bands", "pairs"}),
+            std::vector<std::string>({"--Train.only_told_bands", "0"}));
+}
+
+}  // namespace
+}  // namespace s2gs
