@@ -115,6 +115,8 @@ Evidence Gather(const Workspace& workspace) {
   return evidence;
 }
 
+std::string Stations(double count) { return fmt::format("{:.0f} station{}", count, count == 1 ? "" : "s"); }
+
 void LeaveOut(PlanDecision* decision, std::string reason, std::string saving) {
   decision->state = PlanState::kLeftOut;
   decision->reason = std::move(reason);
@@ -143,13 +145,14 @@ void DecideWeakFeatures(const PlanRequest& /*request*/, const Evidence& e, PlanD
     return Keep(d, "too few pairs of photos had features that turn");
   }
   d->measured = Text(e.labels, "reason");
-  d->threshold = "pairs of photos that turn as in the case's reason";
+  d->threshold = "a pair that turns for every two photos, where anything changes";
   LeaveOut(d, "enough pairs of photos have features that turn, or nothing changes",
            "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
 }
 
 void DecidePairs(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
-  if (e.labels.is_null() || !e.labels.contains("pairs_matched")) return;
+  if (!e.labels.is_object() || !e.labels.value("pairs_matched", Json()).is_number()) return;
+  if (!e.labels.at("images").is_array()) return;
   const double matched = Number(e.labels, "pairs_matched");
   const double photos = static_cast<double>(e.labels.at("images").size());
   const double all = photos * (photos - 1) / 2;
@@ -174,7 +177,7 @@ void DecideTwoBodies(const PlanRequest& /*request*/, const Evidence& e, PlanDeci
 void DecideBackground(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
   const std::string scene_case = Text(e.labels, "case");
   if (scene_case.empty()) return;
-  d->measured = fmt::format("{:.0f} stations", Number(e.labels, "num_stations"));
+  d->measured = Stations(Number(e.labels, "num_stations"));
   d->threshold = "2 stations whose photos of the background match";
   if (scene_case == "turntable" && (e.HasRun("background_mapper") || !e.HasRun("turntable_mapper"))) {
     return Keep(d, "several stations see the background from different places");
@@ -187,7 +190,7 @@ void DecideBackground(const PlanRequest& /*request*/, const Evidence& e, PlanDec
 
 void DecideScale(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
   if (!e.turntable) return;
-  d->measured = fmt::format("{} stations, scale {}", e.turntable->num_stations,
+  d->measured = fmt::format("{}, scale {}", Stations(e.turntable->num_stations),
                             e.turntable->scale_observable ? "observed" : "not observable");
   d->threshold = "2 stations in different places";
   if (e.turntable->scale_observable) return Keep(d, "the stations fix it");
@@ -210,7 +213,8 @@ void DecideFreeCameras(const PlanRequest& /*request*/, const Evidence& e, PlanDe
                                Number(test, "score"),
                                is_fitted ? fmt::format(", BIC gain {:.1f}", Number(test, "bic_gain")) : "");
   }
-  d->threshold = "the score that noise gives, then a gain of the Bayesian information criterion above 0";
+  // As ModelTest::score and bic_gain say (joint_ba.h).
+  d->threshold = "a score of 1.5, then a gain of the Bayesian information criterion above 0";
   const std::string chosen = Text(model, "chosen");
   if (chosen != "shared stations") return Keep(d, "the matches ask for it: " + chosen);
   LeaveOut(d, "the photos of a station agree on one pose",
@@ -352,7 +356,7 @@ PlanStage StageOf(const StandardStage& stage, const PlanRequest& request, const 
   }
   if (!is_asked && result.state == "runs") result = {stage.name, "not asked for", "--until", result.seconds};
   if (result.state == "runs" && stage.name == "background_mapper" && evidence.HasRun("turntable_mapper")) {
-    result = {stage.name, "left out", "see background", 0};
+    result = {stage.name, "left out", "the plan says why", 0};
   }
   if (result.state == "runs" && result.reason.empty()) result.reason = "not done yet";
   return result;

@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -46,7 +47,10 @@ void AddPoses(const ReportInput& input, ReportSection* section) {
   if (!object.empty()) {
     section->numbers["poses"] = {
         {"unit", "px"}, {"object", ToJson(object)}, {"background", ToJson(background)}};
-    plot.series = {Series("rotating part", 0, object), Series("background", 1, background)};
+    plot.series = {Series("rotating part", 0, object)};
+    const bool has_background = std::any_of(background.begin(), background.end(),
+                                            [](const auto& point) { return std::isfinite(point.second); });
+    if (has_background) plot.series.push_back(Series("background", 1, background));
   }
   WritePlot(plot, &section->html);
 }
@@ -98,7 +102,7 @@ void AddMesh(const ReportInput& input, ReportSection* section) {
     }
   }
   if (curves.empty()) return;
-  Plot plot{"Mesh", {"time [s]", true}, {"error", true}, {}, false};
+  Plot plot{"Mesh: photos compared on its surface", {"time [s]", true}, {"error", true}, {}, false};
   for (const auto& [name, curve] : curves) {
     section->numbers["mesh"][name] = ToJson(curve);
     plot.series.push_back(Series(name.c_str(), static_cast<int>(plot.series.size()), curve));

@@ -37,46 +37,60 @@ std::string Why(const StageStatus& stage) {
   return "";
 }
 
-// What some scenes do not need: left out or not, and what that rests on.
-void WritePlan(const ReportInput& input, const ScanSummary& summary, ReportSection* section) {
-  HtmlWriter& out = section->html;
+ScanPlan PlanOf(const ReportInput& input) {
   PlanRequest request;
   request.workspace = input.workspace;
   Reporter silent;
-  const ScanPlan plan = MakeScanPlan(request, silent);
-  const std::vector<PlanDecision> planned = ReadPlannedDecisions(input.workspace.Plan());
+  ScanPlan plan = MakeScanPlan(request, silent);
+  // What was asked for stands nowhere else.
+  for (const PlanDecision& planned : ReadPlannedDecisions(input.workspace.Plan())) {
+    for (PlanDecision& decision : plan.decisions) {
+      if (decision.part == planned.part) decision.is_forced = planned.is_forced;
+    }
+  }
+  return plan;
+}
+
+// What some scenes do not need: left out or not, and what that rests on.
+void WritePlan(const ScanPlan& plan, const ScanSummary& summary, ReportSection* section) {
+  HtmlWriter& out = section->html;
+  const std::vector<std::string> head = {"part", "", "measured", "threshold", "why", "saves"};
   out.Element("h3", "What the scene does not need");
   out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide plan"}});
-  WriteRow({"part", "", "measured", "threshold", "why", "saves"}, &out, "th");
+  WriteRow(head, &out, "th");
   nlohmann::ordered_json& left_out = section->numbers["left_out"] = nlohmann::ordered_json::array();
   for (const auto& [what, why] : summary.left_out) left_out.push_back({{"what", what}, {"why", why}});
   section->numbers["plan"] = nlohmann::ordered_json::array();
+  std::string later;
   for (const PlanState state : {PlanState::kLeftOut, PlanState::kRuns, PlanState::kLater}) {
     for (const PlanDecision& decision : plan.decisions) {
       if (decision.state != state) continue;
-      const bool is_forced = std::any_of(planned.begin(), planned.end(), [&](const PlanDecision& other) {
-        return other.part == decision.part && other.is_forced;
-      });
-      out.Open("tr").Element("td", WhatOf(decision));
-      out.Open("td")
-          .Element("span", std::string(PlanStateName(state)) + (is_forced ? ", forced" : ""),
-                   {{"class", state == PlanState::kLeftOut ? "state done" : "state"}})
-          .Close();
-      for (const std::string& cell :
-           {decision.measured, decision.threshold, decision.reason, decision.saving}) {
-        out.Element("td", cell);
-      }
-      out.Close();
       section->numbers["plan"].push_back({{"part", decision.part},
                                           {"state", PlanStateName(state)},
                                           {"measured", decision.measured},
                                           {"threshold", decision.threshold},
                                           {"reason", decision.reason},
                                           {"saving", decision.saving},
-                                          {"forced", is_forced}});
+                                          {"forced", decision.is_forced}});
+      if (state == PlanState::kLater) {
+        later += (later.empty() ? "To be decided by what later stages measure: " : "; ") + WhatOf(decision);
+        continue;
+      }
+      out.Open("tr").Element("td", WhatOf(decision));
+      out.Open("td")
+          .Element("span", std::string(PlanStateName(state)) + (decision.is_forced ? ", forced" : ""),
+                   {{"class", state == PlanState::kLeftOut ? "state done" : "state"}})
+          .Close();
+      const std::vector<std::string> cells = {decision.measured, decision.threshold, decision.reason,
+                                              decision.saving};
+      for (size_t i = 0; i < cells.size(); ++i) {
+        out.Element("td", cells[i], {{"data-head", cells[i].empty() ? "" : head[i + 2] + ": "}});
+      }
+      out.Close();
     }
   }
   out.Close().Close();
+  if (!later.empty()) out.Element("p", later + ".", {{"class", "note"}});
 }
 
 }  // namespace
@@ -85,6 +99,8 @@ ReportSection StagesSection(const ReportInput& input, const ScanSummary& summary
   ReportSection section{"stages", "Stages and time", {}, {}};
   section.numbers = nlohmann::ordered_json::object();
   HtmlWriter& out = section.html;
+  const ScanPlan plan = PlanOf(input);
+  const PlanDecision& background = plan.Of("background");
   double longest = 0;
   for (const StageStatus& stage : input.stages) {
     if (stage.stamp) longest = std::max(longest, stage.stamp->seconds);
@@ -94,10 +110,12 @@ ReportSection StagesSection(const ReportInput& input, const ScanSummary& summary
   nlohmann::ordered_json& stages = section.numbers["list"] = nlohmann::ordered_json::array();
   for (const StageStatus& stage : input.stages) {
     if (stage.name == "report") continue;
+    const bool is_left_out = stage.name == "background_mapper" && stage.state == StageState::kMissing &&
+                             background.state == PlanState::kLeftOut;
+    const std::string state = is_left_out ? PlanStateName(background.state) : StateName(stage.state);
+    const std::string why = is_left_out ? background.reason : Why(stage);
     out.Open("tr").Element("td", stage.name);
-    out.Open("td")
-        .Element("span", StateName(stage.state), {{"class", fmt::format("state {}", StateName(stage.state))}})
-        .Close();
+    out.Open("td").Element("span", state, {{"class", fmt::format("state {}", state)}}).Close();
     out.Element("td", stage.stamp ? FormatDuration(stage.stamp->seconds) : "–");
     out.Open("td", {{"class", "barcell"}});
     if (stage.stamp && longest > 0) {
@@ -106,9 +124,8 @@ ReportSection StagesSection(const ReportInput& input, const ScanSummary& summary
                   {{"class", "timebar"},
                    {"style", fmt::format("width:{}%", ShortNumber(std::max(0.5, percent), 1))}});
     }
-    out.Close().Element("td", Why(stage)).Close();
-    nlohmann::ordered_json json = {
-        {"name", stage.name}, {"state", StateName(stage.state)}, {"why", Why(stage)}};
+    out.Close().Element("td", why).Close();
+    nlohmann::ordered_json json = {{"name", stage.name}, {"state", state}, {"why", why}};
     if (stage.stamp) {
       json["seconds"] = stage.stamp->seconds;
       json["finished"] = stage.stamp->finished;
@@ -116,7 +133,7 @@ ReportSection StagesSection(const ReportInput& input, const ScanSummary& summary
     stages.push_back(json);
   }
   out.Close().Close();
-  WritePlan(input, summary, &section);
+  WritePlan(plan, summary, &section);
   return section;
 }
 

@@ -37,9 +37,10 @@ TEST(ToldBands, OwnPartsAreThoseOfClosedForms) {
   EXPECT_NEAR(circle[0].own_part, kBand1 / std::sqrt(2.0), 1e-12);
   EXPECT_NEAR(circle[1].own_part, 0.5462742152960396 / std::sqrt(2.0), 1e-12);
   EXPECT_NEAR(circle[2].own_part, 0.5900435899266435 / std::sqrt(2.0), 1e-12);
-  // Over a short arc the first band is its slope: half the arc over sqrt(3).
+  // Over a short arc the first band is the sine of the angle from its middle.
   const double half = kPi / 180 * 4;
-  EXPECT_NEAR(MeasureBands(Arc(2000, 8), 1)[0].own_part, kBand1 * half / std::sqrt(3.0), 1e-4 * half);
+  EXPECT_NEAR(MeasureBands(Arc(2000, 8), 1)[0].own_part,
+              kBand1 * std::sqrt(0.5 - std::sin(2 * half) / (4 * half)), 1e-6 * half);
 }
 
 TEST(ToldBands, AWholeTurnTellsAllAndOneSideNone) {
