@@ -34,8 +34,7 @@ void RunReport(CommandContext& context) {
   stage.inputs = {workspace.SplitLabels(), workspace.SplitOverlays(), workspace.TurntableMapper(),
                   workspace.ObjectModel(), workspace.StaticModel(),   workspace.Turntable(),
                   workspace.Masks(),       workspace.Log(),           workspace.Overview(),
-                  workspace.TsdfMesh(),    workspace.ScanRecord(),    workspace.MeshLog(),
-                  workspace.Plan()};
+                  workspace.TsdfMesh(),    workspace.ScanRecord(),    workspace.MeshLog()};
   if (!image_path.empty()) stage.inputs.push_back(image_path);
   stage.outputs = {workspace.ReportHtml(), workspace.ReportJson()};
   for (const StandardStage& before : StandardStages(workspace)) {

@@ -1,5 +1,7 @@
 #include "plugin/curves/sweep.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cctype>
@@ -152,7 +154,7 @@ class Sweep {
     for (const std::string& argument : o_.arguments) text += " " + argument;
     for (const KnobSetting& setting : o_.knob.settings) {
       if (setting.value != run.value) continue;
-      for (const auto& [name, value] : setting.options) text += " " + name + "=" + value;
+      for (const auto& [name, value] : setting.options) text += fmt::format(" {}={}", name, value);
     }
     Reporter silent;
     for (const StandardStage& stage : StandardStages(Base(run.scene))) {
@@ -277,6 +279,7 @@ class Sweep {
     if (o_.knob.stage == KnobStage::kTraining) {
       for (const auto& [name, value] : TrainingFigures(workspace)) point->figures[name] = value;
     }
+    if (o_.knob.stage == KnobStage::kTraining) return;
     for (const auto& [name, value] : OwnFigures(workspace)) point->figures[name] = value;
   }
 

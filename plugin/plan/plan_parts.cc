@@ -1,5 +1,7 @@
 #include "plugin/plan/plan_parts.h"
 
+#include <fmt/format.h>
+
 #include "plugin/cli/options.h"
 
 namespace s2gs {
@@ -102,8 +104,9 @@ std::set<std::string> ForcedParts(const std::vector<std::string>& names) {
     for (const PlanPart& part : PlanParts()) {
       const bool is_it = part.name == name || (name == "1" && part.name == "doubtful_poses");
       if (is_it && !part.CanBeForced()) {
-        throw CommandLineError("--force " + name + ": " + part.what +
-                               " cannot be forced: where it is left out, there is nothing to do it with");
+        throw CommandLineError(fmt::format(
+            "--force {}: {} cannot be forced: where it is left out, there is nothing to do it with", name,
+            part.what));
       }
       const bool is_stage_of_it = part.stage == name && part.CanBeForced() && part.name != "doubtful_poses";
       if (is_it || is_stage_of_it) forced.insert(part.name);
@@ -111,8 +114,8 @@ std::set<std::string> ForcedParts(const std::vector<std::string>& names) {
       if (part.CanBeForced()) list += (list.empty() ? "" : ", ") + part.name;
     }
     if (!is_known) {
-      throw CommandLineError("--force " + name + " is none of 0, 1, " + list +
-                             ", nor a stage that has one of these");
+      throw CommandLineError(
+          fmt::format("--force {} is none of 0, 1, {}, nor a stage that has one of these", name, list));
     }
   }
   return forced;
