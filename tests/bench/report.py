@@ -164,7 +164,7 @@ def curves_part(written):
                   f'(least to largest). [Page of diagrams](tests/bench/results/curves/{name}.html), '
                   f'[CSV](tests/bench/results/curves/{name}.csv).', '']
         for scene_index, scene in enumerate(curve['scenes']):
-            rows = [[s['value'], spread_cell(s['cpu_seconds']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
+            rows = [[s['value'], spread_cell(s['cpu_s']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
                      'yes' if s['pareto'] else ''] for s in curve['settings'] if s['scene'] in (scene, scene_index)]
             lines += table(['value', 'CPU [s]', 'error', 'reached', 'nothing beats it in both'], rows)
         lines += [f'![error over CPU seconds](tests/bench/plots/curve_{name}.svg)', '']
@@ -207,12 +207,18 @@ def page(r, notes, written=None):
               '## Hostile input', '', 'What is counted, and the commands: [CONTRIBUTING.md](CONTRIBUTING.md#hostile-input).', '', *safety_lines(r),
               '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
               '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
-              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.',
-              'Where problems are badly conditioned, what happens there, what helps, and what that costs and gains:',
-              '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '',
+              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.', '',
+              *stiffness_lines(),
               *curves_lines(written),
               '## Notes', '', 'What was tried, with what it gave, also where it did not pay:', '']
     return '\n'.join(lines + [f'- [{title}]({path})' for title, path in notes]) + '\n'
+
+
+def stiffness_lines():
+    if not (results.RESULTS / 'stiffness.md').exists():
+        return []
+    return ['Where problems are badly conditioned, what happens there, what helps, and what that costs and gains:',
+            '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '']
 
 
 def curves_lines(written):
@@ -260,12 +266,12 @@ def plot(named, x_title, y_title, width=640, height=300):
 
 def curve_plot(curve):
     """Error over CPU seconds, log over log, medians with least to largest; a curve a scene."""
-    settings = [s for s in curve['settings'] if s['error']['median'] and s['cpu_seconds']['median']]
+    settings = [s for s in curve['settings'] if s['error']['median'] and s['cpu_s']['median']]
     if not settings:
         return ''
     width, height = 640, 340
     span = lambda values: (min(values), max(values)) if max(values) > min(values) else (min(values) / 2, min(values) * 2)
-    x0, x1 = (math.log10(v) for v in span([s['cpu_seconds'][k] for s in settings for k in ('min', 'max')]))
+    x0, x1 = (math.log10(v) for v in span([s['cpu_s'][k] for s in settings for k in ('min', 'max')]))
     y0, y1 = (math.log10(v) for v in span([s['error'][k] for s in settings for k in ('min', 'max')]))
     at_x = lambda v: 70 + (math.log10(v) - x0) / (x1 - x0) * (width - 110)
     at_y = lambda v: height - 50 - (math.log10(v) - y0) / (y1 - y0) * (height - 80)
@@ -283,11 +289,11 @@ def curve_plot(curve):
     for i, scene in enumerate(curve['scenes']):
         own = [s for s in settings if s['scene'] in (scene, i)]
         colour = colours[i % 5]
-        points = [(at_x(s['cpu_seconds']['median']), at_y(s['error']['median'])) for s in own]
+        points = [(at_x(s['cpu_s']['median']), at_y(s['error']['median'])) for s in own]
         out.append('<path d="M' + 'L'.join(f'{a:.1f} {b:.1f}' for a, b in points) + f'" fill="none" stroke="{colour}" stroke-width="2"/>')
         for s, (a, b) in zip(own, points):
             out.append(f'<path d="M{a:.1f} {at_y(s["error"]["min"]):.1f}V{at_y(s["error"]["max"]):.1f}'
-                       f'M{at_x(s["cpu_seconds"]["min"]):.1f} {b:.1f}H{at_x(s["cpu_seconds"]["max"]):.1f}" stroke="{colour}"/>'
+                       f'M{at_x(s["cpu_s"]["min"]):.1f} {b:.1f}H{at_x(s["cpu_s"]["max"]):.1f}" stroke="{colour}"/>'
                        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="4" fill="{colour if s["pareto"] else "white"}" stroke="{colour}"/>'
                        f'<text x="{a + 6:.1f}" y="{b - 6:.1f}">{s["value"]}</text>')
     out.append(f'<text x="{width / 2:.0f}" y="{height - 12}" text-anchor="middle">CPU seconds ({curve["what"]})</text>'
