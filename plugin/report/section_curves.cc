@@ -19,6 +19,11 @@ nlohmann::ordered_json ToJson(const Curve& curve) {
   return points;
 }
 
+bool HasNumbers(const Curve& curve) {
+  return std::any_of(curve.begin(), curve.end(),
+                     [](const auto& point) { return std::isfinite(point.second); });
+}
+
 PlotSeries Series(const char* name, int color, Curve points, PlotMark mark = PlotMark::kLine) {
   PlotSeries series;
   series.name = name;
@@ -48,9 +53,7 @@ void AddPoses(const ReportInput& input, ReportSection* section) {
     section->numbers["poses"] = {
         {"unit", "px"}, {"object", ToJson(object)}, {"background", ToJson(background)}};
     plot.series = {Series("rotating part", 0, object)};
-    const bool has_background = std::any_of(background.begin(), background.end(),
-                                            [](const auto& point) { return std::isfinite(point.second); });
-    if (has_background) plot.series.push_back(Series("background", 1, background));
+    if (HasNumbers(background)) plot.series.push_back(Series("background", 1, background));
   }
   WritePlot(plot, &section->html);
 }
@@ -86,8 +89,8 @@ void AddTraining(const ReportInput& input, ReportSection* section) {
   section->numbers["held_out"] = {
       {"rms", ToJson(held_out)}, {"object_rms", ToJson(held_out_object)}, {"one_minus_ssim", ToJson(dssim)}};
   Plot held{"Training: error on photos held back", {"time [s]", true}, {"error", true}, {}, false};
-  held.series = {Series("colour, rms (0 to 1)", 0, held_out),
-                 Series("of the object alone", 1, held_out_object), Series("1 − SSIM", 2, dssim)};
+  held.series = {Series("colour, rms (0 to 1)", 0, held_out), Series("1 − SSIM", 2, dssim)};
+  if (HasNumbers(held_out_object)) held.series.push_back(Series("of the object alone", 1, held_out_object));
   WritePlot(held, &section->html);
 }
 

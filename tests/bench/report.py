@@ -273,6 +273,7 @@ def curve_plot(curve):
     span = lambda values: (min(values), max(values)) if max(values) > min(values) else (min(values) / 2, min(values) * 2)
     x0, x1 = (math.log10(v) for v in span([s['cpu_s'][k] for s in settings for k in ('min', 'max')]))
     y0, y1 = (math.log10(v) for v in span([s['error'][k] for s in settings for k in ('min', 'max')]))
+    x0, x1, y0, y1 = x0 - 0.03 * (x1 - x0), x1 + 0.03 * (x1 - x0), y0 - 0.03 * (y1 - y0), y1 + 0.08 * (y1 - y0)
     at_x = lambda v: 70 + (math.log10(v) - x0) / (x1 - x0) * (width - 110)
     at_y = lambda v: height - 50 - (math.log10(v) - y0) / (y1 - y0) * (height - 80)
     colours = ('#1f5fa8', '#c0392b', '#2e8b57', '#8e6b23', '#6c3483')
