@@ -2,16 +2,20 @@
 """Kills `s2gs automatic_scanner` at random moments and compares what it ends with to a run that nobody disturbed.
 
 usage: scan_kill_test.py S2GS IMAGES WORK [--kills N] [--seed N] [--iterations N] [--size PX] [--share_features]
-                         [--keep NAME ...]
+                         [--keep NAME ...] [--record]
 
-One run goes through undisturbed in WORK/straight. In WORK/killed each run is killed (SIGKILL, of s2gs alone) at a
-random moment of the pipeline: moments are drawn evenly over the undisturbed run's time and taken in order; a kill waits
-for the stage that ran at its moment to begin, then for as long as that stage had run by then. The last run is left
-alone. Poses, models, masks, depth and normal maps, the Gaussians and the mesh must be the same, bit for bit, and no
-temporary file may be left. COLMAP 3.8's extractor makes a few descriptors in 100,000 differently from run to run:
---share_features gives the undisturbed run's database to the killed ones, which are then killed in later stages only.
+One run goes through undisturbed in WORK/straight. In WORK/killed each run is killed (SIGKILL, of s2gs alone) after a random
+time, evenly drawn between nothing and a fifth more than the longest stage took undisturbed, and the same command is given
+again: it goes on where it was, until a run ends by itself. Then its files are compared, and another scan begins, until there
+were enough kills; the last scan is left to end. Poses, models, masks, depth and normal maps, the Gaussians and the mesh must
+be the same, bit for bit, after every scan, and no temporary file may be left. COLMAP 3.8's extractor makes a few descriptors
+in 100,000 differently from run to run: --share_features gives the undisturbed run's database to the killed ones, which are
+then killed in later stages only. --record leaves the counts in tests/bench/results/safety.
 """
-import argparse, os, random, re, shutil, signal, subprocess, sys, threading, time
+import argparse, collections, os, random, re, shutil, signal, subprocess, sys, threading, time
+
+sys.dont_write_bytecode = True
+import safety
 
 COMPARED = ["split/labels.json", "sparse", "turntable.json", "masks", "s2gs/point_cloud.ply", "dense/0/images", "dense/0/sparse",
             "dense/0/stereo", "dense/0/masks", "dense/0/meshed-tsdf.ply"]
@@ -50,17 +54,18 @@ class Run:
             self.has_ended = True
             self.changed.notify()
 
-    def wait_for(self, stage):
-        """Whether the stage began."""
+    def ends_within(self, seconds):
+        """Whether it ended by itself."""
         with self.changed:
-            self.changed.wait_for(lambda: self.has_ended or stage in [name for name, _ in self.stages])
-            return stage in [name for name, _ in self.stages]
+            self.changed.wait_for(lambda: self.has_ended, timeout=seconds)
+            return self.has_ended
 
-    def wait_within(self, stage, seconds):
-        """For so long, or until the stage is over."""
-        with self.changed:
-            self.changed.wait_for(
-                lambda: self.has_ended or self.stages and stage not in ("", self.stages[-1][0]), timeout=seconds)
+    def kill(self):
+        """Returns the stage in which it was."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        self.reader.join(timeout=0.2)  # children that outlive it keep the pipe
+        return self.stages[-1][0] if self.stages else "no stage"
 
     def finish(self):
         code = self.process.wait()
@@ -87,6 +92,20 @@ def content(path):
         return stream.read()
 
 
+def compare(straight, killed):
+    """Counts of files that were compared and of what is wrong with them, which is printed."""
+    expected, found = files_of(straight), files_of(killed)
+    different = [name for name in expected if name in found
+                 and content(os.path.join(straight, name)) != content(os.path.join(killed, name))]
+    missing = sorted(set(expected) ^ set(found))
+    leftovers = [os.path.join(folder, name) for folder, _, names in os.walk(killed) for name in names
+                 if ".s2gs-tmp-" in name or ".extracting" in name]
+    for what, names in (("differs", different), ("in one only", missing), ("left over", leftovers)):
+        for name in names:
+            print(f"{what}: {name}")
+    return {"files": len(expected), "differ": len(different), "in one only": len(missing), "left over": len(leftovers)}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("s2gs")
@@ -98,6 +117,8 @@ def main():
     parser.add_argument("--size", type=int, default=100)
     parser.add_argument("--share_features", action="store_true")
     parser.add_argument("--keep", nargs="*", default=[""], help="photos whose names begin so")
+    parser.add_argument("--record", action="store_true")
+    parser.add_argument("--variant", default="", help="what is scanned, for the record")
     args = parser.parse_args()
 
     shutil.rmtree(args.work, ignore_errors=True)
@@ -111,55 +132,45 @@ def main():
 
     run = Run(args, straight)
     total = run.finish()
-    timeline = [("", 0.0)] + run.stages
     print(f"undisturbed: {total:.1f} s, " + ", ".join(f"{name} from {at:.1f}" for name, at in run.stages), flush=True)
 
-    first_moment = 0.0
-    if args.share_features:
-        first_moment = dict(run.stages)["motion_splitter"]
-        os.makedirs(killed)
-        shutil.copy(os.path.join(straight, "database.db"), killed)
-    rng = random.Random(args.seed)
-    done = 0
-    killed_at = {}  # how far into a stage it was killed last
-    for moment in sorted(rng.uniform(first_moment, total) for _ in range(args.kills)):
-        stage, begin = [entry for entry in timeline if entry[1] <= moment][-1]
-        run = Run(args, killed)
-        if stage and not run.wait_for(stage):
-            run.finish()  # the kill before came so late that the stage was done
-            print(f"  {stage} was done", flush=True)
-            continue
-        # Training goes on from its checkpoints: it has no more than the rest before it.
-        into = moment - begin
-        begun = killed_at.get(stage, 0) if stage == "gaussian_trainer" else 0
-        killed_at[stage] = into
-        run.wait_within(stage, into - begun)
-        run.process.send_signal(signal.SIGKILL)
-        run.process.wait()
-        run.reader.join(timeout=0.2)  # children that outlive it keep the pipe
-        done += 1
-        print(f"  killed {moment - begin:.2f} s into {stage or 'the start'}", flush=True)
-    run = Run(args, killed)
-    run.finish()
+    begins = [at for _, at in run.stages] + [total]
+    longest = max(end - begin for begin, end in zip([0] + begins, begins))
 
-    expected = files_of(straight)
-    found = files_of(killed)
-    different = [name for name in expected if name in found
-                 and content(os.path.join(straight, name)) != content(os.path.join(killed, name))]
-    missing = sorted(set(expected) ^ set(found))
-    leftovers = [os.path.join(folder, name) for folder, _, names in os.walk(killed) for name in names
-                 if ".s2gs-tmp-" in name or ".extracting" in name]
-    for name in different:
-        print("differs:", name)
-    for name in missing:
-        print("in one only:", name)
-    for name in leftovers:
-        print("left over:", name)
-    print(f"{done} of {args.kills} kills; {len(expected)} files compared, {len(different)} differ, {len(missing)} in one "
-          f"only, {len(leftovers)} left over")
+    def begin_scan():
+        shutil.rmtree(killed, ignore_errors=True)
+        if args.share_features:
+            os.makedirs(killed)
+            shutil.copy(os.path.join(straight, "database.db"), killed)
+
+    rng = random.Random(args.seed)
+    stages = collections.Counter()
+    sums = collections.Counter()
+    while True:
+        begin_scan()
+        run = Run(args, killed)
+        while sum(stages.values()) < args.kills and not run.ends_within(rng.uniform(0, 1.2 * longest)):
+            stages[run.kill()] += 1
+            run = Run(args, killed)
+        run.finish()
+        found = compare(straight, killed)
+        sums.update(found)
+        sums["scans"] += 1
+        print(f"scan {sums['scans']}: {sum(stages.values())} kills so far, {found['files']} files compared, {found['differ']} differ, "
+              f"{found['in one only']} in one only, {found['left over']} left over", flush=True)
+        if sum(stages.values()) >= args.kills:
+            break
+    faults = sums["differ"] + sums["in one only"] + sums["left over"]
+    print(f"{sum(stages.values())} kills ({', '.join(f'{n} in {name}' for name, n in stages.items())}) in {sums['scans']} scans; "
+          f"{sums['files']} files compared, {sums['differ']} differ, {sums['in one only']} in one only, {sums['left over']} left over")
+    if args.record:
+        figures = {"kills": sum(stages.values()), **{name: sums[name] for name in ("scans", "files", "differ", "in one only", "left over")}}
+        before = safety.recorded("kills", args.variant)
+        safety.record("kills", args.variant, f"tests/bench/scan_kill_test.py build/cpu/s2gs IMAGES WORK --kills {args.kills} --seed N --record",
+                      int(faults > 0), {name: value + before.get(name, 0) for name, value in figures.items()})
     if not os.path.exists(os.path.join(straight, "dense/0/meshed-tsdf.ply")):
         sys.exit("no mesh was made")
-    sys.exit(1 if different or missing or leftovers or done == 0 else 0)
+    sys.exit(1 if faults or not stages else 0)
 
 
 main()
