@@ -111,9 +111,9 @@ std::optional<WorkPoint> ReadPoint(const std::filesystem::path& path, const std:
   try {
     if (!json.is_object() || json.at("settings").get<std::string>() != settings) return std::nullopt;
     WorkPoint point;
-    point.scene = json.at("scene").get<int>();
+    point.scene = static_cast<int>(json.at("scene").get_ref<const int64_t&>());
     point.value = json.at("value").get<std::string>();
-    point.seed = json.at("seed").get<uint64_t>();
+    point.seed = json.at("seed").get_ref<const uint64_t&>();
     point.wall_seconds = json.at("wall_s").get<double>();
     point.cpu_seconds = json.at("cpu_s").get<double>();
     point.failure = json.at("failure").get<std::string>();

@@ -168,14 +168,15 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
 
 namespace {
 
+// Numbers are read by reference: a number with a fraction, or of 1e300, is then no count, but a fault.
 void PrintSummary(const json& report, std::ostream& out) {
   const auto row = [&](const std::string& what, const std::string& value) {
     out << fmt::format("{:<24}{}\n", what, value);
   };
   row("case", report.at("case").get<std::string>());
   row("path", report.at("path").get<std::string>() + ": " + report.at("path_reason").get<std::string>());
-  row("images registered",
-      fmt::format("{} of {}", report.at("registered").get<int>(), report.at("images").get<int>()));
+  row("images registered", fmt::format("{} of {}", report.at("registered").get_ref<const int64_t&>(),
+                                       report.at("images").get_ref<const int64_t&>()));
   for (const auto& name : report.at("missing")) row("  missing", name.get<std::string>());
   if (report.contains("untied") && !report.at("untied").empty()) {
     row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
@@ -185,20 +186,21 @@ void PrintSummary(const json& report, std::ostream& out) {
   if (!report.contains("sigma")) return;
   std::map<std::string, std::vector<std::string>> mended;
   for (const auto& image : report.at("mended")) {
-    mended[image.at("how").get<std::string>()].push_back(
-        fmt::format("{} ({} of {} keypoints)", image.at("name").get<std::string>(),
-                    image.at("inliers").get<int>(), image.at("candidates").get<int>()));
+    mended[image.at("how").get<std::string>()].push_back(fmt::format(
+        "{} ({} of {} keypoints)", image.at("name").get<std::string>(),
+        image.at("inliers").get_ref<const int64_t&>(), image.at("candidates").get_ref<const int64_t&>()));
   }
   for (const auto& [how, images] : mended) {
     row("  mended", fmt::format("{} images: {}", images.size(), how));
     for (size_t k = 0; k < std::min(images.size(), kMaxNamed); ++k) row("", images[k]);
     if (images.size() > kMaxNamed) row("", fmt::format("and {} more", images.size() - kMaxNamed));
   }
-  row("stations", std::to_string(report.at("stations").get<int>()));
+  row("stations", std::to_string(report.at("stations").get_ref<const int64_t&>()));
   for (const auto& placed : report.at("placed_stations")) {
     row("  placed",
         fmt::format("{}: by {} of {} matches on the background", placed.at("image").get<std::string>(),
-                    placed.at("inliers").get<int>(), placed.at("candidates").get<int>()));
+                    placed.at("inliers").get_ref<const int64_t&>(),
+                    placed.at("candidates").get_ref<const int64_t&>()));
   }
   if (report.at("object_placements").size() > 1) {
     row("object moved", fmt::format("it lay in {} ways on the table, so its pose is free in every image",
@@ -206,12 +208,13 @@ void PrintSummary(const json& report, std::ostream& out) {
   }
   for (const char* body : {"object", "background"}) {
     const json& figures = report.at(body);
-    if (figures.at("points").get<int64_t>() == 0) {
+    if (figures.at("points").get_ref<const int64_t&>() == 0) {
       row(body, "none");
       continue;
     }
     row(body, fmt::format("{} points, {} observations, mean reprojection error {:.3f} px over points",
-                          figures.at("points").get<int64_t>(), figures.at("observations").get<int64_t>(),
+                          figures.at("points").get_ref<const int64_t&>(),
+                          figures.at("observations").get_ref<const int64_t&>(),
                           figures.at("mean_reprojection_error_px").get<double>()));
   }
   const json& joint = report.at("joint_model");
@@ -252,10 +255,10 @@ void PrintSummary(const json& report, std::ostream& out) {
   }
   const json& observability = report.at("observability");
   if (observability.at("computed").get<bool>()) {
-    row("observability",
-        fmt::format("nullity {} of {} parameters, gap {}", observability.at("nullity").get<int>(),
-                    observability.at("parameters").get<int>(),
-                    Number(observability.at("singular_value_gap"), true, "{:.2g}")));
+    row("observability", fmt::format("nullity {} of {} parameters, gap {}",
+                                     observability.at("nullity").get_ref<const int64_t&>(),
+                                     observability.at("parameters").get_ref<const int64_t&>(),
+                                     Number(observability.at("singular_value_gap"), true, "{:.2g}")));
     for (const auto& direction : observability.at("null_directions"))
       row("  free", direction.get<std::string>());
   }

@@ -1,5 +1,8 @@
 #include "plugin/report/scan_report.h"
 
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -60,16 +63,30 @@ void WriteScanReport(const Workspace& workspace, const fs::path& image_path, Rep
   ScanSummary summary = ReadScanRecord(workspace.ScanRecord());
   CollectFigures(workspace, &summary);
   std::vector<ReportSection> sections;
-  sections.push_back(VerdictSection(input, summary));
-  sections.push_back(StagesSection(input, summary));
-  sections.push_back(PhotosSection(input, reporter));
-  sections.push_back(TableSection(input));
-  sections.push_back(ResidualsSection(input));
-  sections.push_back(GeometrySection(input));
-  sections.push_back(PicturesSection(input, reporter));
-  sections.push_back(MeshSection(input, reporter));
-  sections.push_back(CurvesSection(input));
-  sections.push_back(ProvenanceSection(input, summary, reporter));
+  const auto add = [&](const char* id, const char* title, const std::function<ReportSection()>& make) {
+    try {
+      sections.push_back(make());
+    } catch (const nlohmann::json::exception& error) {
+      // A file that somebody changed: the other parts do not depend on it.
+      const std::string problem = std::string("The part \"") + id + "\" of the report is left out, because " +
+                                  workspace.TurntableMapper().string() + " or " + workspace.Log().string() +
+                                  " is damaged (" + error.what() + "). Delete it and run its stage again";
+      reporter.Warn(problem);
+      ReportSection& section = sections.emplace_back(ReportSection{id, title, {}, {}});
+      section.numbers = nlohmann::ordered_json::object();
+      WriteMissing(problem, &section.html);
+    }
+  };
+  add("verdict", "", [&] { return VerdictSection(input, summary); });
+  add("stages", "Stages and time", [&] { return StagesSection(input, summary); });
+  add("photos", "Photos", [&] { return PhotosSection(input, reporter); });
+  add("table", "Table and stations", [&] { return TableSection(input); });
+  add("residuals", "Residuals and matches", [&] { return ResidualsSection(input); });
+  add("geometry", "Camera and scale", [&] { return GeometrySection(input); });
+  add("pictures", "Split and model against the photos", [&] { return PicturesSection(input, reporter); });
+  add("mesh", "Mesh", [&] { return MeshSection(input, reporter); });
+  add("curves", "Error against time", [&] { return CurvesSection(input); });
+  add("provenance", "How to make it again", [&] { return ProvenanceSection(input, summary, reporter); });
 
   nlohmann::ordered_json json = SummaryToJson(summary);
   for (const ReportSection& section : sections) json["report"][section.id] = section.numbers;

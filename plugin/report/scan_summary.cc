@@ -72,6 +72,12 @@ void AddPoses(const Workspace& workspace, ScanSummary* summary) {
   }
 }
 
+// "0" where there is none: a fraction or 1e300 is no count.
+std::string CountIn(const Json& entry, const char* key) {
+  const auto found = entry.find(key);
+  return std::to_string(found != entry.end() && found->is_number_integer() ? found->get<int64_t>() : 0);
+}
+
 void AddTraining(const Workspace& workspace, ScanSummary* summary) {
   std::ifstream log(workspace.Log());
   std::string line;
@@ -84,8 +90,8 @@ void AddTraining(const Workspace& workspace, ScanSummary* summary) {
     if (entry.value("event", "") == "held_out") held_out = entry;
   }
   if (last.is_object()) {
-    summary->figures.emplace_back("training iterations", std::to_string(last.value("iteration", int64_t{0})));
-    summary->figures.emplace_back("Gaussians", std::to_string(last.value("count", int64_t{0})));
+    summary->figures.emplace_back("training iterations", CountIn(last, "iteration"));
+    summary->figures.emplace_back("Gaussians", CountIn(last, "count"));
   }
   if (held_out.is_object() && held_out.contains("psnr_db") && held_out["psnr_db"].is_number()) {
     summary->figures.emplace_back("PSNR of held-out photos",

@@ -157,7 +157,9 @@ void AddTable(const ReportInput& input, const std::string& object_keypoints, con
 void AddObservability(const Json& mapper, std::vector<Tile>* tiles, nlohmann::ordered_json* numbers) {
   const Json& observability = Part(mapper, "observability");
   if (!observability.is_object() || !observability.value("computed", false)) return;
-  const int nullity = observability.value("nullity", 0);
+  const auto found = observability.find("nullity");
+  const int64_t nullity =
+      found != observability.end() && found->is_number_integer() ? found->get<int64_t>() : 0;
   std::string free;
   const Json& directions = Part(observability, "null_directions");
   for (const auto& direction : directions) {

@@ -35,8 +35,8 @@ std::vector<StampedPath> PathsFromJson(const Json& list) {
     StampedPath& stamped = paths.emplace_back();
     stamped.path = item.at("path").get<std::string>();
     stamped.fingerprint.exists = item.at("exists").get<bool>();
-    stamped.fingerprint.num_files = item.at("files").get<uint64_t>();
-    stamped.fingerprint.num_bytes = item.at("bytes").get<uint64_t>();
+    stamped.fingerprint.num_files = item.at("files").get_ref<const uint64_t&>();
+    stamped.fingerprint.num_bytes = item.at("bytes").get_ref<const uint64_t&>();
     stamped.fingerprint.state = item.at("state").get<std::string>();
     stamped.fingerprint.content = item.at("content").get<std::string>();
   }
@@ -60,7 +60,8 @@ std::optional<StageStamp> ReadStageStamp(const Workspace& workspace, const std::
   if (!fs::exists(path, ec)) return std::nullopt;
   try {
     const Json json = Json::parse(ReadWholeFile(path, kMaxStampBytes));
-    if (json.at("version").get<int>() != kStampVersion) throw UserError(path, "is of another version", "");
+    if (json.at("version").get_ref<const int64_t&>() != kStampVersion)
+      throw UserError(path, "is of another version", "");
     StageStamp stamp;
     stamp.run_id = json.at("run_id").get<std::string>();
     stamp.program_version = json.at("program_version").get<std::string>();

@@ -660,6 +660,7 @@ def short_cases():
     yield edit_turntable(other_angles, Want(0, ("contradict",)), "turntable.json contradicts itself")
     yield damaged_checkpoint(b"S2GSCKPT\1\0\0\0", "truncated checkpoint")
     yield damaged_checkpoint(b"garbage", "damaged checkpoint")
+    yield report_of_wrong_kinds('{"observability": {"computed": "x"}}')
     yield colmap_dies("exit 0", ("cannot be asked for the options of feature_extractor",), "colmap without options")
     yield colmap_dies("kill -SEGV $$", ("cannot be asked for the options", "signal 11"), "colmap crashes in -h")
     yield colmap_dies("@OPTIONS@\nprintf 'bad \\033[2Jnews\\n'; kill -ABRT $$", ("ended by signal 6", r"bad \\x1b"),
@@ -758,6 +759,16 @@ def interrupted_in_a_photo(box):
     return Want(130, ("stopped as asked",), then=then, max_cpu_seconds=60), renderer(box), {"interrupt_after": wait}
 
 
+def report_of_wrong_kinds(content):
+    def prepare(box):
+        box.use_workspace()
+        (box.scan / "split").mkdir(exist_ok=True)
+        (box.scan / "split" / "turntable_mapper.json").write_text(content)
+        return (Want(0, ("of the report is left out",)),
+                ["report", "--workspace_path", box.scan, "--image_path", box.photos], {})
+    return Case("damage", f"report of {content}", prepare)
+
+
 def silent_colmap(box):
     colmap = sandbox.fake_colmap(box.folder / "colmap", "@OPTIONS@\nsleep 1000")
     return (Want(130, ("has printed nothing for 6[0-9] seconds", "Ctrl-C")), scanner(box, colmap=colmap), {"interrupt_after": 64})
@@ -778,6 +789,8 @@ def full_cases():
                 yield option_case(command, option, value)
     for path in ("turntable.json", "s2gs/stages/gaussian_trainer.json", "s2gs/stages/turntable_mapper.json"):
         yield deep_json(path)
+    for content in ('{"joint_model": {"chosen": 5, "tests": {"a": 1}}}', '{"sigma": {"focal_px": "x"}, "rounds": [7], "mended": [7]}'):
+        yield report_of_wrong_kinds(content)
     for value in ("0", "-1", "nan", "inf", "1e300"):
         yield tsdf_memory(value)
     yield with_photo("268 megapixels of one colour", lambda box: write_flat_png(box.photos / "x.png", 16384), ("no photo fits",))

@@ -68,6 +68,14 @@ TEST(TurntableReportBadInput, EveryDamage) {
                         description);
   });
   out.str("");
+  for (const char* count : {"1e300", "2.5", "-1e300"}) {
+    WriteAll(folder / "report.json",
+             std::string(R"({"case":"a","path":"b","path_reason":"c","images":1,"missing":[],)") +
+                 R"("registered":)" + count + "}");
+    ExpectUserError([&] { PrintTurntableSummary(folder / "report.json", out); },
+                    {"report.json", "is damaged"}, count);
+  }
+  out.str("");
   WriteAll(folder / "report.json", R"({"case":"turntable","path":7})");
   ExpectUserError([&] { PrintTurntableSummary(folder / "report.json", out); },
                   {"report.json", "is damaged", "run turntable_mapper again"});

@@ -135,6 +135,64 @@ TEST(ScanReport, TellsTheMappersVerdict) {
   }
 }
 
+// A workspace whose mapper's file has one value of a wrong kind: the part that needs it is left out and
+// named, the rest is there.
+TEST(ScanReportBadInput, WrongKindsInTheMappersFile) {
+  const TemporaryFolder folder;
+  WriteSyntheticWorkspace(folder.path(), Table());
+  const Workspace workspace{folder.path()};
+  const json good = {
+      {"case", "turntable"},
+      {"path", "p"},
+      {"path_reason", "r"},
+      {"images", 16},
+      {"registered", 15},
+      {"missing", json::array({"a.jpg"})},
+      {"untied", json::array()},
+      {"stations", 2},
+      {"rounds", json::array()},
+      {"mended", json::array({{{"name", "a.jpg"}, {"how", "h"}, {"inliers", 1}, {"candidates", 2}}})},
+      {"object", {{"points", 1}, {"observations", 2}, {"mean_reprojection_error_px", 0.5}}},
+      {"sigma", {{"angle_median_deg", 0.1}, {"focal_px", json::array({1})}, {"pixel", 0.3}}},
+      {"angle_sigma_deg", {{"a.jpg", 0.1}}},
+      {"joint_model",
+       {{"chosen", "c"}, {"tests", json::array({{{"general", "g"}, {"score", 1}, {"fitted", true}}})}}},
+      {"observability",
+       {{"computed", true}, {"nullity", 0}, {"parameters", 9}, {"null_directions", json::array()}}},
+      {"verdict", {{"verdict", "good"}, {"reasons", json::array()}, {"advice", json::array()}}},
+      {"seconds", {{"read", 1}}}};
+  std::vector<json::json_pointer> places;
+  for (const auto& [key, value] : good.items()) {
+    places.push_back(json::json_pointer("/" + key));
+    if (!value.is_structured()) continue;
+    for (const auto& [inner, unused] : value.items()) places.push_back(json::json_pointer("/" + key) / inner);
+  }
+  int left_out = 0;
+  for (const json::json_pointer& place : places) {
+    for (const json& wrong :
+         {json(7), json("x"), json::array({7}), json({{"a", "b"}}), json(1e300), json()}) {
+      json damaged = good;
+      damaged[place] = wrong;
+      WriteAll(workspace.TurntableMapper(), damaged.dump());
+      const Report report = Make(workspace);
+      EXPECT_THAT(report.page, HasSubstr("How to make it again")) << damaged;
+      left_out += report.page.find("of the report is left out") != std::string::npos ? 1 : 0;
+    }
+  }
+  EXPECT_GT(left_out, 0);
+}
+
+TEST(ScanRecord, CountsThatAreNoneAreNotShown) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  WriteAll(workspace.Log(), "{\"iteration\":1e300,\"count\":2.5}\n");
+  ScanSummary summary;
+  CollectFigures(workspace, &summary);
+  ASSERT_EQ(summary.figures.size(), 2U);
+  EXPECT_EQ(summary.figures[0].second, "0");
+  EXPECT_EQ(summary.figures[1].second, "0");
+}
+
 TEST(ScanRecord, ARunThatDidNothingLeavesItAsItWas) {
   const TemporaryFolder folder;
   ScanSummary first;
