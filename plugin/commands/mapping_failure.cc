@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,19 @@ MatchCounts CountMatches(const ScanFeatures& features) {
   return counts;
 }
 
+// Photos that were taken from one camera position.
+size_t LargestStation(const ScanFeatures& features) {
+  std::map<int, size_t> sizes;
+  size_t largest = 0;
+  for (const ScanImage& image : features.images) largest = std::max(largest, ++sizes[image.station]);
+  return largest;
+}
+
+constexpr const char* kStandsStill =
+    "Photograph the object at different angles of the table; an object without texture needs a speckled "
+    "sheet "
+    "under it";
+
 }  // namespace
 
 UserError ExplainNoModel(const std::filesystem::path& path, const ScanFeatures& features) {
@@ -56,6 +70,15 @@ UserError ExplainNoModel(const std::filesystem::path& path, const ScanFeatures& 
     }
   }
   const MatchCounts counts = CountMatches(features);
+  const size_t largest = LargestStation(features);
+  if (counts.usable_pairs == 0 && largest > 1 && 2 * largest > features.images.size()) {
+    // What stood still was taken out by the split: nothing is left.
+    return {
+        path,
+        finding + fmt::format("{} of {} show the same from one camera position, and nothing in them turns",
+                              largest, features.images.size()),
+        kStandsStill};
+  }
   if (counts.usable_pairs == 0) {
     return {path, finding + fmt::format("no two of them show {} points in common", kFewestMatches),
             "Check that they are photos of one object; smaller steps of the table (20 degrees or less) help, "
@@ -68,9 +91,7 @@ UserError ExplainNoModel(const std::filesystem::path& path, const ScanFeatures& 
                           "{:.0f} % of what they have in common stands still in the picture, so neither the "
                           "table turned nor the camera moved",
                           100.0 * static_cast<double>(counts.unmoved) / static_cast<double>(counts.matches)),
-            "Photograph the object at different angles of the table; an object without texture needs a "
-            "speckled sheet "
-            "under it"};
+            kStandsStill};
   }
   return {
       path,

@@ -523,7 +523,7 @@ def nothing_turns(box):
         cv2.imwrite(str(box.photos / name), noisy)
     if shutil.which("colmap") is None:
         raise CannotRun("no colmap here")
-    return (Want(1, ("stands still|neither the table turned",), max_cpu_seconds=300),
+    return (Want(1, (r"error: [^\n]*(stands still|nothing in them turns)",), max_cpu_seconds=300),
             scanner(box, "--until", "split", colmap=shutil.which("colmap")), {})
 
 

@@ -42,13 +42,25 @@ TEST(MappingFailure, NamesWhatThePhotosLack) {
   EXPECT_THAT(Explanation(Photos(99, 50, 30)),
               AllOf(HasSubstr("split/object.db"), HasSubstr("too little texture"), HasSubstr("99 features"),
                     HasSubstr("speckled")));
-  EXPECT_THAT(Explanation(Photos(500, 19, 30)),
+  ScanFeatures few = Photos(500, 19, 30);
+  for (int photo = 0; photo < 3; ++photo) few.images[static_cast<size_t>(photo)].station = photo;
+  EXPECT_THAT(Explanation(few),
               AllOf(HasSubstr("no two of them show 20 points in common"), HasSubstr("smaller steps")));
   EXPECT_THAT(
       Explanation(Photos(500, 200, 0)),
       AllOf(HasSubstr("100 % of what they have in common stands still"), HasSubstr("different angles")));
   EXPECT_THAT(Explanation(Photos(500, 200, 30)),
               AllOf(HasSubstr("3 pairs have matches"), HasSubstr("--log_level debug")));
+}
+
+TEST(MappingFailure, PhotosOfOneStationWithoutMatchesShowNothingThatTurns) {
+  // All are of station 0, and the split left no matches.
+  EXPECT_THAT(
+      Explanation(Photos(500, 0, 0)),
+      AllOf(HasSubstr("3 of 3 show the same from one camera position"), HasSubstr("different angles")));
+  ScanFeatures apart = Photos(500, 0, 0);
+  for (int photo = 0; photo < 3; ++photo) apart.images[static_cast<size_t>(photo)].station = photo;
+  EXPECT_THAT(Explanation(apart), HasSubstr("no two of them show 20 points in common"));
 }
 
 TEST(MappingFailure, ASmallShareThatMovesIsNoTurn) {
