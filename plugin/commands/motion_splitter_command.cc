@@ -182,6 +182,7 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
     split = SplitMotion(features.images, split_settings, &reporter, given, seen);
   }
   for (const std::string& warning : split.warnings) reporter.Warn(warning);
+  AppendStationFeatures(&split, &features);
 
   CreateFolder(paths.output);
   RemoveStaleTemporaries(paths.output);

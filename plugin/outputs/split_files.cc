@@ -171,6 +171,25 @@ void ApplyMasks(const fs::path& mask_path, SplitFeatures* features, Reporter& re
   }
 }
 
+void AppendStationFeatures(MotionSplit* split, SplitFeatures* features) {
+  if (split->station_features.empty()) return;
+  features->added.resize(features->images.size());
+  for (const StationFeatures& merged : split->station_features) {
+    SplitImage& image = features->images[merged.image];
+    SiftFeatures& added = features->added[merged.image];
+    for (Keypoints* keypoints : {&image.keypoints, &added.keypoints})
+      keypoints->insert(keypoints->end(), merged.keypoints.begin(), merged.keypoints.end());
+    for (std::vector<float>* scales : {&image.scales, &added.scales})
+      scales->insert(scales->end(), merged.scales.begin(), merged.scales.end());
+    for (std::vector<uint8_t>* descriptors : {&image.descriptors, &added.descriptors})
+      descriptors->insert(descriptors->end(), merged.descriptors.begin(), merged.descriptors.end());
+    added.orientations.resize(added.keypoints.size(), 0.0F);  // the descriptors are means over the photos
+    split->labels[merged.image].resize(image.keypoints.size(), KeypointLabel::kStatic);
+    S2GS_INVARIANT(split->labels[merged.image].size() == image.descriptors.size() / kDescriptorSize);
+  }
+  split->station_features.clear();
+}
+
 void WriteSplitDatabase(const fs::path& database_path, const fs::path& path, const SplitFeatures& features,
                         const std::vector<VerifiedPair>& pairs, const std::vector<ImagePairMatches>* matches,
                         Reporter& reporter) {

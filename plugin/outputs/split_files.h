@@ -32,6 +32,9 @@ GivenMatches ReadGivenMatches(const std::filesystem::path& database_path, const 
 /// Throws UserError when no image has a mask, or one has another size than its image.
 void ApplyMasks(const std::filesystem::path& mask_path, SplitFeatures* features, Reporter& reporter);
 
+/// Appends the backgrounds of whole stations to the features and labels of the images that carry them.
+void AppendStationFeatures(MotionSplit* split, SplitFeatures* features);
+
 /// Copies `database_path` to `path` with these pairs as its two-view geometries, and with the features that
 /// were added.
 /// \param matches  nullptr, or what goes into its table of raw matches.

@@ -74,6 +74,30 @@ std::vector<ImagePairMatches> ReadRawPairs(const ColmapDatabase& database,
   return pairs;
 }
 
+// Raw matches of static keypoints between photos that stand for their stations: others in the database are of
+// single photos, and say the same again.
+std::vector<ImagePairMatches> ReadRawStaticPairs(const ColmapDatabase& database, const SplitLabels& split,
+                                                 const std::vector<ScanImage>& images) {
+  std::vector<ImagePairMatches> pairs;
+  for (ImagePairMatches& pair : ReadRawPairs(database, images)) {
+    const ScanImage& image1 = images[static_cast<size_t>(pair.image1)];
+    const ScanImage& image2 = images[static_cast<size_t>(pair.image2)];
+    if (image1.station == image2.station || !split.images.at(image1.name).represents_station ||
+        !split.images.at(image2.name).represents_station) {
+      continue;
+    }
+    FeatureMatches& matches = pair.matches;
+    matches.erase(std::remove_if(matches.begin(), matches.end(),
+                                 [&](const FeatureMatch& match) {
+                                   return image1.labels[match.point2D_idx1] != KeypointLabel::kStatic ||
+                                          image2.labels[match.point2D_idx2] != KeypointLabel::kStatic;
+                                 }),
+                  matches.end());
+    if (!matches.empty()) pairs.push_back(std::move(pair));
+  }
+  return pairs;
+}
+
 std::vector<KeypointLabel> ParseLabels(const std::string& text) {
   std::vector<KeypointLabel> labels;
   labels.reserve(text.size());
@@ -133,6 +157,7 @@ ScanInput ReadScanInput(const Workspace& workspace) {
     const ColmapDatabase background =
         ColmapDatabase::Open(workspace.StaticDatabase(), ColmapDatabase::Access::kReadOnly);
     features.static_pairs = ReadVerifiedPairs(background, features.images);
+    features.raw_static_pairs = ReadRawStaticPairs(background, split, features.images);
   }
   return input;
 }

@@ -53,10 +53,9 @@ std::map<std::string, SplitLabels::Image> ReadImageLabels(const nlohmann::json& 
     }
     // What an earlier mapping made of the labels does not count: it would not come out the same again.
     const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
-    const bool is_new =
-        of_name.emplace(name, SplitLabels::Image{station.get<int>(), image.at(labels).get<std::string>()})
-            .second;
-    if (!is_new) throw UserError(path, "has image " + name + " twice", kRemedy);
+    const SplitLabels::Image entry{station.get<int>(), image.at(labels).get<std::string>(),
+                                   image.value("represents_station", false)};
+    if (!of_name.emplace(name, entry).second) throw UserError(path, "has image " + name + " twice", kRemedy);
   }
   return of_name;
 }

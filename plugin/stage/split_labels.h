@@ -12,7 +12,8 @@ namespace s2gs {
 struct SplitLabels {
   struct Image {
     int station = 0;
-    std::string labels;  ///< one character a keypoint.
+    std::string labels;               ///< one character a keypoint.
+    bool represents_station = false;  ///< its background stands for the station's.
   };
   CaptureCase capture_case = CaptureCase::kTurntable;
   std::string reason;                   ///< of the case, in the split's words; may be empty.

@@ -163,15 +163,17 @@ std::vector<StationMatches> ScanRefiner::MatchesOfStations() const {
     return view < 0 ? nullptr : &aligned_->scene.views[static_cast<size_t>(view)].cam_from_world;
   };
   std::map<std::pair<int, int>, StationMatches> by_stations;
-  for (const ImagePairMatches& pair : features_.static_pairs) {
+  std::map<std::pair<int, int>, StationMatches> raw_by_stations;
+  const auto add = [&](const ImagePairMatches& pair, bool are_verified) {
     int i = pair.image1;
     int j = pair.image2;
     const bool is_swapped = StationOf(i) > StationOf(j);
     if (is_swapped) std::swap(i, j);
     const Rigid3* first = pose(i);
     const Rigid3* second = pose(j);
-    if (StationOf(i) == StationOf(j) || first == nullptr || second == nullptr) continue;
-    StationMatches& all = by_stations[{StationOf(i), StationOf(j)}];
+    if (StationOf(i) == StationOf(j) || first == nullptr || second == nullptr) return;
+    StationMatches& all = (are_verified ? by_stations : raw_by_stations)[{StationOf(i), StationOf(j)}];
+    all.are_verified = are_verified;
     all.station = StationOf(i);
     all.other_station = StationOf(j);
     for (const FeatureMatch& match : pair.matches) {
@@ -181,10 +183,13 @@ std::vector<StationMatches> ScanRefiner::MatchesOfStations() const {
                              keypoints_[static_cast<size_t>(i)][of_first].cast<double>(), &CameraOf(j),
                              *second, keypoints_[static_cast<size_t>(j)][of_second].cast<double>()});
     }
-  }
+  };
+  for (const ImagePairMatches& pair : features_.static_pairs) add(pair, true);
+  for (const ImagePairMatches& pair : features_.raw_static_pairs) add(pair, false);
   std::vector<StationMatches> result;
-  result.reserve(by_stations.size());
+  result.reserve(by_stations.size() + raw_by_stations.size());
   for (auto& [stations, matches] : by_stations) result.push_back(std::move(matches));
+  for (auto& [stations, matches] : raw_by_stations) result.push_back(std::move(matches));
   return result;
 }
 
@@ -240,7 +245,7 @@ void ScanRefiner::PlaceByReconstruction(const std::set<int>& stations, const Tie
     int asked = 0;
     for (const StationMatches& pair : matches) {
       const bool is_first = pair.station == station;
-      if (!is_first && pair.other_station != station) continue;
+      if ((!is_first && pair.other_station != station) || !pair.are_verified) continue;
       if (by_matches.count(is_first ? pair.other_station : pair.station) == 0) continue;
       // Turning the second one's camera back is turning the first one's.
       inliers +=
@@ -338,10 +343,12 @@ void ScanRefiner::PlaceStations(double max_error_px) {
     if (stations_of_component[largest] < 2 || count > images_of_component[largest]) largest = component;
   }
   placed_stations_.clear();
+  std::set<int> by_raw_matches;
   for (const auto& [station, count] : images) {
     const StationTie& tie = ties[static_cast<size_t>(station)];
     if (tie.component != largest) continue;
     placed_stations_.insert(station);
+    if (tie.by_raw_matches) by_raw_matches.insert(station);
     if (tie.turn_rad == 0) continue;
     TurnStation(
         station, tie.turn_rad,
@@ -350,6 +357,13 @@ void ScanRefiner::PlaceStations(double max_error_px) {
   std::set<int> stations;
   for (const auto& [station, count] : images) stations.insert(station);
   PlaceByReconstruction(stations, options);
+  // Points between stations that only raw matches tie are made from these, as far as they agree with the
+  // poses.
+  static_pairs_ = features_.static_pairs;
+  for (const ImagePairMatches& pair : features_.raw_static_pairs) {
+    if (by_raw_matches.count(StationOf(pair.image1)) + by_raw_matches.count(StationOf(pair.image2)) > 0)
+      static_pairs_.push_back(pair);
+  }
   has_background_ = placed_stations_.size() >= 2;
   if (!has_background_) placed_stations_.clear();
 }

@@ -95,8 +95,7 @@ std::vector<TrackPoint> ScanRefiner::Triangulate(bool of_object, double max_erro
   TrackOptions options;
   options.max_error_px = max_error_px;
   options.min_triangulation_deg = options_.min_triangulation_deg;
-  return TriangulateTracks(Posed(of_object), keypoints_, of_object ? object_pairs_ : features_.static_pairs,
-                           options);
+  return TriangulateTracks(Posed(of_object), keypoints_, of_object ? object_pairs_ : static_pairs_, options);
 }
 
 void ScanRefiner::MeasureNoise() {
@@ -163,7 +162,8 @@ void ScanRefiner::TakeRawMatches(double max_error_px) {
 
 void ScanRefiner::FindUnmoved() {
   std::map<int, std::set<uint32_t>> matched;
-  for (const ImagePairMatches& pair : features_.static_pairs) {
+  const bool is_verified = !features_.static_pairs.empty();
+  for (const ImagePairMatches& pair : is_verified ? features_.static_pairs : features_.raw_static_pairs) {
     for (const FeatureMatch& match : pair.matches) {
       matched[pair.image1].insert(match.point2D_idx1);
       matched[pair.image2].insert(match.point2D_idx2);
@@ -410,7 +410,7 @@ RefineReport ScanRefiner::Run() {
     AdjustWith(options, true);
     reporter_.Debug("adjusted both reconstructions to common cameras");
   }
-  if (!features_.static_pairs.empty()) FindUnmoved();
+  FindUnmoved();
 
   MeasureNoise();
   const double first_error_px = std::max(options_.max_error_px, ErrorBound(0));

@@ -32,7 +32,8 @@ class ScanRefiner {
         options_(options),
         reporter_(reporter),
         aligned_(aligned),
-        object_pairs_(features.object_pairs) {
+        object_pairs_(features.object_pairs),
+        static_pairs_(features.static_pairs) {
     keypoints_.reserve(features.images.size());
     for (size_t i = 0; i < features.images.size(); ++i) {
       keypoints_.push_back(features.images[i].keypoints);
@@ -107,6 +108,7 @@ class ScanRefiner {
   AlignedScene* aligned_;
   std::vector<Keypoints> keypoints_;
   std::vector<ImagePairMatches> object_pairs_;  // verified, and raw ones that agree with the poses
+  std::vector<ImagePairMatches> static_pairs_;  // verified, and raw ones of stations that only these tie
   std::map<std::string, int> image_of_name_;
   std::vector<int> view_of_image_;
   std::set<int> placed_stations_;  // in the features' numbers: those that the background ties to each other

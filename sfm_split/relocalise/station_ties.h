@@ -16,6 +16,9 @@ struct StationMatches {
   int station = 0;
   int other_station = 0;
   std::vector<MatchAcrossTurn> matches;
+  /// False: nearest neighbours of which most may be wrong. They are asked only where verified ones do not tie
+  /// a station, and believed only beyond what chance and any other angle explain.
+  bool are_verified = true;
 };
 
 struct TieOptions {
@@ -23,7 +26,7 @@ struct TieOptions {
   int min_inliers = 8;      ///< matches that must agree.
   double min_share = 0.25;  ///< their share of all.
   double min_margin = 1.5;  ///< support over that of the best other angle.
-  int max_matches = 400;    ///< of a pair of stations; more are thinned out.
+  int max_matches = 400;    ///< verified ones of a pair of stations; more are thinned out.
 };
 
 /// How a station is tied to the others.
@@ -35,6 +38,7 @@ struct StationTie {
   int inliers = 0;      ///< of the matches with the stations tied before it.
   int matches = 0;
   double margin = 0;
+  bool by_raw_matches = false;
 };
 
 /// Ties stations to each other, those with the most support first, starting from `root`. A station that

@@ -27,6 +27,8 @@ struct ScanFeatures {
   std::vector<ScanImage> images;               ///< by name.
   std::vector<ImagePairMatches> object_pairs;  ///< by index into images.
   std::vector<ImagePairMatches> static_pairs;  ///< between photos that stand for their stations.
+  /// Matches of the background between such photos before verification. May be empty.
+  std::vector<ImagePairMatches> raw_static_pairs;
   /// Matches before verification, of both parts and wrong ones among them: once poses are known, those that
   /// agree with them count as well. May be empty.
   std::vector<ImagePairMatches> raw_pairs;

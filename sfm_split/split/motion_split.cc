@@ -156,8 +156,8 @@ void Split(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* s
   if (has_masks) split->reason += "; labels come from the masks";
   if (split->capture_case == CaptureCase::kTurntable && split->static_pairs.empty()) {
     split->warnings.emplace_back(
-        "the background is not recognised from one station to another: each "
-        "station's camera position remains unknown");
+        "the background is not recognised from one station to another: how their cameras stand to each "
+        "other rests on the object");
   }
 }
 

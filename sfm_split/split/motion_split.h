@@ -60,6 +60,15 @@ struct VerifiedPair {
   double log_false_alarms = 0;  ///< of the fit; see LogFalseAlarms().
 };
 
+/// What all photos of a station show of the background, as features of one of them: they stand after its own
+/// keypoints, in the order given, and are all static.
+struct StationFeatures {
+  int image = 0;
+  Keypoints keypoints;               ///< [px]
+  std::vector<float> scales;         ///< [px]
+  std::vector<uint8_t> descriptors;  ///< keypoints.size() x 128, row-major.
+};
+
 /// The photos taken apart into what stands still and what turns.
 struct MotionSplit {
   CaptureCase capture_case = CaptureCase::kTurntable;
@@ -69,11 +78,13 @@ struct MotionSplit {
   bool lacks_features = false;
   Stations stations;
   std::vector<int> representative;                 ///< per station: the image that stands for its background.
+  std::vector<StationFeatures> station_features;   ///< per station, or none at all.
   std::vector<std::vector<KeypointLabel>> labels;  ///< per image, per keypoint.
   std::vector<VerifiedPair> object_pairs;
-  std::vector<VerifiedPair> static_pairs;        ///< between representatives of different stations.
+  /// Between representatives of different stations; by their station_features, where there are any.
+  std::vector<VerifiedPair> static_pairs;
   std::vector<ImagePairMatches> object_matches;  ///< raw matches behind object_pairs.
-  std::vector<ImagePairMatches> static_matches;  ///< raw matches behind static_pairs.
+  std::vector<ImagePairMatches> static_matches;  ///< raw matches behind static_pairs, and of pairs without.
   int64_t num_pairs_matched = 0;                 ///< each pair once, however often it was matched.
 };
 

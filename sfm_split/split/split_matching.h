@@ -61,6 +61,7 @@ class SplitMatching {
   const SplitSettings& settings() const { return settings_; }
   Reporter& reporter() const { return reporter_; }
   DescriptorMatcher* matcher() { return &matcher_; }
+  const GivenMatches& given() const { return given_; }
   int NumImages() const { return static_cast<int>(images_.size()); }
   /// Pairs that Match() was given, each counted once.
   int64_t num_pairs_matched() const { return static_cast<int64_t>(matched_.size()); }

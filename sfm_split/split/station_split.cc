@@ -12,6 +12,7 @@
 #include "sfm_split/matching/image_similarity.h"
 #include "sfm_split/matching/photo_order.h"
 #include "sfm_split/split/pair_evidence.h"
+#include "sfm_split/split/station_background.h"
 #include "sfm_split/split/station_turn.h"
 #include "sfm_split/split/still_keypoints.h"
 
@@ -132,7 +133,8 @@ class StationSplitter {
     }
   }
 
-  // The image with most background keypoints stands for its station.
+  // What all photos of a station share is its background; the image with most background keypoints carries
+  // it.
   void MatchBackgroundAcrossStations() {
     std::vector<uint32_t> num_static;
     num_static.reserve(packed_static_.size());
@@ -141,16 +143,52 @@ class StationSplitter {
     const std::vector<uint32_t> representatives =
         StationRepresentatives(split_.stations.station_of_image, num_static);
     split_.representative.assign(representatives.begin(), representatives.end());
-    split_.static_matches = matching_.Match(RepresentativePairs(representatives, kMaxStaticPartners),
-                                            packed_static_, "match background");
-    for (VerifiedPair& pair : matching_.VerifyAll(split_.static_matches, nullptr, "fit background")) {
-      if (pair.matches.empty() || pair.log_false_alarms > -2) continue;
-      const int a = StationOf(pair.image1);
-      const int b = StationOf(pair.image2);
+    const size_t num_stations = representatives.size();
+    if (num_stations < 2) return;
+    std::vector<StationBackground> backgrounds(num_stations);
+    ParallelFor(static_cast<int64_t>(num_stations), 0, [&](int64_t s) {
+      const auto num_photos = static_cast<double>(split_.stations.images[s].size());
+      const int min_photos = std::max(1, static_cast<int>(std::ceil(kMinStaticShare * num_photos)));
+      backgrounds[s] =
+          MergeBackground(matching_.images(), split_.stations, split_.labels, static_cast<int>(s),
+                          split_.representative[s], min_photos, matching_.settings().station.max_unmoved_px);
+    });
+    std::vector<uint32_t> first_row;  // of each station's features among its carrier's keypoints
+    for (const StationBackground& background : backgrounds) {
+      const size_t num_keypoints = matching_.images()[background.carrier].keypoints.size();
+      first_row.push_back(static_cast<uint32_t>(num_keypoints));
+    }
+    std::vector<ImagePair> pairs;
+    for (const ImagePair& pair : RepresentativePairs(representatives, kMaxStaticPartners))
+      pairs.push_back(
+          Ordered(StationOf(static_cast<int>(pair.first)), StationOf(static_cast<int>(pair.second))));
+    std::sort(pairs.begin(), pairs.end());
+    std::vector<BackgroundMatches> matched =
+        MatchBackgrounds(backgrounds, pairs, matching_.given(), split_.stations, &matching_);
+    for (size_t p = 0; p < pairs.size(); ++p) {
+      const auto [a, b] = std::make_pair(static_cast<int>(pairs[p].first), static_cast<int>(pairs[p].second));
+      const auto to_carriers = [&](FeatureMatches* matches) {
+        for (FeatureMatch& match : *matches) {
+          match.point2D_idx1 += first_row[a];
+          match.point2D_idx2 += first_row[b];
+        }
+      };
+      to_carriers(&matched[p].raw.matches);
+      split_.static_matches.push_back(std::move(matched[p].raw));
+      VerifiedPair& pair = matched[p].verified;
+      if (pair.matches.empty()) continue;
       background_[{a, b}] = {pair.F, pair.H, pair.is_planar};
       background_[{b, a}] = {pair.F.transpose(), pair.is_planar ? Eigen::Matrix3d(pair.H.inverse()) : pair.H,
                              pair.is_planar};
+      to_carriers(&pair.matches);
       split_.static_pairs.push_back(std::move(pair));
+    }
+    for (StationBackground& background : backgrounds) {
+      StationFeatures& features = split_.station_features.emplace_back();
+      features.image = background.carrier;
+      features.keypoints = std::move(background.keypoints);
+      features.scales = std::move(background.scales);
+      features.descriptors = std::move(background.descriptors);
     }
   }
 

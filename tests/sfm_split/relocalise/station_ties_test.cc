@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <random>
+
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "tests/support/synthetic_scan.h"
@@ -97,6 +99,34 @@ TEST(StationTies, WhatNothingTiesStaysApart) {
   EXPECT_NEAR(ties[1].turn_rad / kDegree, 10, 0.5);
   EXPECT_EQ(ties[2].component, 2);
   EXPECT_EQ(ties[3].component, 2);
+}
+
+// Nearest neighbours of which nine in ten are wrong tie a station; without right ones they tie none.
+TEST(StationTies, RawMatchesTieBeyondChanceOnly) {
+  SyntheticTurntableOptions options = FourStations();
+  options.num_background_points = 1200;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const std::vector<double> turned = {0, 2.3, -140, 71};
+  for (const int wrong_in_ten : {9, 10}) {
+    std::vector<StationMatches> pairs = TurnedMatches(turntable, features, turned, 0);
+    std::mt19937 rng(5);
+    std::uniform_real_distribution<double> x(0, 640);
+    std::uniform_real_distribution<double> y(0, 480);
+    for (StationMatches& pair : pairs) {
+      pair.are_verified = false;
+      for (size_t k = 0; k < pair.matches.size(); ++k) {
+        if (static_cast<int>(k % 10) < wrong_in_ten) pair.matches[k].xy = {x(rng), y(rng)};
+      }
+    }
+    const std::vector<StationTie> ties = TieStations(4, 0, turntable.scene.axis, pairs, {});
+    for (size_t s = 0; s < ties.size(); ++s) {
+      EXPECT_EQ(ties[s].component, wrong_in_ten == 9 ? 0 : static_cast<int>(s));
+      if (wrong_in_ten == 10) continue;
+      EXPECT_EQ(ties[s].by_raw_matches, s > 0);
+      EXPECT_LT(std::abs(WrapAngle(ties[s].turn_rad - turned[s] * kDegree)) / kDegree, 0.5) << s;
+    }
+  }
 }
 
 }  // namespace
