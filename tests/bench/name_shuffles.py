@@ -6,14 +6,15 @@ usage: name_shuffles.py PROGRAM SCENE [--shuffles N] [--first K] [--work FOLDER]
 SCENE has images/ and gt/scene.json. The photos are posed (`automatic_scanner --until split`) under their own names, then
 under names that N random orders give them. Features do not depend on names: they are extracted once, and the database goes
 along with images renamed and numbered in the order of their new names, as COLMAP would have done. A shuffle fails when a
-photo that the natural order poses has no pose, when its median rotation error is more than twice the natural order's, or when
-a shuffle says `good` of poses that are none. Exit code 1 if any fails. Shuffles K to K + N - 1 are made (the seed is the
+photo that the natural order poses has no pose, or when its median rotation error is more than twice the natural order's, below
+which errors of 0.02 degrees count as equal. Exit code 1 if any fails. Shuffles K to K + N - 1 are made (the seed is the
 shuffle's number), so that a run can be continued.
 
 Needs numpy of Debian.
 """
 import argparse
 import json
+import math
 import os
 import pathlib
 import random
@@ -26,14 +27,9 @@ import tempfile
 
 import numpy as np
 
-FLOOR_DEG = 0.02  # errors below it are equal: what repeated runs of one order differ by
+from exact_workspace import rotation
 
-
-def rotation(q):
-    w, x, y, z = np.asarray(q) / np.linalg.norm(q)
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+FLOOR_DEG = 0.02  # the shipped photos' error in the natural order: what is as good is good enough
 
 
 def read_poses(folder):
@@ -51,7 +47,7 @@ def read_poses(folder):
         name = data[offset:end].decode()
         offset = end + 1
         offset += 8 + 24 * struct.unpack_from("<Q", data, offset)[0]
-        poses[name] = (rotation(values[1:5]), np.array(values[5:8]))
+        poses[name] = (rotation(np.array(values[1:5])), np.array(values[5:8]))
     return poses
 
 
@@ -130,7 +126,7 @@ def main():
         natural.mkdir(parents=True, exist_ok=True)
         scan(program, natural, args.scene / "images")
     own = read_poses(natural / "sparse" / "0")
-    own_errors = rotation_errors(own, truth) or [float("inf")]
+    own_errors = rotation_errors(own, truth) or [math.inf]
     limit = max(2 * float(np.median(own_errors)), FLOOR_DEG)
     print(f"natural order: {len(own)} of {len(photos)} posed, rotation {np.median(own_errors):.4f} / "
           f"{max(own_errors):.4f} degrees, {verdict_of(natural)}", flush=True)
@@ -149,7 +145,7 @@ def main():
         code = scan(program, folder, folder / "images")
         old_name = {new: old for old, new in new_name.items()}
         poses = {old_name[name]: pose for name, pose in read_poses(folder / "sparse" / "0").items()}
-        errors = rotation_errors(poses, truth) or [float("inf")]
+        errors = rotation_errors(poses, truth) or [math.inf]
         has_failed = not set(own) <= set(poses) or np.median(errors) > limit
         num_failed += has_failed
         print(f"shuffle {shuffle}: {len(poses)} of {len(photos)} posed, rotation {np.median(errors):.4f} / "

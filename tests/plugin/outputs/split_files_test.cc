@@ -164,6 +164,36 @@ TEST_F(SplitFiles, DatabaseOfOneBody) {
   EXPECT_FALSE(ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly).HasMatches(1, 2));
 }
 
+TEST_F(SplitFiles, BackgroundsOfStationsStandAfterTheOwnKeypoints) {
+  Make({"b.jpg", "a.jpg", "c.jpg"});
+  SplitFeatures features = ReadSplitFeatures(path_);
+  const std::vector<uint8_t> own = features.images[1].descriptors;
+  MotionSplit split;
+  split.labels.assign(3, {KeypointLabel::kRotating, KeypointLabel::kUnknown});
+  StationFeatures merged;
+  merged.image = 1;
+  merged.keypoints = {{7.25F, 8.5F}};
+  merged.scales = {3};
+  merged.descriptors.assign(kDescriptorSize, 45);
+  split.station_features = {merged};
+  AppendStationFeatures(&split, &features);
+  EXPECT_EQ(split.labels[0].size(), 2U);
+  EXPECT_EQ(split.labels[1], (std::vector<KeypointLabel>{KeypointLabel::kRotating, KeypointLabel::kUnknown,
+                                                         KeypointLabel::kStatic}));
+  const std::filesystem::path copy_path = folder_.path() / "copy.db";
+  WriteSplitDatabase(path_, copy_path, features, {}, nullptr, reporter_);
+  const ColmapDatabase copy = ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly);
+  const KeypointMatrix keypoints = copy.ReadKeypoints(features.rows[1].image_id);
+  ASSERT_EQ(keypoints.rows(), 3);
+  EXPECT_EQ(keypoints(2, 0), 7.25F);
+  EXPECT_EQ(keypoints(2, 1), 8.5F);
+  const DescriptorMatrix descriptors = copy.ReadDescriptors(features.rows[1].image_id);
+  ASSERT_EQ(descriptors.rows(), 3);
+  EXPECT_TRUE(std::equal(own.begin(), own.end(), descriptors.data()));
+  EXPECT_EQ(descriptors(2, 127), 45);
+  EXPECT_EQ(copy.NumKeypoints(features.rows[0].image_id), 2U);
+}
+
 TEST_F(SplitFiles, LabelsComeBack) {
   const Workspace workspace{folder_.path()};
   Make({"b.jpg", "a.jpg", "c\xC3\xA9.jpg"});
