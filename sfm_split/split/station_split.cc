@@ -166,7 +166,8 @@ class StationSplitter {
     std::vector<BackgroundMatches> matched =
         MatchBackgrounds(backgrounds, pairs, matching_.given(), split_.stations, &matching_);
     for (size_t p = 0; p < pairs.size(); ++p) {
-      const auto [a, b] = std::make_pair(static_cast<int>(pairs[p].first), static_cast<int>(pairs[p].second));
+      const auto a = static_cast<int>(pairs[p].first);
+      const auto b = static_cast<int>(pairs[p].second);
       const auto to_carriers = [&](FeatureMatches* matches) {
         for (FeatureMatch& match : *matches) {
           match.point2D_idx1 += first_row[a];
