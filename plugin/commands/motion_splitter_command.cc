@@ -8,6 +8,7 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "plugin/colmap/extract_features.h"
@@ -61,8 +62,8 @@ void AddOptions(Options& options, Settings* settings) {
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
       "its pairs, instead of planning pairs and matching them");
   options.Add("weak_features", &settings->weak_features,
-              "where things change but too few features turn, look there again at lower thresholds, given "
-              "--image_path");
+              "where things change but features that turn do not join the photos, look there again at lower "
+              "thresholds, given --image_path");
   options.Add("weak_features_always", &settings->weak_features_always,
               "look there again even if enough features turn");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
@@ -143,7 +144,8 @@ void PrintSummary(const MotionSplit& split, const SplitFeatures& features, std::
       << " photos\n"
       << "pairs matched       " << split.num_pairs_matched << " of "
       << features.images.size() * (features.images.size() - 1) / 2 << '\n'
-      << "object pairs        " << split.object_pairs.size() << '\n'
+      << "object pairs        " << split.object_pairs.size() << ", which join " << split.ringed_photos
+      << " of " << split.station_photos << " photos in rings\n"
       << "background pairs    " << split.static_pairs.size() << '\n';
   const std::array<const char*, 3> names = {"unknown keypoints   ", "static keypoints    ",
                                             "rotating keypoints  "};
@@ -173,13 +175,26 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   }
   const ScanPictures* seen = pictures ? &*pictures : nullptr;
   MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
-  // Weak features are placed less exactly: scans that have enough of the others do without.
+  // Weak features are placed less exactly: scans that have enough of the others do without, and so do those
+  // whose photos they do not join any better.
   const bool may_add = settings.weak_features && !settings.use_matches && settings.mask_path.empty();
-  const bool is_wanted = split.lacks_features || (settings.weak_features_always && pictures);
-  if (is_wanted && may_add &&
-      AddWeakFeatures(settings.extraction.image_path, *pictures, settings.weak_features_always, &features,
-                      reporter) > 0) {
-    split = SplitMotion(features.images, split_settings, &reporter, given, seen);
+  const bool is_always = settings.weak_features_always && pictures.has_value();
+  if ((split.lacks_features || is_always) && may_add) {
+    SplitFeatures with_weak = features;
+    if (AddWeakFeatures(settings.extraction.image_path, *pictures, settings.weak_features_always, &with_weak,
+                        reporter) > 0) {
+      MotionSplit again = SplitMotion(with_weak.images, split_settings, &reporter, given, seen);
+      const auto joined = [](const MotionSplit& s) {
+        return std::make_pair(s.ringed_photos, s.object_pairs.size());
+      };
+      reporter.Debug("photos that pairs join in rings: " + std::to_string(split.ringed_photos) +
+                     ", with weak features " + std::to_string(again.ringed_photos) + " of " +
+                     std::to_string(again.station_photos));
+      if (is_always || joined(again) > joined(split)) {
+        features = std::move(with_weak);
+        split = std::move(again);
+      }
+    }
   }
   for (const std::string& warning : split.warnings) reporter.Warn(warning);
   AppendStationFeatures(&split, &features);

@@ -336,6 +336,11 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   evidence.placed = static_cast<int>(scene.views.size());
   evidence.is_object_free = joint.model == JointModel::kFreeObject;
   RecordCameras(features, scene.cameras, &evidence);
+  std::set<std::string> placed;
+  for (const View& view : scene.views) placed.insert(view.name);
+  for (const ScanImage& image : features.images) {
+    if (placed.count(image.name) == 0) evidence.missing.push_back(image.name);
+  }
   Gatherer gatherer(features, scene, max_error_px);
   gatherer.VerifiedMatches(held_back, &evidence);
   gatherer.ProvenPairs(&evidence);

@@ -7,10 +7,12 @@
 namespace s2gs {
 namespace {
 
-// What is asked of a scan: table angles to a degree with two standard deviations, and nine photos in ten.
+// What is asked of a scan: table angles to a degree with two standard deviations, and a place for each photo.
 constexpr double kMaxAngleDeg = 1;
 constexpr double kSigmas = 2;
-constexpr double kEnoughPlaced = 0.9;
+// Single photos and pairs may fail where nine in ten do not.
+constexpr double kMost = 0.9;
+constexpr size_t kMaxNamed = 5;
 // The more common of two answers: of photos, of matches, of pairs.
 constexpr double kHalf = 0.5;
 // Cameras of photogrammetry, from fisheye to long telephoto.
@@ -102,13 +104,16 @@ class Judge {
                evidence_.unmoved_photos, evidence_.photos),
           {kTexture, kLight});
     }
-    if (share < kEnoughPlaced) {
-      Add(share < kHalf ? Verdict::kFailed : Verdict::kDoubtful,
-          Text("%d of %d photos have a place", evidence_.placed, evidence_.photos),
-          {kSmallerSteps, kTexture});
+    if (evidence_.placed < evidence_.photos) {
+      std::string said = Text("%d of %d photos have a place", evidence_.placed, evidence_.photos);
+      const size_t named = std::min(evidence_.missing.size(), kMaxNamed);
+      for (size_t k = 0; k < named; ++k) said += (k == 0 ? ", without: " : ", ") + evidence_.missing[k];
+      if (named < evidence_.missing.size())
+        said += Text(" and %d more", static_cast<int>(evidence_.missing.size() - named));
+      Add(share < kHalf ? Verdict::kFailed : Verdict::kDoubtful, std::move(said), {kSmallerSteps, kTexture});
     }
     const auto unsupported = static_cast<double>(evidence_.unsupported.size());
-    if (unsupported > (1 - kEnoughPlaced) * evidence_.placed) {
+    if (unsupported > (1 - kMost) * evidence_.placed) {
       Add(Verdict::kDoubtful,
           Text("the places of %d photos rest on fewer than %d matches each",
                static_cast<int>(evidence_.unsupported.size()), static_cast<int>(kLeastMatches)),
@@ -180,7 +185,7 @@ class Judge {
     };
     const bool said = judge(evidence_.neighbours, "photos next to each other");
     judge(evidence_.across_stations, "photos of different camera places");
-    if (!said && evidence_.contradicted_neighbours > (1 - kEnoughPlaced) * evidence_.neighbour_pairs) {
+    if (!said && evidence_.contradicted_neighbours > (1 - kMost) * evidence_.neighbour_pairs) {
       Add(Verdict::kDoubtful,
           Text("%d of %d pairs of photos next to each other contradict the poses",
                evidence_.contradicted_neighbours, evidence_.neighbour_pairs),

@@ -33,6 +33,7 @@ struct AgreeingMatches {
 struct ScanEvidence {
   int photos = 0;
   int placed = 0;
+  std::vector<std::string> missing;  ///< names of the others, as far as they are known.
   /// Photos whose pose fewer matches bear out than a motion between two photos needs to be told from chance.
   std::vector<std::string> unsupported;
 

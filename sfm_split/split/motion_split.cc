@@ -10,6 +10,7 @@
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/image_similarity.h"
 #include "sfm_split/split/hand_held_split.h"
+#include "sfm_split/split/pair_rings.h"
 #include "sfm_split/split/split_matching.h"
 #include "sfm_split/split/station_split.h"
 
@@ -20,6 +21,9 @@ constexpr size_t kCoarseFeatures = 300;    // that all images are compared by
 constexpr double kMinStationImages = 0.5;  // share of the photos that must stand at a station with others
 constexpr double kNoiseLimit = 4;          // matches that moved by more bounds did move
 constexpr double kMinTurningPairs = 0.5;   // pairs of the rotating part per photo
+constexpr size_t kLeastOfPose = 30;        // matches; colmap mapper asks a photo's pose for as many
+constexpr size_t kLeastOfTurn = 3;         // photos of a station that can be a ring
+constexpr int kOneInLacks = 10;            // photos without a ring, of those at stations
 
 // How far keypoints that did not move lie apart: the median over pairs of one station.
 double UnmovedDistance(const SplitMatching& matching, const Stations& stations,
@@ -109,6 +113,27 @@ double ShareAtStations(const Stations& stations) {
   return static_cast<double>(num) / static_cast<double>(stations.station_of_image.size());
 }
 
+void CountRinged(MotionSplit* split) {
+  const auto& stations = split->stations.images;
+  std::vector<std::vector<std::pair<int, int>>> pairs(stations.size());
+  std::vector<int> place(split->stations.station_of_image.size(), 0);
+  for (const std::vector<int>& station : stations) {
+    for (size_t p = 0; p < station.size(); ++p) place[station[p]] = static_cast<int>(p);
+  }
+  for (const VerifiedPair& pair : split->object_pairs) {
+    const int station = split->stations.station_of_image[pair.image1];
+    if (station != split->stations.station_of_image[pair.image2] || pair.matches.size() < kLeastOfPose)
+      continue;
+    pairs[station].emplace_back(place[pair.image1], place[pair.image2]);
+  }
+  for (size_t s = 0; s < stations.size(); ++s) {
+    if (stations[s].size() < kLeastOfTurn) continue;
+    split->station_photos += static_cast<int>(stations[s].size());
+    const int ring = LargestRing(static_cast<int>(stations[s].size()), pairs[s]);
+    split->ringed_photos += ring > 1 ? ring : 0;
+  }
+}
+
 std::string Percent(double share) {
   std::ostringstream text;
   text << std::setprecision(2) << 100 * share << " %";
@@ -131,11 +156,14 @@ void Split(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* s
     return;
   }
   SplitByStations(matching, split);
+  CountRinged(split);
   const double active_share = pictures == nullptr ? 0 : pictures->changes.MedianActiveShare();
   const bool has_turned =
       static_cast<double>(split->object_pairs.size()) >= kMinTurningPairs * matching->NumImages();
+  const int without_ring = split->station_photos - split->ringed_photos;
+  split->lacks_features =
+      active_share > 0 && (!has_turned || kOneInLacks * without_ring > split->station_photos);
   if (!has_turned && active_share > 0) {
-    split->lacks_features = true;
     split->warnings.push_back("only " + std::to_string(split->object_pairs.size()) +
                               " pairs of photos have features that turn, though " + Percent(active_share) +
                               " of the picture change from photo to photo");

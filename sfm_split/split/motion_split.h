@@ -74,7 +74,13 @@ struct MotionSplit {
   CaptureCase capture_case = CaptureCase::kTurntable;
   std::string reason;                 ///< the measurement behind the case, for people.
   std::vector<std::string> warnings;  ///< what else was noticed, for people.
-  /// Things change at the stations, but too few pairs of photos have features that turn.
+  /// Photos of the stations that pairs of the rotating part, with as many matches as a photo's pose needs,
+  /// join to others of their station in more than one way (LargestRing), in each station's largest such set;
+  /// and how many photos stations have.
+  int ringed_photos = 0;
+  int station_photos = 0;
+  /// Things change at the stations, but pairs of the rotating part leave more than a tenth of their photos
+  /// without such a ring.
   bool lacks_features = false;
   Stations stations;
   std::vector<int> representative;                 ///< per station: the image that stands for its background.

@@ -50,6 +50,16 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
   };
   const Case cases[] = {
       {"20 of 24", Verdict::kDoubtful, [](ScanEvidence* e) { e->placed = 20; }},
+      {"23 of 24 photos have a place, without: s0_07.jpg", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->placed = 23;
+         e->missing = {"s0_07.jpg"};
+       }},
+      {"a, b, c, d, e and 1 more", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->placed = 18;
+         e->missing = {"a", "b", "c", "d", "e", "f"};
+       }},
       {"11 of 24", Verdict::kFailed, [](ScanEvidence* e) { e->placed = 11; }},
       {"does not close", Verdict::kFailed,
        [](ScanEvidence* e) {
