@@ -447,12 +447,11 @@ class Trainer {
     TrainDecision decision;
     decision.part = "unseen_background";
     decision.is_left_out = true;
-    decision.measured =
-        std::to_string(cursor_.num_unseen_static) +
-        " Gaussians of the background blended with less in every pixel of every photo, " +
-        Format("%.1f %% of the model at %.0f %% of the run",
-               100 * static_cast<double>(count) / static_cast<double>(of), 100 * cursor_.progress);
-    decision.threshold = Format("half a grey level, %.2g", options_.unseen_static_weight);
+    decision.measured = std::to_string(cursor_.num_unseen_static) + " so far, of them " +
+                        Format("%.0f of %.0f at %.0f %% of the run", static_cast<double>(count),
+                               static_cast<double>(of), 100 * cursor_.progress);
+    decision.threshold = Format("a weight of %.2g in some pixel of some photo, half a grey level",
+                                options_.unseen_static_weight);
     decision.reason = "no photo shows them";
     decision.saving = "their share of each iteration from then on";
     log_.AddDecision(Point(), decision);
