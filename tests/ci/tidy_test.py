@@ -29,6 +29,7 @@ if grep -q BAD "$last"; then echo "$last: warning"; exit 1; fi''')
 
     def write_repository(self, root):
         (root / 'mesh').mkdir(parents=True)
+        (root / '.ci').mkdir()
         (root / '.clang-tidy').write_text('Checks: x')
         (root / 'mesh/a.cc').write_text('int a;')
         (root / 'mesh/b.cc').write_text('int b;')
@@ -74,6 +75,18 @@ if grep -q BAD "$last"; then echo "$last: warning"; exit 1; fi''')
         other = self.base / 'elsewhere/checkout'
         self.write_repository(other)
         self.assertEqual(self.tidy(root=other)[::2], (0, []))
+
+    def test_a_machine_without_a_cache_takes_what_the_repository_carries(self):
+        self.assertEqual(self.tidy('--record')[0], 0)
+        subprocess.run(['rm', '-r', self.base / 'cache'], check=True)
+        self.assertEqual(self.tidy()[::2], (0, []))
+        (self.root / 'mesh/b.cc').write_text('BAD')
+        self.assertEqual(self.tidy()[::2], (1, ['mesh/b.cc']))
+
+    def test_what_has_faults_is_not_recorded(self):
+        (self.root / 'mesh/b.cc').write_text('BAD')
+        self.assertEqual(self.tidy('--record')[0], 1)
+        self.assertFalse((self.root / '.ci/tidy_verdicts').exists())
 
     def test_faults_fail_and_are_looked_at_again(self):
         (self.root / 'mesh/a.cc').write_text('BAD')
