@@ -6,6 +6,7 @@
 #include <optional>
 #include <set>
 
+#include "sfm_split/adjust/chance.h"
 #include "sfm_split/adjust/match_noise.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/angles.h"
@@ -24,6 +25,7 @@ constexpr int kLeastOfTurn = 6;    // photos of a station that can be a turn
 constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their robust fits take
 constexpr double kNoiseRange = 6;       // of the bound, over which errors are looked at
 constexpr int kLeastSupport = 15;       // COLMAP's least motion between two photos
+constexpr double kRisk = 1.0 / 400;     // that chance alone places one of a scan's photos
 constexpr double kMagnification = 2;    // of what is near over what is far, on a turntable, at most
 constexpr double kFarMoving = 0.8;      // of matches move less: those at the axis hardly move
 constexpr double kOutlying = 0.02;      // of keypoints, left out on either side of what the object sweeps
@@ -49,6 +51,7 @@ class Gatherer {
   }
 
   void VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence);
+  void SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) const;
   void ProvenPairs(ScanEvidence* evidence);
   void Steps(ScanEvidence* evidence);
 
@@ -80,6 +83,7 @@ class Gatherer {
     const std::vector<KeypointLabel>& labels = features_.images[static_cast<size_t>(image)].labels;
     return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
   }
+  FeatureMatches Moving(const ImagePairMatches& pair) const;
   FeatureMatches Proven(const ImagePairMatches& pair) const;
   std::optional<int> TurnsOf(int station) const;
 
@@ -93,7 +97,6 @@ class Gatherer {
 void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence) {
   std::vector<double> held_errors;
   std::vector<double> adjusted_errors;
-  std::vector<int> support(posed_.size(), 0);
   for (const ImagePairMatches& pair : features_.object_pairs) {
     if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
     const AgreeingMatches compared = Compare(pair, pair.matches);
@@ -106,9 +109,6 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
                            held_back[static_cast<size_t>(pair.image2)][match.point2D_idx2];
       (is_held ? held_errors : adjusted_errors).push_back(error);
       if (is_held) held.push_back(match);
-      if (error > bound_px_) continue;
-      ++support[static_cast<size_t>(pair.image1)];
-      ++support[static_cast<size_t>(pair.image2)];
     }
     evidence->held_back.Add(Compare(pair, held));
   }
@@ -118,14 +118,46 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
   if (static_cast<int>(held_errors.size()) >= kLeastSupport) {
     evidence->held_back_noise_px = FitNoise(held_errors, kNoiseRange * bound_px_).sigma;
   }
+}
+
+// A photo whose place on the turntable is one angle is told by fewer matches than a motion between two
+// photos: all its matches, right and wrong ones, must agree with its angle as they would not with the best of
+// the angles that they can tell apart.
+void Gatherer::SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) const {
+  std::vector<AgreeingMatches> of_photo(posed_.size());
+  std::vector<int> verified(posed_.size(), 0);
+  AgreeingMatches sum;
+  for (const ImagePairMatches& pair :
+       features_.raw_pairs.empty() ? features_.object_pairs : features_.raw_pairs) {
+    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
+    const AgreeingMatches compared = Compare(pair, Moving(pair));
+    sum.Add(compared);
+    of_photo[static_cast<size_t>(pair.image1)].Add(compared);
+    of_photo[static_cast<size_t>(pair.image2)].Add(compared);
+  }
+  for (const ImagePairMatches& pair : features_.object_pairs) {
+    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
+    for (const FeatureMatch& match : pair.matches) {
+      if (Error(pair, match) > bound_px_) continue;
+      ++verified[static_cast<size_t>(pair.image1)];
+      ++verified[static_cast<size_t>(pair.image2)];
+    }
+  }
+  const double by_chance = static_cast<double>(sum.by_chance + 1) / static_cast<double>(sum.all + 1);
+  const auto photos = static_cast<double>(std::max<size_t>(1, posed_.size()));
   for (size_t i = 0; i < posed_.size(); ++i) {
-    if (posed_[i].is_posed && support[i] < kLeastSupport)
-      evidence->unsupported.push_back(features_.images[i].name);
+    if (!posed_[i].is_posed || verified[i] >= kLeastSupport) continue;
+    // Points half a photo from the axis move by the bound, to both sides, from one such angle to the next.
+    const double angles = kPi * static_cast<double>(posed_[i].camera->width) / (2 * bound_px_);
+    const AgreeingMatches& own = of_photo[i];
+    const bool is_told = has_one_angle_each &&
+                         own.agreeing >= LeastAgreeingMatches(own.all, by_chance, angles, kRisk / photos);
+    if (!is_told) evidence->unsupported.push_back(features_.images[i].name);
   }
 }
 
-// Matches that move and follow one epipolar geometry of their own.
-FeatureMatches Gatherer::Proven(const ImagePairMatches& pair) const {
+// Matches that may be the object's.
+FeatureMatches Gatherer::Moving(const ImagePairMatches& pair) const {
   const bool same_place = StationOf(pair.image1) == StationOf(pair.image2);
   FeatureMatches moving;
   for (const FeatureMatch& match : pair.matches) {
@@ -135,6 +167,12 @@ FeatureMatches Gatherer::Proven(const ImagePairMatches& pair) const {
     if (same_place && moved <= kLeastMovePx) continue;
     moving.push_back(match);
   }
+  return moving;
+}
+
+// Those that follow one epipolar geometry of their own.
+FeatureMatches Gatherer::Proven(const ImagePairMatches& pair) const {
+  const FeatureMatches moving = Moving(pair);
   std::vector<int> all(moving.size());
   for (size_t m = 0; m < all.size(); ++m) all[m] = static_cast<int>(m);
   FeatureMatches proven;
@@ -343,6 +381,8 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   }
   Gatherer gatherer(features, scene, max_error_px);
   gatherer.VerifiedMatches(held_back, &evidence);
+  const bool has_one_angle_each = joint.model == JointModel::kSharedStations;
+  gatherer.SupportOfPhotos(has_one_angle_each, &evidence);
   gatherer.ProvenPairs(&evidence);
   gatherer.Steps(&evidence);
   RecordAxis(aligned, &evidence);
