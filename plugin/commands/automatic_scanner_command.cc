@@ -325,8 +325,9 @@ void RunAutomaticScanner(CommandContext& context) {
     plan_again();
     if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() &&
         settings.forced.count("doubtful_poses") == 0) {
-      const std::string verdict = ReadPoseVerdict(workspace).verdict;
-      if (verdict.empty() || verdict == "good") continue;
+      const ScanSummary::PoseVerdict poses = ReadPoseVerdict(workspace);
+      const std::string& verdict = poses.verdict;
+      if (verdict.empty() || poses.poses_hold) continue;
       finish();
       throw DoubtfulResult("the poses " + std::string(verdict == "failed" ? "have failed" : "are doubtful") +
                            ", so that training on them was not begun. They are kept in " +

@@ -134,6 +134,9 @@ ScanSummary::PoseVerdict ReadPoseVerdict(const Workspace& workspace) {
   if (verdict.contains("verdict") && verdict["verdict"].is_string()) result.verdict = verdict["verdict"];
   strings("reasons", &result.reasons);
   strings("advice", &result.advice);
+  result.poses_hold = verdict.contains("poses_hold") && verdict["poses_hold"].is_boolean()
+                          ? verdict["poses_hold"].get<bool>()
+                          : result.verdict == "good";
   return result;
 }
 

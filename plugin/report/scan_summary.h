@@ -36,6 +36,7 @@ struct ScanSummary {
     std::string verdict;
     std::vector<std::string> reasons;
     std::vector<std::string> advice;
+    bool poses_hold = true;  ///< at most a few photos are missing, and nothing is wrong with the others.
   };
   PoseVerdict verdict;
   std::vector<std::pair<std::string, std::string>> left_out;  ///< by the plan: what, and the measured reason.

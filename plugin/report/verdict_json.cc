@@ -62,6 +62,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
   return {{"verdict", VerdictName(verdict.verdict)},
           {"reasons", verdict.reasons},
           {"advice", verdict.advice},
+          {"poses_hold", verdict.poses_hold},
           {"measured", std::move(measured)}};
 }
 

@@ -61,6 +61,7 @@ class Judge {
     ScanVerdict result;
     for (const Finding& finding : found_) {
       result.verdict = std::max(result.verdict, finding.verdict);
+      result.poses_hold &= !finding.is_of_poses;
       result.reasons.push_back(finding.reason);
       for (const std::string& advice : finding.advice) {
         if (std::find(result.advice.begin(), result.advice.end(), advice) == result.advice.end()) {
@@ -77,6 +78,7 @@ class Judge {
     Verdict verdict;
     std::string reason;
     std::vector<std::string> advice;
+    bool is_of_poses = true;  // not only of photos without one
   };
 
   static constexpr const char* kSmallerSteps =
@@ -93,7 +95,7 @@ class Judge {
   static constexpr const char* kFullTurn = "a full turn whose last photo comes one step before the first";
 
   void Add(Verdict verdict, std::string reason, std::vector<std::string> advice) {
-    found_.push_back({verdict, std::move(reason), std::move(advice)});
+    found_.push_back({verdict, std::move(reason), std::move(advice), true});
   }
 
   void JudgePlaced() {
@@ -111,12 +113,13 @@ class Judge {
       if (named < evidence_.missing.size())
         said += Text(" and %d more", static_cast<int>(evidence_.missing.size() - named));
       Add(share < kHalf ? Verdict::kFailed : Verdict::kDoubtful, std::move(said), {kSmallerSteps, kTexture});
+      found_.back().is_of_poses = share < kMost;
     }
     const auto unsupported = static_cast<double>(evidence_.unsupported.size());
     if (unsupported > (1 - kMost) * evidence_.placed) {
       Add(Verdict::kDoubtful,
-          Text("the places of %d photos rest on fewer than %d matches each",
-               static_cast<int>(evidence_.unsupported.size()), static_cast<int>(kLeastMatches)),
+          Text("the matches of %d photos bear out their places no better than chance might",
+               static_cast<int>(evidence_.unsupported.size())),
           {kTexture, kSmallerSteps});
     }
   }

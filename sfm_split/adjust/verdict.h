@@ -34,7 +34,7 @@ struct ScanEvidence {
   int photos = 0;
   int placed = 0;
   std::vector<std::string> missing;  ///< names of the others, as far as they are known.
-  /// Photos whose pose fewer matches bear out than a motion between two photos needs to be told from chance.
+  /// Photos whose matches agree with their places no better than they might by chance.
   std::vector<std::string> unsupported;
 
   /// All photos were taken for one rigid body.
@@ -92,6 +92,9 @@ struct ScanVerdict {
   Verdict verdict = Verdict::kGood;
   std::vector<std::string> reasons;  ///< sentences without full stop, the gravest first; also why it is good.
   std::vector<std::string> advice;   ///< what to photograph differently; empty when good.
+  /// Nothing speaks against the poses that there are: all that is wrong, if anything, is that a few photos
+  /// have none. A model can be built on them.
+  bool poses_hold = true;
 };
 
 /// The verdict on evidence. Bounds come from chance, from noise or from what is asked of a scan (table angles

@@ -42,6 +42,19 @@ TEST(Verdict, WhatIsBorneOutIsGoodAndSaysWhy) {
   EXPECT_TRUE(verdict.advice.empty());
 }
 
+TEST(Verdict, PosesHoldWhereOnlyAFewPhotosHaveNone) {
+  ScanEvidence evidence = GoodEvidence();
+  EXPECT_TRUE(JudgeScan(evidence).poses_hold);
+  evidence.placed = 22;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+  EXPECT_TRUE(JudgeScan(evidence).poses_hold);
+  evidence.placed = 21;
+  EXPECT_FALSE(JudgeScan(evidence).poses_hold);
+  evidence.placed = 23;
+  evidence.angle_sigma_max_deg = 0.8;
+  EXPECT_FALSE(JudgeScan(evidence).poses_hold);
+}
+
 TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
   struct Case {
     const char* said;
@@ -95,7 +108,7 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
        [](ScanEvidence* e) {
          e->across_stations = {900, 100, 20};
        }},
-      {"places of 5 photos", Verdict::kDoubtful,
+      {"matches of 5 photos bear out", Verdict::kDoubtful,
        [](ScanEvidence* e) {
          e->unsupported = {"a", "b", "c", "d", "e"};
        }},
