@@ -226,10 +226,14 @@ void DecideDoubtfulPoses(const PlanRequest& /*request*/, const Evidence& e, Plan
   if (!e.mapper.is_object() || !e.mapper.contains("verdict")) return;
   const std::string verdict = Text(e.mapper["verdict"], "verdict");
   if (verdict.empty()) return;
+  // As the scanner goes by (ScanSummary::PoseVerdict).
+  const bool poses_hold = e.mapper["verdict"].value("poses_hold", verdict == "good");
   d->measured = "the poses are " + verdict;
-  d->threshold = "good";
-  if (verdict == "good" || d->is_forced) {
-    return Keep(d, verdict == "good" ? "the poses are good: training is as usual" : "asked for");
+  d->threshold = "good, or wrong in nothing but that a few photos have no place";
+  if (poses_hold || d->is_forced) {
+    return Keep(d, verdict == "good" ? "the poses are good: training is as usual"
+                   : poses_hold      ? "the poses that there are hold"
+                                     : "asked for");
   }
   LeaveOut(d, "a model of wrong poses is a wrong model", "training, rendering and the mesh");
 }
