@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 
 #include "plugin/report/verdict_json.h"
@@ -21,6 +22,7 @@ using nlohmann::json;
 
 constexpr size_t kMaxNamed = 5;
 constexpr uint64_t kMaxReportBytes = uint64_t{1} << 28;
+constexpr double kWorthSaying = 0.05;  // of a variance
 
 json ToJson(const ModelTest& test) {
   return {{"simple", JointModelName(test.simple)},
@@ -44,6 +46,12 @@ json BodyToJson(const ColmapModel& model, double rms_px, int adjusted_observatio
 
 // What is not observable, and what was not computed, is null in the file.
 json SigmaToJson(double sigma) { return sigma >= 0 && std::isfinite(sigma) ? json(sigma) : json(nullptr); }
+
+// The median over images whose angles have a standard deviation.
+json PriorShareOfAngles(const JointReport& joint) {
+  const std::optional<double> share = AnglePriorShare(joint);
+  return share ? json(*share) : json(nullptr);
+}
 
 // A standard deviation for people.
 std::string Number(const json& value, bool is_computed = true, const char* format = "{:.4g}") {
@@ -132,6 +140,8 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
       {"angle_median_deg", SigmaToJson(angles.empty() ? none : UpperMedian(angles))},
       {"angle_max_deg", SigmaToJson(angles.empty() ? none : *std::max_element(angles.begin(), angles.end()))},
       {"focal_px", std::move(focals)},
+      {"focal_prior_share", joint.focal_prior_share},
+      {"angle_prior_share", PriorShareOfAngles(joint)},
       {"scale_rel", SigmaToJson(joint.scale_sigma_rel)},
       {"not_computed", std::move(not_computed)}};
   if (joint.angle_sigma_deg.size() == aligned.scene.views.size()) {
@@ -240,10 +250,20 @@ void PrintSummary(const json& report, std::ostream& out) {
   row("axis direction", degrees("axis_direction_deg", "axis_direction_deg"));
   row("table angles", degrees("angle_median_deg", "angle_deg") + " (worst " +
                           Number(sigma.at("angle_max_deg"), is_computed("angle_deg")) + ")");
+  const json angle_share = sigma.value("angle_prior_share", json());
+  if (angle_share.is_number() && angle_share.get<double>() >= kWorthSaying) {
+    row("", fmt::format("{:.0f} % of the variance is that of equal steps", 100 * angle_share.get<double>()));
+  }
+  const json focal_shares = sigma.value("focal_prior_share", json::array());
   for (size_t c = 0; c < sigma.at("focal_px").size(); ++c) {
+    const double share = c < focal_shares.size() ? focal_shares.at(c).get<double>() : 0;
     row("focal length",
-        fmt::format("{:.2f} +- {} px", report.at("cameras").at(c).at("params").at(0).get<double>(),
-                    Number(sigma.at("focal_px").at(c))));
+        fmt::format(
+            "{:.2f} +- {} px{}", report.at("cameras").at(c).at("params").at(0).get<double>(),
+            Number(sigma.at("focal_px").at(c)),
+            share >= kWorthSaying
+                ? fmt::format(", of whose variance {:.0f} % is that of what was known before", 100 * share)
+                : ""));
   }
   if (report.at("scale_observable").get<bool>()) {
     const json& scale = sigma.at("scale_rel");

@@ -55,6 +55,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"focal_widths", evidence.focal_widths},
                    {"focal_sigma_rel", Number(evidence.focal_sigma_rel)},
                    {"focal_prior_share", Number(evidence.focal_prior_share)},
+                   {"angle_prior_share", Number(evidence.angle_prior_share)},
                    {"angle_sigma_median_deg", Number(evidence.angle_sigma_median_deg)},
                    {"angle_sigma_max_deg", Number(evidence.angle_sigma_max_deg)},
                    {"scale_sigma_rel", Number(evidence.scale_sigma_rel)},

@@ -14,6 +14,7 @@
 #include "sfm_split/adjust/joint_solve.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
@@ -83,6 +84,16 @@ const char* JointModelName(JointModel model) {
       return "free object";
   }
   return "";
+}
+
+std::optional<double> AnglePriorShare(const JointReport& report) {
+  std::vector<double> shares;
+  for (size_t i = 0; i < report.angle_prior_share.size(); ++i) {
+    if (report.angle_sigma_deg[i] > 0 && std::isfinite(report.angle_sigma_deg[i]))
+      shares.push_back(report.angle_prior_share[i]);
+  }
+  if (shares.empty()) return std::nullopt;
+  return UpperMedian(std::move(shares));
 }
 
 OptionCheck JointOptions::Check() const {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -22,6 +23,9 @@ namespace s2gs {
 // the object pose that moved the anchor farthest relative to the object. An object that moves freely has a
 // unit of its own (every image can move it along its rays), so one coordinate of the farthest station's
 // centre is constant too, and the scale stays what it was.
+//
+// Priors (JointPriors) enter as residuals of a standard deviation of a keypoint's coordinate for each of
+// their own, without a robust loss, and enter the covariances with the variances that they state.
 //
 // Observations count by their weights (JointObservation::weight) in the cost, the covariance and the tests'
 // number of residuals.
@@ -97,6 +101,8 @@ struct Observability {
   Eigen::MatrixXd robust_covariance;
   /// And when those in one part of the photos do, too; from few parts, so that it may come out too small.
   Eigen::MatrixXd regional_covariance;
+  /// What of each of these comes from priors; empty without priors.
+  Eigen::MatrixXd prior_covariance;
 };
 
 struct JointReport {
@@ -122,9 +128,16 @@ struct JointReport {
   /// Per image; 0 where held, infinite where no background point ties its station to the reference's.
   std::vector<double> angle_sigma_deg;
   std::vector<double> focal_sigma_px;  ///< per camera; 0 where held.
+  /// Shares of the variances that come from priors (JointPriors), as the above; 0 without.
+  std::vector<double> angle_prior_share;
+  std::vector<double> focal_prior_share;
   double scale_sigma_rel = -1;
   Observability observability;
 };
+
+/// The share of the table angles' variances that comes from priors (median over images with a standard
+/// deviation); nothing when there is none.
+std::optional<double> AnglePriorShare(const JointReport& report);
 
 /// Adjusts in place. Throws Interrupted when the reporter asks to stop; the problem is then unchanged.
 JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem);

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/adjust/joint_priors.h"
 #include "sfm_split/base/rigid3.h"
 #include "sfm_split/scene/scene.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -48,6 +49,7 @@ struct JointProblem {
   int reference = 0;         ///< image at which the object's frame is the world's; its angle stays.
   JointBody object;          ///< points in the object's frame.
   JointBody background;      ///< points in the world.
+  JointPriors priors;        ///< what is known beside the observations.
 
   Eigen::Vector3d AxisDirection() const { return Eigen::Vector3d(axis(0), axis(1), 1).normalized(); }
   Eigen::Vector3d AxisPoint() const { return {axis(2), axis(3), 0}; }

@@ -90,24 +90,33 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
       largest = std::max(largest, (*covariance)(found->second, found->second));
     return largest;
   };
+  const Eigen::MatrixXd& of_priors = observability.prior_covariance;
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
-    report->focal_sigma_px.push_back(std::sqrt(variance(system.IntrinsicsBlock(static_cast<int>(c)), 0)));
+    const int block = system.IntrinsicsBlock(static_cast<int>(c));
+    const double of_focal = variance(block, 0);
+    report->focal_sigma_px.push_back(std::sqrt(of_focal));
+    const auto found = index_of.find({block, 0});
+    const bool has_prior = of_priors.size() > 0 && found != index_of.end() && of_focal > 0;
+    report->focal_prior_share.push_back(has_prior ? of_priors(found->second, found->second) / of_focal : 0);
   }
   // Of a sum of parameters, each times its weight.
-  const auto variance_of = [&](const std::vector<std::pair<std::pair<int, int>, double>>& weights) {
-    double largest = 0;
-    for (const Eigen::MatrixXd* covariance : covariances) {
-      double sum = 0;
-      for (const auto& [a, weight_a] : weights) {
-        for (const auto& [b, weight_b] : weights) {
-          const auto first = index_of.find(a);
-          const auto second = index_of.find(b);
-          if (first == index_of.end() || second == index_of.end()) continue;
-          sum += weight_a * weight_b * (*covariance)(first->second, second->second);
-        }
+  using Weights = std::vector<std::pair<std::pair<int, int>, double>>;
+  const auto variance_by = [&](const Weights& weights, const Eigen::MatrixXd& covariance) {
+    double sum = 0;
+    for (const auto& [a, weight_a] : weights) {
+      for (const auto& [b, weight_b] : weights) {
+        const auto first = index_of.find(a);
+        const auto second = index_of.find(b);
+        if (first == index_of.end() || second == index_of.end()) continue;
+        sum += weight_a * weight_b * covariance(first->second, second->second);
       }
-      largest = std::max(largest, sum);
     }
+    return sum;
+  };
+  const auto variance_of = [&](const Weights& weights) {
+    double largest = 0;
+    for (const Eigen::MatrixXd* covariance : covariances)
+      largest = std::max(largest, variance_by(weights, *covariance));
     return largest;
   };
   const Vector3d axis_direction = problem.AxisDirection();
@@ -118,7 +127,7 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
                   [](const JointObservation& observation) { return observation.active; });
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const int pose = problem.images[i].pose;
-    std::vector<std::pair<std::pair<int, int>, double>> weights;
+    Weights weights;
     if (problem.free_object) {
       // The object's rotation is exp(w) R: about the axis, in the world.
       for (int k = 0; k < 3; ++k)
@@ -133,10 +142,14 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
         for (int k = 0; k < 3; ++k) weights.push_back({{system.PoseBlock(pose), k}, in_camera(k)});
       } else if (!system.IsTied(pose)) {
         report->angle_sigma_deg.push_back(kInfinity);
+        report->angle_prior_share.push_back(0);
         continue;
       }
     }
-    report->angle_sigma_deg.push_back(std::sqrt(variance_of(weights)) * 180 / kPi);
+    const double of_angle = variance_of(weights);
+    report->angle_sigma_deg.push_back(std::sqrt(of_angle) * 180 / kPi);
+    const bool has_prior = of_priors.size() > 0 && of_angle > 0;
+    report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);
   }
   if (problem.free_object) return;
   if (!system.blocks()[system.AxisBlock()].used) return;

@@ -76,6 +76,44 @@ class OrderedParameters {
   std::vector<double> values_;
 };
 
+class PriorCost : public ceres::CostFunction {
+ public:
+  PriorCost(const PriorTerm& term, const JointSystem& system) : term_(term) {
+    set_num_residuals(1);
+    for (const PriorTerm::Part& part : term.parts) {
+      if (std::find(blocks_.begin(), blocks_.end(), part.block) == blocks_.end()) {
+        blocks_.push_back(part.block);
+        sizes_.push_back(system.blocks()[part.block].size);
+        mutable_parameter_block_sizes()->push_back(sizes_.back());
+      }
+      place_.push_back(
+          static_cast<size_t>(std::find(blocks_.begin(), blocks_.end(), part.block) - blocks_.begin()));
+    }
+  }
+  const std::vector<int>& blocks() const { return blocks_; }
+
+  bool Evaluate(const double* const* parameters, double* residual, double** jacobians) const override {
+    std::vector<double> values;
+    for (size_t k = 0; k < place_.size(); ++k) values.push_back(parameters[place_[k]][term_.parts[k].value]);
+    std::vector<double> derivatives;
+    residual[0] = term_.Residual(values, &derivatives);
+    if (jacobians == nullptr) return true;
+    for (size_t b = 0; b < blocks_.size(); ++b) {
+      if (jacobians[b] != nullptr) std::fill_n(jacobians[b], sizes_[b], 0.0);
+    }
+    for (size_t k = 0; k < place_.size(); ++k) {
+      if (jacobians[place_[k]] != nullptr) jacobians[place_[k]][term_.parts[k].value] += derivatives[k];
+    }
+    return true;
+  }
+
+ private:
+  PriorTerm term_;
+  std::vector<int> blocks_;
+  std::vector<int> sizes_;
+  std::vector<size_t> place_;  // of each part's block
+};
+
 }  // namespace
 
 JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
@@ -85,6 +123,7 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
   OrderedParameters parameters(system);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
   std::map<double, std::unique_ptr<ceres::LossFunction>> scaled_losses;  // by weight
+  std::vector<std::unique_ptr<PriorCost>> priors;
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -127,6 +166,13 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
       term_loss = scaled.get();
     }
     ceres_problem.AddResidualBlock(term.cost.get(), term_loss, values.data(), term.num_blocks + 1);
+  }
+  for (const PriorTerm& term : system.priors()) {
+    priors.push_back(std::make_unique<PriorCost>(term, system));
+    std::vector<double*> values;
+    for (const int block : priors.back()->blocks())
+      values.push_back(parameters.At(system.blocks()[block].values));
+    ceres_problem.AddResidualBlock(priors.back().get(), nullptr, values);
   }
   solved.parameters = camera_parameters + 3 * points;
   double weights = 0;

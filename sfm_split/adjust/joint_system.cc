@@ -4,7 +4,9 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/union_find.h"
 
@@ -27,6 +29,8 @@ constexpr double kLeastLossPx = 0.05;  // of points without any error
 }  // namespace
 
 double LossScalePx(double sigma_px) { return std::max(kLossSigmas * sigma_px, kLeastLossPx); }
+
+double SigmaOfLossPx(double loss_scale_px) { return loss_scale_px / kLossSigmas; }
 
 std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options) {
   switch (options.loss) {
@@ -55,6 +59,7 @@ JointSystem::JointSystem(const JointProblem& problem, const JointOptions& option
   AddTerms(problem, problem.background, false);
   TieByBackground(problem);
   if (fix_gauge && !problem.images.empty()) FixGauge(problem);
+  AddPriors(problem, options);
 }
 
 void JointSystem::AddBlocks(const JointProblem& problem, const JointOptions& options) {
@@ -70,6 +75,8 @@ void JointSystem::AddBlocks(const JointProblem& problem, const JointOptions& opt
     object_poses_.push_back(PoseValues(image.world_from_object.translation));
     object_rotations_.push_back(image.world_from_object.rotation.toRotationMatrix());
   }
+  for (const EqualStepsPrior& turn : problem.priors.turns)
+    equal_steps_.push_back({turn.offset_rad, turn.step_rad});
 
   const auto add = [&](double* values, int size, std::string name) {
     Block block;
@@ -135,6 +142,60 @@ void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, b
         kind, problem.cameras[image.camera], observation.xy, &pose_rotations_[image.pose],
         free_object_ ? &object_rotations_[observation.image] : nullptr);
     terms_.push_back(std::move(term));
+  }
+}
+
+void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& options) {
+  const double scale_px =
+      SigmaOfLossPx(options.loss_scale_px) * std::sqrt(std::max(1.0, problem.priors.data_inflation));
+  if (!(scale_px > 0)) return;
+  const auto is_free = [&](int block, int value) {
+    const Block& of = blocks_[block];
+    return of.used && std::find(of.free.begin(), of.free.end(), value) != of.free.end();
+  };
+  for (size_t c = 0; c < problem.priors.lenses.size(); ++c) {
+    const LensPrior& lens = problem.priors.lenses[c];
+    const int block = IntrinsicsBlock(static_cast<int>(c));
+    PriorTerm focal;
+    const auto num_focal = static_cast<int>(InfoOf(problem.cameras[c].model).num_focal_params);
+    for (int k = 0; k < num_focal; ++k) focal.parts.push_back({block, k, 1.0 / num_focal});
+    focal.of_logarithms = true;
+    focal.mean = std::log(lens.focal.focal_px);
+    focal.sigma = lens.focal.sigma_log;
+    focal.scale_px = scale_px;
+    if (num_focal > 0 && is_free(block, 0)) priors_.push_back(std::move(focal));
+    const std::optional<size_t> k = DistortionPlace(problem.cameras[c]);
+    if (!k || !lens.distortion || !is_free(block, static_cast<int>(*k))) continue;
+    PriorTerm distortion;
+    distortion.parts = {{block, static_cast<int>(*k), 1}};
+    distortion.mean = *lens.distortion;
+    distortion.sigma = kDistortionSigma;
+    distortion.scale_px = scale_px;
+    priors_.push_back(std::move(distortion));
+  }
+  if (free_object_) return;
+  for (size_t t = 0; t < problem.priors.turns.size(); ++t) {
+    const EqualStepsPrior& turn = problem.priors.turns[t];
+    Block steps;
+    steps.values = equal_steps_[t].data();
+    steps.size = 2;
+    steps.free = turn.closes ? std::vector<int>{0} : std::vector<int>{0, 1};
+    steps.name = "equal steps " + std::to_string(t);
+    const auto block = static_cast<int>(blocks_.size());
+    for (const EqualStepsPrior::Place& place : turn.places) {
+      const int angle = AngleBlock(place.image);
+      if (!blocks_[angle].used) continue;
+      steps.used = true;
+      // Angles are known but for whole turns.
+      const double expected = turn.offset_rad + turn.step_rad * place.steps;
+      PriorTerm term;
+      term.parts = {{angle, 0, 1}, {block, 0, -1}, {block, 1, -place.steps}};
+      term.mean = 2 * kPi * std::round((angles_[place.image] - expected) / (2 * kPi));
+      term.sigma = turn.sigma_rad;
+      term.scale_px = scale_px;
+      priors_.push_back(std::move(term));
+    }
+    blocks_.push_back(std::move(steps));
   }
 }
 
@@ -234,6 +295,10 @@ void JointSystem::WriteBack(JointProblem* problem) const {
     if (!free_object_) continue;
     image.world_from_object.rotation = RotationOf(object_poses_[i], object_rotations_[i]);
     image.world_from_object.translation = {object_poses_[i][3], object_poses_[i][4], object_poses_[i][5]};
+  }
+  for (size_t t = 0; t < equal_steps_.size(); ++t) {
+    problem->priors.turns[t].offset_rad = equal_steps_[t][0];
+    problem->priors.turns[t].step_rad = equal_steps_[t][1];
   }
   problem->object.points = object_points_;
   problem->background.points = background_points_;

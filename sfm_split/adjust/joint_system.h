@@ -10,12 +10,16 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/prior_term.h"
 #include "sfm_split/adjust/reprojection_cost.h"
 
 namespace s2gs {
 
 /// Where the loss turns from squared, for keypoints of a standard deviation.
 double LossScalePx(double sigma_px);
+
+/// The standard deviation of a keypoint's coordinate that a loss' scale stands for.
+double SigmaOfLossPx(double loss_scale_px);
 
 /// Null for squared errors. The options' scale is above 0.
 std::unique_ptr<ceres::LossFunction> MakeLoss(const JointOptions& options);
@@ -47,6 +51,8 @@ class JointSystem {
 
   const std::vector<Block>& blocks() const { return blocks_; }
   const std::vector<Term>& terms() const { return terms_; }
+  /// Those that the active observations leave something to say.
+  const std::vector<PriorTerm>& priors() const { return priors_; }
   int PoseBlock(int pose) const { return pose; }
   int IntrinsicsBlock(int camera) const { return num_poses_ + camera; }
   int AxisBlock() const { return num_poses_ + num_cameras_; }
@@ -62,6 +68,7 @@ class JointSystem {
  private:
   void AddBlocks(const JointProblem& problem, const JointOptions& options);
   void AddTerms(const JointProblem& problem, const JointBody& body, bool of_object);
+  void AddPriors(const JointProblem& problem, const JointOptions& options);
   void TieByBackground(const JointProblem& problem);
   void FixGauge(const JointProblem& problem);
   void Hold(int block, int value);
@@ -83,6 +90,8 @@ class JointSystem {
   std::vector<Eigen::Vector3d> background_points_;
   std::vector<Block> blocks_;
   std::vector<Term> terms_;
+  std::vector<std::array<double, 2>> equal_steps_;  // (offset, step)
+  std::vector<PriorTerm> priors_;
 };
 
 }  // namespace s2gs

@@ -176,6 +176,32 @@ ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system,
   return reduced;
 }
 
+// The priors' second derivatives, and the covariance of their gradients.
+struct PriorSums {
+  MatrixXd information;
+  MatrixXd of_gradients;
+};
+
+PriorSums SumPriors(const JointSystem& system, const ReducedSystem& reduced) {
+  const auto size = reduced.s.rows();
+  PriorSums sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
+  for (const PriorTerm& term : system.priors()) {
+    std::vector<double> values;
+    for (const PriorTerm::Part& part : term.parts)
+      values.push_back(system.blocks()[part.block].values[part.value]);
+    std::vector<double> derivatives;
+    term.Residual(values, &derivatives);
+    VectorXd jacobian = VectorXd::Zero(size);
+    for (size_t k = 0; k < term.parts.size(); ++k) {
+      const int column = reduced.column_of[term.parts[k].block][term.parts[k].value];
+      if (column >= 0) jacobian(column) += derivatives[k];
+    }
+    sums.information += jacobian * jacobian.transpose();
+    sums.of_gradients += term.scale_px * term.scale_px * jacobian * jacobian.transpose();
+  }
+  return sums;
+}
+
 // The covariance of the gradient, from the observations' own shares of it.
 struct ScoreCovariance {
   MatrixXd of_points;   // errors of the keypoints of one point may depend on each other
@@ -311,10 +337,22 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
     result.names.push_back(ColumnName(system, problem, column));
     result.parameters.emplace_back(column.block, column.value);
   }
-  const VectorXd scale = (reduced.diagonal.array() > 0)
-                             .select(reduced.diagonal.array().sqrt().inverse(), VectorXd::Zero(free).array());
+  const double share = CurvatureShare(reduced.loss);
+  const bool has_priors = !system.priors().empty();
+  VectorXd diagonal = reduced.diagonal;
+  MatrixXd with_priors = reduced.s;
+  PriorSums priors;
+  if (has_priors) {
+    // S stands for the robust cost's second derivatives over the share.
+    priors = SumPriors(system, reduced);
+    with_priors += priors.information / share;
+    diagonal += priors.information.diagonal() / share;
+    priors.of_gradients /= share * share;
+  }
+  const VectorXd scale =
+      (diagonal.array() > 0).select(diagonal.array().sqrt().inverse(), VectorXd::Zero(free).array());
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
-      MatrixXd(scale.asDiagonal() * reduced.s * scale.asDiagonal()));
+      MatrixXd(scale.asDiagonal() * with_priors * scale.asDiagonal()));
   result.computed = true;
   result.eigenvalues = eigen.eigenvalues();
   const double largest = std::max(eigen.eigenvalues()(free - 1), std::numeric_limits<double>::min());
@@ -333,12 +371,19 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   for (int k = result.nullity; k < free; ++k) inverse(k) = 1 / eigen.eigenvalues()(k);
   const MatrixXd half = scale.asDiagonal() * eigen.eigenvectors();
   const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
-  result.covariance =
-      NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px * inverse_system;
-  const double share = CurvatureShare(reduced.loss);
+  const double variance = NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px;
+  result.covariance = variance * inverse_system;
+  if (has_priors) {
+    result.prior_covariance = inverse_system * priors.of_gradients * inverse_system;
+    result.covariance = variance * inverse_system * reduced.s * inverse_system + result.prior_covariance;
+  }
   const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system);
   result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
   result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
+  if (has_priors) {
+    result.robust_covariance += result.prior_covariance;
+    result.regional_covariance += result.prior_covariance;
+  }
   return result;
 }
 

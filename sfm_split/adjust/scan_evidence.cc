@@ -396,6 +396,9 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
     evidence.angle_sigma_median_deg = UpperMedian(sigmas);
     evidence.angle_sigma_max_deg = *std::max_element(sigmas.begin(), sigmas.end());
   }
+  evidence.angle_prior_share = AnglePriorShare(joint);
+  for (const double share : joint.focal_prior_share)
+    evidence.focal_prior_share = std::max(evidence.focal_prior_share.value_or(0), share);
   for (size_t c = 0; c < joint.focal_sigma_px.size() && c < scene.cameras.size(); ++c) {
     const double relative = joint.focal_sigma_px[c] / FocalLengths(scene.cameras[c]).x();
     if (relative > 0) evidence.focal_sigma_rel = std::max(evidence.focal_sigma_rel.value_or(0), relative);

@@ -266,6 +266,9 @@ class Judge {
     add(evidence_.held_back, "that were held back");
     add(evidence_.seam, "across the end of the turn");
     add(evidence_.across_stations, "between camera places");
+    if (evidence_.angle_prior_share && *evidence_.angle_prior_share > kMaxPriorShare) {
+      reasons.emplace_back("most of what is known of the table angles is that the table's steps are equal");
+    }
     return reasons;
   }
 

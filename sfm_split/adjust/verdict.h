@@ -82,6 +82,7 @@ struct ScanEvidence {
   std::optional<double> focal_sigma_rel;
   std::optional<double> focal_prior_share;
   bool is_focal_guessed = false;  ///< neither the photos' data nor the adjustment tells it.
+  std::optional<double> angle_prior_share;
   std::optional<double> angle_sigma_median_deg;
   std::optional<double> angle_sigma_max_deg;
   std::optional<double> scale_sigma_rel;

@@ -302,13 +302,51 @@ JointReport ScanRefiner::Adjust(JointModel model, bool covariance) {
   return AdjustWith(options, false);
 }
 
+std::vector<LensPrior> ScanRefiner::LensPriors(const JointProblem& problem) const {
+  std::vector<LensPrior> priors;
+  for (const Camera& camera : problem.cameras) {
+    const Camera& given = features_.cameras.at(camera.camera_id);
+    const auto has_prior = features_.has_prior_focal.find(camera.camera_id);
+    LensPrior prior;
+    prior.focal = FocalPriorOf(given, has_prior != features_.has_prior_focal.end() && has_prior->second);
+    if (const std::optional<size_t> k = DistortionPlace(given)) prior.distortion = given.params[*k];
+    priors.push_back(prior);
+  }
+  return priors;
+}
+
+std::vector<CapturePlace> ScanRefiner::CapturePlaces(const JointProblem& problem) const {
+  std::map<int, int> num_photos;
+  std::vector<int> place;
+  for (const ScanImage& image : features_.images) place.push_back(num_photos[image.station]++);
+  std::vector<CapturePlace> places;
+  for (const JointImage& image : problem.images) {
+    const int i = image_of_name_.at(image.name);
+    places.push_back({StationOf(i), place[static_cast<size_t>(i)], num_photos[StationOf(i)]});
+  }
+  return places;
+}
+
 JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   if (options.loss_scale_px == 0 && noise_px_ > 0) options.loss_scale_px = LossScalePx(noise_px_);
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   options.refine_focal_length &= !holds_cameras_;
   options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
+  problem.priors.lenses = LensPriors(problem);
   JointReport report = AdjustJointly(options, reporter_, &problem);
+  if (options.compute_covariance && report.model == JointModel::kSharedStations) {
+    // What the scan itself says of its steps, now that their errors are known; and how much the data count.
+    problem.priors.turns = FindEqualSteps(problem, CapturePlaces(problem), report);
+    problem.priors.data_inflation = DataInflation(problem, report);
+    if (!problem.priors.turns.empty()) {
+      reporter_.Debug("table angles lie about equal steps to " +
+                      std::to_string(problem.priors.turns[0].sigma_rad / kDegree) +
+                      " degrees; errors count " + std::to_string(problem.priors.data_inflation) + " times");
+    }
+    options.model = JointModel::kSharedStations;
+    report = AdjustJointly(options, reporter_, &problem);
+  }
   bool ran_away = false;
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
     const double before = FocalLengths(aligned_->scene.cameras[c]).x();

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/adjust/equal_steps.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/relocalise/pose_by_points.h"
 #include "sfm_split/relocalise/scan_refinement.h"
@@ -97,6 +98,8 @@ class ScanRefiner {
   std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
   JointReport Adjust(JointModel model, bool covariance);
   JointReport AdjustWith(JointOptions options, bool is_rough);
+  std::vector<LensPrior> LensPriors(const JointProblem& problem) const;
+  std::vector<CapturePlace> CapturePlaces(const JointProblem& problem) const;
   void Relabel(double max_error_px);
   void WriteModels();
 

@@ -19,6 +19,18 @@ FocalPrior FocalPriorOf(const Camera& camera, bool is_from_exif) {
   return {kUsualFocalShare * LongerSide(camera), kUsualSigma};
 }
 
+std::optional<size_t> DistortionPlace(const Camera& camera) {
+  switch (camera.model) {
+    case CameraModelId::kSimpleRadial:
+    case CameraModelId::kRadial:
+    case CameraModelId::kOpenCV:
+    case CameraModelId::kFullOpenCV:
+      return InfoOf(camera.model).FirstExtraParam();
+    default:
+      return std::nullopt;
+  }
+}
+
 bool IsPlausibleFocal(const Camera& camera, double focal_px) {
   const double share = focal_px / LongerSide(camera);
   return share >= kLeastFocalShare && share <= kMostFocalShare;

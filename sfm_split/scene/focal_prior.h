@@ -1,5 +1,8 @@
 #pragma once
 
+#include <cstddef>
+#include <optional>
+
 #include "sfm_split/scene/camera_model.h"
 
 namespace s2gs {
@@ -19,6 +22,12 @@ constexpr double kMostFocalShare = 10;
 /// knows nothing of the focus (up to 5 %): 5 % in all. Without EXIF it is 1.2 times the longer side, from 0.5
 /// (wide lenses of telephones) to 2.9 (portrait lenses) within two standard deviations.
 FocalPrior FocalPriorOf(const Camera& camera, bool is_from_exif);
+
+/// Radial distortion k of r (1 + k r^2) is normal about what is known of it: lenses have -0.35 to 0.1.
+constexpr double kDistortionSigma = 0.15;
+
+/// Place of k among the parameters of a perspective camera; nothing when its model has none.
+std::optional<size_t> DistortionPlace(const Camera& camera);
 
 /// Whether a focal length is one that a lens may have.
 bool IsPlausibleFocal(const Camera& camera, double focal_px);

@@ -20,17 +20,16 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDistortionSigma = 0.15;  // lenses have -0.35 to 0.1
-constexpr size_t kRankMatches = 1000;      // that rank the starting points
-constexpr double kMinMatches = 30;         // of a station
-constexpr size_t kSearchMatches = 3000;    // that these are refined with
-constexpr int kSearchSteps = 3;            // between the photos of the pairs in the search, around the circle
-constexpr size_t kMaxLenses = 8;           // that all stations together start from
-constexpr size_t kNumFinished = 3;         // of the refined starts
-constexpr double kCoarseNoise = 2;         // times the noise, while everything is far off
-constexpr double kLeastSigmaPx = 0.3;      // keypoints are no better; below, the likelihood is all needles
-constexpr double kCertain = 8;             // e^-8: what is believed against chance
-constexpr double kUniformWidth = 3.4641;   // of a uniform distribution, over its standard deviation
+constexpr size_t kRankMatches = 1000;     // that rank the starting points
+constexpr double kMinMatches = 30;        // of a station
+constexpr size_t kSearchMatches = 3000;   // that these are refined with
+constexpr int kSearchSteps = 3;           // between the photos of the pairs in the search, around the circle
+constexpr size_t kMaxLenses = 8;          // that all stations together start from
+constexpr size_t kNumFinished = 3;        // of the refined starts
+constexpr double kCoarseNoise = 2;        // times the noise, while everything is far off
+constexpr double kLeastSigmaPx = 0.3;     // keypoints are no better; below, the likelihood is all needles
+constexpr double kCertain = 8;            // e^-8: what is believed against chance
+constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
 
 struct Start {
   double log_posterior = 0;  // less what the Bayesian information criterion charges for free angles
@@ -45,10 +44,9 @@ bool IsPerspective(CameraModelId model) {
          model == CameraModelId::kOpenCV || model == CameraModelId::kFullOpenCV;
 }
 
-bool HasDistortion(CameraModelId model) { return IsPerspective(model) && InfoOf(model).num_extra_params > 0; }
-
 double DistortionOf(const Camera& camera) {
-  return HasDistortion(camera.model) ? camera.params[InfoOf(camera.model).FirstExtraParam()] : 0;
+  const std::optional<size_t> place = DistortionPlace(camera);
+  return place ? camera.params[*place] : 0;
 }
 
 class Fitter {
@@ -430,8 +428,9 @@ CircularMotion Fitter::Fit() {
   priors.angles = best.state.turns;
   Start bent = best;
   const CircularFigures figures = Settle(priors, bent.steps, &bent.state);
-  const auto num_free = std::count_if(cameras_.begin(), cameras_.end(),
-                                      [](const Camera& camera) { return HasDistortion(camera.model); });
+  const auto num_free = std::count_if(cameras_.begin(), cameras_.end(), [](const Camera& camera) {
+    return DistortionPlace(camera).has_value();
+  });
   const double cost = 0.5 * static_cast<double>(num_free) * std::log(std::max(2.0, figures.inliers));
   const double straight = EvaluateCircular(data_, AllPriors(false), best.state, false).log_posterior;
   const double gain = figures.log_posterior - straight - cost;
@@ -454,8 +453,9 @@ CircularMotion Fitter::Fit() {
     if (!IsPerspective(camera.model)) continue;
     const double factor = std::exp(best.state.lenses[c].log_focal) / FocalLengths(camera).x();
     for (size_t k = 0; k < info.num_focal_params; ++k) camera.params[k] *= factor;
-    if (!is_free || !HasDistortion(camera.model)) continue;
-    camera.params[info.FirstExtraParam()] = best.state.lenses[c].distortion;
+    const std::optional<size_t> place = DistortionPlace(camera);
+    if (!is_free || !place) continue;
+    camera.params[*place] = best.state.lenses[c].distortion;
     motion.distortion_is_free[c] = 1;
   }
   Report(best.state, &motion);

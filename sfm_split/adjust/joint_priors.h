@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "sfm_split/scene/focal_prior.h"
+
+namespace s2gs {
+
+// What is known of a scan before its keypoints are looked at, as normal distributions beside the reprojection
+// errors. Their standard deviations are stated, and the shares of the results' variances that come from them
+// are reported.
+
+/// Of one camera.
+struct LensPrior {
+  FocalPrior focal;
+  std::optional<double>
+      distortion;  ///< mean of k (DistortionPlace), with kDistortionSigma; nothing: unknown.
+};
+
+/// The table angles of one station's images lie about equal steps: angle = offset + step * place, with an
+/// error of its own for each image (a motor's, which does not add up; errors that do add up are wider).
+struct EqualStepsPrior {
+  struct Place {
+    int image = 0;
+    double steps = 0;  ///< from the station's first photo on, in order of capture.
+  };
+  std::vector<Place> places;
+  bool closes = false;  ///< the step is that of a whole turn; else it is unknown, as the offset always is.
+  double offset_rad = 0;
+  double step_rad = 0;
+  double sigma_rad = 0;  ///< of an angle about equal steps.
+};
+
+struct JointPriors {
+  std::vector<LensPrior> lenses;  ///< one per camera, or none at all.
+  std::vector<EqualStepsPrior> turns;
+  /// How much larger variances of the data are than those of independent keypoint errors: the data count by
+  /// so much less against the priors. At least 1.
+  double data_inflation = 1;
+};
+
+}  // namespace s2gs

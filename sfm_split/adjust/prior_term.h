@@ -1,0 +1,27 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <utility>
+#include <vector>
+
+namespace s2gs {
+
+/// A normal prior on a sum of parameters or of their logarithms, in the unit of reprojection errors.
+struct PriorTerm {
+  struct Part {
+    int block = 0;
+    int value = 0;  ///< place in the block.
+    double factor = 1;
+  };
+  std::vector<Part> parts;
+  bool of_logarithms = false;
+  double mean = 0;
+  double sigma = 1;
+  double scale_px = 1;  ///< residual of one sigma.
+
+  /// \param values      one per part.
+  /// \param derivatives null, or one per part.
+  double Residual(const std::vector<double>& values, std::vector<double>* derivatives) const;
+};
+
+}  // namespace s2gs

@@ -1,0 +1,179 @@
+#include "sfm_split/adjust/joint_priors.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "sfm_split/adjust/equal_steps.h"
+#include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/rotation.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/synthetic_turntable.h"
+
+namespace s2gs {
+namespace {
+
+struct Scan {
+  JointProblem problem;
+  std::vector<CapturePlace> places;
+  std::vector<double> truth_rad;  // per image, 0 at the reference
+};
+
+Scan MakeScan(uint64_t seed, double step_jitter, double pixel_noise = 0.4, int steps = 18) {
+  SyntheticTurntableOptions options;
+  options.seed = seed;
+  options.stations = 1;
+  options.steps = steps;
+  options.step_deg = 20;
+  options.step_jitter = step_jitter;
+  options.num_object_points = 120;
+  options.num_platter_points = 20;
+  options.num_background_points = 0;
+  options.pixel_noise = pixel_noise;
+  options.camera_model = CameraModelId::kSimpleRadial;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  AlignedScene aligned;
+  aligned.scene = turntable.scene;
+  aligned.object = SyntheticObjectModel(turntable);
+  Scan scan;
+  scan.problem = MakeJointProblem(aligned);
+  for (size_t i = 0; i < turntable.images.size(); ++i) {
+    scan.places.push_back({0, turntable.images[i].step, steps});
+    scan.truth_rad.push_back(
+        WrapAngle((turntable.scene.views[i].angle_deg - turntable.scene.views[0].angle_deg) * kDegree));
+  }
+  return scan;
+}
+
+JointOptions Shared() {
+  JointOptions options;
+  options.model = JointModel::kSharedStations;
+  return options;
+}
+
+// A normal prior on one parameter, added to normal data: Woodbury's formula on the covariance without it.
+TEST(JointPriors, CovarianceIsThatOfDataAndPriorTogether) {
+  Scan scan = MakeScan(1, 0);
+  JointOptions options = Shared();
+  options.loss = JointLoss::kSquared;
+  constexpr double kSigmaPx = 0.4;
+  options.loss_scale_px = LossScalePx(kSigmaPx);
+  const Observability without = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
+  const double focal = scan.problem.cameras[0].params[0];
+  LensPrior lens;
+  lens.focal = {focal, 0.002};
+  scan.problem.priors.lenses = {lens};
+  const Observability with = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
+  const auto place = std::find(without.names.begin(), without.names.end(), "camera 0 focal length");
+  ASSERT_NE(place, without.names.end());
+  const auto f = place - without.names.begin();
+  const double of_prior = 0.002 * focal * 0.002 * focal;
+  const Eigen::VectorXd column = without.covariance.col(f);
+  const Eigen::MatrixXd expected =
+      without.covariance - column * column.transpose() / (of_prior + without.covariance(f, f));
+  // Measured: 2e-10.
+  EXPECT_LT((with.covariance - expected).norm(), 1e-7 * expected.norm());
+  const double share = with.prior_covariance(f, f) / with.covariance(f, f);
+  EXPECT_NEAR(share, without.covariance(f, f) / (of_prior + without.covariance(f, f)), 1e-6);
+  EXPECT_GT(share, 0.01);
+  EXPECT_LT(share, 0.99);
+}
+
+// Where the data leave a focal length open, the prior tells it, and says so.
+TEST(JointPriors, WhatThePhotosDoNotTellIsThePriors) {
+  Scan scan = MakeScan(2, 0, 0.4, 2);
+  const double focal = scan.problem.cameras[0].params[0];
+  LensPrior lens;
+  lens.focal = {focal, 0.05};
+  lens.distortion = 0;
+  scan.problem.priors.lenses = {lens};
+  Reporter reporter;
+  const JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+  ASSERT_EQ(report.focal_prior_share.size(), 1U);
+  EXPECT_GT(report.focal_prior_share[0], 0.5);
+  EXPECT_LT(report.focal_sigma_px[0], 0.06 * focal);
+  EXPECT_LT(std::abs(scan.problem.cameras[0].params[0] - focal), 0.1 * focal);
+}
+
+struct Errors {
+  double squares = 0;
+  int within = 0;
+  int all = 0;
+};
+
+void AddErrors(const Scan& scan, const JointReport& report, Errors* errors) {
+  for (size_t i = 0; i < scan.truth_rad.size(); ++i) {
+    if (!(report.angle_sigma_deg[i] > 0)) continue;
+    const double error = WrapAngle(scan.problem.images[i].angle_rad - scan.truth_rad[i]) / kDegree;
+    errors->squares += error * error;
+    errors->within += std::abs(error) <= 2 * report.angle_sigma_deg[i] ? 1 : 0;
+    ++errors->all;
+  }
+}
+
+// Equal steps: errors shrink, and the truth stays within the standard deviations.
+TEST(EqualSteps, HelpsWhereStepsAreEqual) {
+  Errors before;
+  Errors after;
+  for (uint64_t seed = 10; seed < 22; ++seed) {
+    Scan scan = MakeScan(seed, 0);
+    Reporter reporter;
+    JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+    AddErrors(scan, report, &before);
+    scan.problem.priors.turns = FindEqualSteps(scan.problem, scan.places, report);
+    ASSERT_EQ(scan.problem.priors.turns.size(), 1U);
+    EXPECT_TRUE(scan.problem.priors.turns[0].closes);
+    EXPECT_GT(scan.problem.priors.turns[0].sigma_rad, 0);
+    scan.problem.priors.data_inflation = DataInflation(scan.problem, report);
+    report = AdjustJointly(Shared(), reporter, &scan.problem);
+    AddErrors(scan, report, &after);
+    EXPECT_GT(AnglePriorShare(report).value_or(0), 0.05);
+  }
+  RecordProperty("before", std::to_string(std::sqrt(before.squares / before.all)));
+  RecordProperty("after", std::to_string(std::sqrt(after.squares / after.all)));
+  EXPECT_LT(after.squares, 0.8 * before.squares);
+  EXPECT_GE(after.within, 0.9 * after.all);
+}
+
+// Unequal ones: the prior is so wide that it moves nothing.
+TEST(EqualSteps, MovesNothingWhereStepsAreUnequal) {
+  for (uint64_t seed = 30; seed < 33; ++seed) {
+    Scan scan = MakeScan(seed, 0.5);
+    Reporter reporter;
+    JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+    const Scan alone = scan;
+    scan.problem.priors.turns = FindEqualSteps(scan.problem, scan.places, report);
+    report = AdjustJointly(Shared(), reporter, &scan.problem);
+    for (size_t i = 0; i < scan.truth_rad.size(); ++i) {
+      const double moved =
+          std::abs(WrapAngle(scan.problem.images[i].angle_rad - alone.problem.images[i].angle_rad)) / kDegree;
+      EXPECT_LE(moved, 0.05 * report.angle_sigma_deg[i] + 1e-9);
+    }
+    EXPECT_LT(AnglePriorShare(report).value_or(0), 0.02);
+  }
+}
+
+// A turn of 340 degrees with steps of 20 is no whole one of 17 photos, and photos in another order are none.
+TEST(EqualSteps, PartialTurnsStayPartial) {
+  Scan scan = MakeScan(40, 0, 0.4, 12);
+  Reporter reporter;
+  const JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+  const std::vector<EqualStepsPrior> turns = FindEqualSteps(scan.problem, scan.places, report);
+  ASSERT_EQ(turns.size(), 1U);
+  EXPECT_FALSE(turns[0].closes);
+  EXPECT_NEAR(std::abs(turns[0].step_rad), 20 * kDegree, 0.1 * kDegree);
+  std::vector<CapturePlace> shuffled = scan.places;
+  for (size_t i = 0; i < shuffled.size(); ++i) shuffled[i].place = static_cast<int>(5 * i % 12);
+  const std::vector<EqualStepsPrior> none = FindEqualSteps(scan.problem, shuffled, report);
+  for (const EqualStepsPrior& turn : none) EXPECT_GT(turn.sigma_rad, 1 * kDegree);
+}
+
+}  // namespace
+}  // namespace s2gs
