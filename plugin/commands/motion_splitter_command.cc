@@ -176,7 +176,8 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   const ScanPictures* seen = pictures ? &*pictures : nullptr;
   MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
   // Weak features are placed less exactly: scans that have enough of the others do without, and so do those
-  // whose photos they do not join any better.
+  // whose photos they join worse. Where no pair of photos is verified with or without them, the circle is
+  // found from raw matches, of which they give more.
   const bool may_add = settings.weak_features && !settings.use_matches && settings.mask_path.empty();
   const bool is_always = settings.weak_features_always && pictures.has_value();
   if ((split.lacks_features || is_always) && may_add) {
@@ -190,7 +191,7 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
       reporter.Debug("photos that pairs join in rings: " + std::to_string(split.ringed_photos) +
                      ", with weak features " + std::to_string(again.ringed_photos) + " of " +
                      std::to_string(again.station_photos));
-      if (is_always || joined(again) > joined(split)) {
+      if (is_always || joined(again) >= joined(split)) {
         features = std::move(with_weak);
         split = std::move(again);
       }
