@@ -268,18 +268,20 @@ std::optional<int> Gatherer::TurnsOf(int station) const {
 }
 
 // A point that turns by an angle moves no farther than its distance from the axis times the angle; what the
-// object sweeps over a station's photos is at least that wide.
+// object sweeps over a station's photos is at least that wide. Photos that share details are compared, in
+// whatever order they were taken and named.
 void Gatherer::Steps(ScanEvidence* evidence) {
-  std::map<std::pair<int, int>, const ImagePairMatches*> pair_of;
+  std::map<int, std::vector<const ImagePairMatches*>> pairs_of;
   std::map<int, std::vector<float>> x_of;
   std::map<int, std::vector<float>> y_of;
   for (const ImagePairMatches& pair : features_.object_pairs) {
-    pair_of[std::minmax(pair.image1, pair.image2)] = &pair;
     const int station = StationOf(pair.image1);
     for (const FeatureMatch& match : pair.matches) {
       x_of[station].push_back(KeypointsOf(pair.image1)[match.point2D_idx1].x());
       y_of[station].push_back(KeypointsOf(pair.image1)[match.point2D_idx1].y());
     }
+    if (station != StationOf(pair.image2) || !IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
+    if (pair.matches.size() >= static_cast<size_t>(kLeastSupport)) pairs_of[station].push_back(&pair);
   }
   const auto upper = [](std::vector<double> values) {
     const auto at =
@@ -294,25 +296,20 @@ void Gatherer::Steps(ScanEvidence* evidence) {
   };
   std::vector<double> steps;
   std::vector<double> least;
-  for (const auto& [station, images] : order_) {
+  for (const auto& [station, pairs] : pairs_of) {
     const double swept = std::max(extent(&x_of[station]), extent(&y_of[station]));
-    for (size_t k = 1; k < images.size(); ++k) {
-      const int before = images[k - 1];
-      const int after = images[k];
-      if (!IsPosed(before) || !IsPosed(after)) continue;
-      const View& one = *view_of_[static_cast<size_t>(before)];
-      const View& two = *view_of_[static_cast<size_t>(after)];
-      steps.push_back(WrapAngle((two.angle_deg - one.angle_deg) * kDegree) / kDegree);
-      const auto found = pair_of.find(std::minmax(before, after));
-      if (found == pair_of.end() || found->second->matches.size() < static_cast<size_t>(kLeastSupport))
-        continue;
+    if (!(swept > 0)) continue;
+    for (const ImagePairMatches* pair : pairs) {
+      const View& one = *view_of_[static_cast<size_t>(pair->image1)];
+      const View& two = *view_of_[static_cast<size_t>(pair->image2)];
+      steps.push_back(std::abs(WrapAngle((two.angle_deg - one.angle_deg) * kDegree)) / kDegree);
       std::vector<double> moved;
-      for (const FeatureMatch& match : found->second->matches) {
-        moved.push_back((KeypointsOf(found->second->image1)[match.point2D_idx1] -
-                         KeypointsOf(found->second->image2)[match.point2D_idx2])
-                            .norm());
+      for (const FeatureMatch& match : pair->matches) {
+        moved.push_back(
+            (KeypointsOf(pair->image1)[match.point2D_idx1] - KeypointsOf(pair->image2)[match.point2D_idx2])
+                .norm());
       }
-      if (swept > 0) least.push_back(upper(moved) / (kMagnification * swept) / kDegree);
+      least.push_back(upper(moved) / (kMagnification * swept) / kDegree);
     }
   }
   if (!steps.empty()) evidence->median_step_deg = UpperMedian(steps);

@@ -130,8 +130,9 @@ class Judge {
     const double step = std::abs(*evidence_.median_step_deg);
     if (step >= *evidence_.least_step_deg) return;
     Add(Verdict::kFailed,
-        Text("the table is said to turn %.2g degrees a step, but the object's details move as far as %.2g or "
-             "more ask",
+        Text("photos that share details are said to be %.2g degrees of the table apart, but the details move "
+             "as "
+             "far as %.2g or more ask",
              step, *evidence_.least_step_deg),
         {kFocal, kTexture});
   }

@@ -66,7 +66,8 @@ struct ScanEvidence {
   /// to no turn at all: the table went and came back the same way.
   int turns_of_nothing = 0;
 
-  /// The table's steps by the poses, and the least that lets the object's keypoints move as they do.
+  /// Table angle between photos that share details, by the poses, and the least that lets them move as they
+  /// do.
   std::optional<double> median_step_deg;
   std::optional<double> least_step_deg;
 

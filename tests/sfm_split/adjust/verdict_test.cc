@@ -82,7 +82,7 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
       {"contradict", Verdict::kDoubtful, [](ScanEvidence* e) { e->contradicted_neighbours = 8; }},
       {"held back", Verdict::kFailed, [](ScanEvidence* e) { e->held_back.agreeing = 200; }},
       {"miss their lines", Verdict::kDoubtful, [](ScanEvidence* e) { e->held_back_noise_px = 1.1; }},
-      {"1 degrees a step", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
+      {"1 degrees of the table apart", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
       {"a table angle is known to +- 0.8", Verdict::kDoubtful,
        [](ScanEvidence* e) { e->angle_sigma_max_deg = 0.8; }},
       {"cannot be told", Verdict::kDoubtful,
