@@ -44,6 +44,7 @@ struct Settings {
   std::optional<int64_t> num_iterations;
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
+  bool texture = true;
   std::vector<std::string> force;  // as given
   std::set<std::string> forced;    // parts of the plan
 };
@@ -134,6 +135,10 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   add("tsdf_mesher", "The mesh",
       {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
        settings.keep_disc ? "0" : "1"});
+  if (settings.texture) {
+    add("mesh_texturer", "The photos' colours on the mesh",
+        {"--workspace_path", root, "--test_every", std::to_string(settings.test_every)});
+  }
   return steps;
 }
 
@@ -150,6 +155,7 @@ ScanRequest RequestOf(const Settings& settings, const std::vector<Step>& steps) 
   request.max_num_features = MaxNumFeatures(settings.quality);
   request.trains = settings.until != Until::kSplit;
   request.meshes = settings.until == Until::kMesh;
+  request.textures = request.meshes && settings.texture;
   for (const Step& step : steps) request.steps.emplace_back(step.command, step.arguments);
   return request;
 }
@@ -240,7 +246,8 @@ void RunAutomaticScanner(CommandContext& context) {
   Options& options = context.Declare(
       "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
       "model, "
-      "object masks and a mesh. Runs the other commands one after another; what is done is skipped, and a "
+      "object masks and a textured mesh. Runs the other commands one after another; what is done is skipped, "
+      "and a "
       "run "
       "that was stopped goes on where it was. Options, photos, masks, disk, memory and colmap are checked "
       "first, and "
@@ -263,13 +270,15 @@ void RunAutomaticScanner(CommandContext& context) {
                   "the last part to run: poses and sparse models, the Gaussian model, or all");
   options.Add("use_gpu", &settings.use_gpu, "auto, 0 or 1");
   options.Add("test_every", &settings.test_every,
-              "hold every n-th photo out of training and measure the model on it; 0: none");
+              "hold every n-th photo out of training and of the texture, and measure both on it; 0: none");
   options.Add("num_iterations", &settings.num_iterations, "steps of training; empty: as --quality says");
   options
       .Add("max_image_size", &settings.max_image_size,
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
+  options.Add("texture", &settings.texture,
+              "give the mesh the colours of the photos: dense/0/textured-tsdf.glb, .obj and .ply");
   options.Add("force", &settings.force,
               "1: go on to training when the poses are doubtful or have failed; without it the scan stops "
               "there, with exit code 3. Names of parts or stages, separated by commas: run what the plan "

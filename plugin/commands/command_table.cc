@@ -2,6 +2,7 @@
 #include "plugin/commands/automatic_scanner_command.h"
 #include "plugin/commands/gaussian_renderer_command.h"
 #include "plugin/commands/gaussian_trainer_command.h"
+#include "plugin/commands/mesh_texturer_command.h"
 #include "plugin/commands/report_command.h"
 #include "plugin/commands/scan_evaluator_command.h"
 #include "plugin/commands/scan_planner_command.h"
@@ -38,6 +39,9 @@ std::vector<Command> MakeCommands() {
   commands.push_back({"gaussian_trainer",
                       "trains Gaussians that know whether they belong to the rotating part",
                       RunGaussianTrainer});
+  commands.push_back({"mesh_texturer",
+                      "gives the mesh the colours of the photos: .obj, .glb and .ply with texture",
+                      RunMeshTexturer});
   commands.push_back(
       {"report", "report.html and report.json: what a scan did, how good it is, what to do next", RunReport});
   commands.push_back(

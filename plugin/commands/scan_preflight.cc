@@ -157,7 +157,8 @@ class Preflight {
   bool HasPoses() const { return IsDone("motion_splitter") && IsDone("turntable_mapper"); }
   bool IsAllDone() const {
     return IsDone("feature_extractor") && HasPoses() && (!request_.trains || IsDone("gaussian_trainer")) &&
-           (!request_.meshes || (IsDone("gaussian_renderer") && IsDone("tsdf_mesher")));
+           (!request_.meshes || (IsDone("gaussian_renderer") && IsDone("tsdf_mesher"))) &&
+           (!request_.textures || IsDone("mesh_texturer"));
   }
 
   void CheckPlaces() {

@@ -23,8 +23,9 @@ struct ScanRequest {
   std::optional<int64_t> num_iterations;
   std::optional<int32_t> max_image_size;
   int max_num_features = 8192;
-  bool trains = true;  ///< not with --until split.
-  bool meshes = true;  ///< only with --until mesh.
+  bool trains = true;    ///< not with --until split.
+  bool meshes = true;    ///< only with --until mesh.
+  bool textures = true;  ///< the same, and with --texture 1.
   /// The commands that make up the scan, with their arguments.
   std::vector<std::pair<std::string, std::vector<std::string>>> steps;
 };

@@ -2,23 +2,19 @@
 
 #include <fmt/format.h>
 
-#include <map>
-#include <memory>
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "mesh/io/mesh_files.h"
+#include "plugin/outputs/dense_views.h"
 #include "plugin/stage/stage.h"
-#include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/require_writable.h"
 #include "sfm_split/base/stopwatch.h"
-#include "sfm_split/scene/io/colmap_maps.h"
-#include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
 
 namespace s2gs {
@@ -31,160 +27,37 @@ bool Exists(const fs::path& path) {
   return fs::exists(path, ec);
 }
 
-// The files of one view; those that are not there have no path.
-struct ViewFiles {
-  ObjectView camera;  // of the image, not of the maps
-  fs::path depth;
-  fs::path normal;
-  fs::path image;
-  fs::path mask;
-};
-
-class WorkspaceViews : public DepthViewSource {
- public:
-  explicit WorkspaceViews(std::vector<ViewFiles> files) : files_(std::move(files)) {}
-
-  int size() const override { return static_cast<int>(files_.size()); }
-
-  std::shared_ptr<const DepthView> Load(int index) const override {
-    const ViewFiles& files = files_[index];
-    ColmapMap depths = ReadColmapMap(files.depth, 1);
-    const auto loaded = std::make_shared<DepthView>();
-    DepthView& view = *loaded;
-    view.camera = files.camera;
-    // Maps of a smaller size show the whole image all the same.
-    const double scale_x = static_cast<double>(depths.width) / files.camera.width;
-    const double scale_y = static_cast<double>(depths.height) / files.camera.height;
-    view.camera.width = depths.width;
-    view.camera.height = depths.height;
-    view.camera.fx *= scale_x;
-    view.camera.cx *= scale_x;
-    view.camera.fy *= scale_y;
-    view.camera.cy *= scale_y;
-    view.first_position = kColmapMapPosition;
-    view.depths = std::move(depths.values);
-    if (!files.normal.empty()) {
-      ColmapMap normals = ReadColmapMap(files.normal, 3);
-      if (normals.width != depths.width || normals.height != depths.height) {
-        throw UserError(files.normal,
-                        fmt::format("is {} x {}, but the depth map is {} x {}", normals.width, normals.height,
-                                    depths.width, depths.height),
-                        "Render both again");
-      }
-      view.normals = std::move(normals.values);
-    }
-    if (!files.image.empty()) view.colors = ReadImage(files.image, 3);
-    if (!files.mask.empty()) view.mask = ReadImage(files.mask, 1);
-    return loaded;
-  }
-
- private:
-  std::vector<ViewFiles> files_;
-};
-
 // The photos of the views, grey, for the refinement.
-class WorkspacePhotos : public RefinementPhotoSource {
+class GreyPhotos : public RefinementPhotoSource {
  public:
-  explicit WorkspacePhotos(const std::vector<ViewFiles>& files) {
-    cameras_.reserve(files.size());
-    paths_.reserve(files.size());
-    for (const ViewFiles& view : files) {
-      if (view.image.empty()) continue;
-      const ImageSize size = ReadImageSize(view.image);
-      ObjectView camera = view.camera;
-      // Photos of another size show the whole image all the same.
-      const double scale_x = static_cast<double>(size.width) / camera.width;
-      const double scale_y = static_cast<double>(size.height) / camera.height;
-      camera.width = size.width;
-      camera.height = size.height;
-      camera.fx *= scale_x;
-      camera.cx *= scale_x;
-      camera.fy *= scale_y;
-      camera.cy *= scale_y;
-      cameras_.push_back(camera);
-      paths_.push_back(view.image);
-    }
-  }
-
-  int size() const override { return static_cast<int>(paths_.size()); }
-  const ObjectView& Camera(int index) const override { return cameras_[index]; }
-  Image8 Load(int index) const override { return ReadImage(paths_[index], 1); }
+  explicit GreyPhotos(const std::vector<DenseViewFiles>& files) : photos_(files) {}
+  int size() const override { return photos_.size(); }
+  const ObjectView& Camera(int index) const override { return photos_.Camera(index); }
+  Image8 Load(int index) const override { return photos_.Load(index, 1); }
 
  private:
-  std::vector<ObjectView> cameras_;
-  std::vector<fs::path> paths_;
+  DensePhotos photos_;
 };
 
-// Masks are those of the photos, so they fit the dense images only when these are the photos.
-fs::path MaskFolder(const Workspace& workspace, const TsdfMesherOptions& options, Reporter& reporter) {
-  if (!options.mask_path.empty()) {
-    if (!Exists(options.mask_path)) throw UserError(options.mask_path, "no such folder", "Check --mask_path");
-    return options.mask_path;
-  }
-  if (Exists(workspace.DenseMasks())) return workspace.Dense() / "masks";
-  if (!Exists(workspace.Masks())) return {};
-  if (Exists(workspace.ObjectModel())) {
-    const ColmapModel photos = ReadColmapModel(workspace.ObjectModel());
-    for (const auto& [id, camera] : photos.cameras) {
-      if (IsDistortionFree(camera)) continue;
-      reporter.Warn(workspace.Masks().string() +
-                    ": not used, because the photos were undistorted for dense/0 and the masks were not. Put "
-                    "undistorted ones into dense/0/masks");
-      return {};
-    }
-  }
-  return workspace.Masks();
-}
-
-ObjectView PinholeOf(const Camera& camera, const ColmapImage& image, const fs::path& model) {
-  if (!IsDistortionFree(camera)) {
-    throw UserError(model,
-                    fmt::format("camera {} is a {} with distortion, but depth maps need a pinhole",
-                                camera.camera_id, InfoOf(camera.model).name),
-                    "Run `colmap image_undistorter`, or `s2gs gaussian_renderer`");
-  }
-  const Eigen::Vector2d focal = FocalLengths(camera);
-  const Eigen::Vector2d principal = PrincipalPoint(camera);
-  return {static_cast<int>(camera.width),
-          static_cast<int>(camera.height),
-          focal.x(),
-          focal.y(),
-          principal.x(),
-          principal.y(),
-          image.cam_from_world};
-}
-
-std::vector<ViewFiles> FindViews(const Workspace& workspace, const TsdfMesherOptions& options,
-                                 Reporter& reporter, TsdfMesherSummary* summary) {
-  const ColmapModel model = ReadColmapModel(workspace.DenseModel());
-  const fs::path masks = MaskFolder(workspace, options, reporter);
-  std::map<std::string, const ColmapImage*> by_name;
-  for (const auto& [id, image] : model.images) by_name[image.name] = &image;
-  std::vector<ViewFiles> views;
-  views.reserve(by_name.size());
-  const std::string suffix = "." + options.input_type + ".bin";
-  for (const auto& [name, image] : by_name) {
-    const auto path_if_there = [](const fs::path& path) { return Exists(path) ? path : fs::path(); };
-    ViewFiles files;
-    files.depth = path_if_there(workspace.DepthMaps() / (name + suffix));
-    if (files.depth.empty()) continue;
-    files.camera = PinholeOf(model.cameras.at(image->camera_id), *image, workspace.DenseModel());
-    if (options.use_normals) files.normal = path_if_there(workspace.NormalMaps() / (name + suffix));
-    files.image = path_if_there(workspace.DenseImages() / name);
-    if (!masks.empty()) files.mask = path_if_there(masks / (name + ".png"));
-    summary->num_masks += files.mask.empty() ? 0 : 1;
-    views.push_back(std::move(files));
-  }
-  summary->num_images = static_cast<int>(by_name.size());
+std::vector<DenseViewFiles> FindDepthViews(const Workspace& workspace, const TsdfMesherOptions& options,
+                                           Reporter& reporter, TsdfMesherSummary* summary) {
+  std::vector<DenseViewFiles> views =
+      FindDenseViews(workspace, {options.mask_path, options.input_type, options.use_normals}, reporter);
+  summary->num_images = static_cast<int>(views.size());
+  views.erase(std::remove_if(views.begin(), views.end(),
+                             [](const DenseViewFiles& view) { return view.depth.empty(); }),
+              views.end());
+  summary->num_masks = static_cast<int>(std::count_if(
+      views.begin(), views.end(), [](const DenseViewFiles& view) { return !view.mask.empty(); }));
   summary->num_depth_maps = static_cast<int>(views.size());
   if (views.empty()) {
     throw UserError(workspace.DepthMaps(),
-                    "holds no depth map NAME" + suffix + " of an image of dense/0/sparse",
+                    "holds no depth map NAME." + options.input_type + ".bin of an image of dense/0/sparse",
                     "Run `s2gs gaussian_renderer` or `colmap patch_match_stereo` first");
   }
-  if (views.size() < by_name.size()) {
-    reporter.Warn(
-        fmt::format("{} of {} images have no depth map", by_name.size() - views.size(), by_name.size()));
+  if (summary->num_depth_maps < summary->num_images) {
+    reporter.Warn(fmt::format("{} of {} images have no depth map",
+                              summary->num_images - summary->num_depth_maps, summary->num_images));
   }
   return views;
 }
@@ -271,8 +144,8 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   summary.output_path = options.output_path.empty() ? workspace.TsdfMesh() : options.output_path;
   RequireMeshExtension(summary.output_path);
   if (!options.output_path.empty()) RequireWritable(summary.output_path);
-  const std::vector<ViewFiles> files = FindViews(workspace, options, reporter, &summary);
-  const WorkspaceViews views(files);
+  const std::vector<DenseViewFiles> files = FindDepthViews(workspace, options, reporter, &summary);
+  const WorkspaceDepthViews views(files);
   TriangleMesh mesh = MeshFromDepthMaps(views, options.tsdf, reporter, &summary.tsdf);
   Report(summary.tsdf, reporter);
   MeshCleanupOptions cleanup = options.cleanup;
@@ -290,7 +163,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     // What stands around a body that is not told from it hides the body's rough parts, which are lost then.
     if (!cleanup.is_axis_known) refinement.min_seen_pct = 0;
     summary.fused_seconds = watch.Lap();
-    summary.refinement = RefineMesh(WorkspacePhotos(files), refinement, reporter, &mesh);
+    summary.refinement = RefineMesh(GreyPhotos(files), refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
   }
   cleanup.remove_disc = false;

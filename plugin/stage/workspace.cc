@@ -17,6 +17,14 @@ namespace s2gs {
 
 namespace fs = std::filesystem;
 
+std::vector<fs::path> Workspace::TexturedMeshFiles() const {
+  std::vector<fs::path> paths;
+  for (const char* ending : {".obj", ".mtl", ".glb", ".ply", "_0.png"}) {
+    paths.emplace_back(TexturedMesh().string() + ending);
+  }
+  return paths;
+}
+
 std::vector<StandardStage> StandardStages(const Workspace& w) {
   return {
       {"feature_extractor", {w.Database()}, "motion_splitter"},
@@ -28,6 +36,7 @@ std::vector<StandardStage> StandardStages(const Workspace& w) {
       {"image_undistorter", {w.DenseImages(), w.DenseModel()}, "gaussian_renderer"},
       {"gaussian_renderer", {w.Masks(), w.DepthMaps()}, "gaussian_renderer"},
       {"tsdf_mesher", {w.TsdfMesh()}, "tsdf_mesher"},
+      {"mesh_texturer", w.TexturedMeshFiles(), "mesh_texturer"},
       {"report", {w.ReportHtml(), w.ReportJson()}, "report"},
   };
 }
@@ -52,6 +61,11 @@ std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace&
       {w.DepthMaps(), "depth maps"},
       {w.NormalMaps(), "normal maps"},
       {w.TsdfMesh(), "mesh from the depth maps"},
+      {w.TexturedMesh().string() + ".glb", "mesh with the photos' colours, in one file"},
+      {w.TexturedMesh().string() + ".obj", "the same for other programs"},
+      {w.TexturedMesh().string() + ".mtl", "its material"},
+      {w.TexturedMesh().string() + ".ply", "the same for other programs"},
+      {w.TexturedMesh().string() + "_0.png", "its texture's first page"},
       {w.PoissonMesh(), "COLMAP's Poisson mesh"},
       {w.DelaunayMesh(), "COLMAP's Delaunay mesh"},
       {w.Log(), "log"},

@@ -52,6 +52,8 @@ struct Workspace {
   Path PatchMatchConfig() const { return Dense() / "stereo" / "patch-match.cfg"; }
   Path FusionConfig() const { return Dense() / "stereo" / "fusion.cfg"; }
   Path TsdfMesh() const { return Dense() / "meshed-tsdf.ply"; }
+  Path TexturedMesh() const { return Dense() / "textured-tsdf"; }  ///< without the extensions.
+  std::vector<Path> TexturedMeshFiles() const;                     ///< all but the further pages.
   Path PoissonMesh() const { return Dense() / "meshed-poisson.ply"; }
   Path DelaunayMesh() const { return Dense() / "meshed-delaunay.ply"; }
 

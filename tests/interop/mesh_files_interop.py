@@ -46,6 +46,41 @@ def read_with_open3d(path):
             np.asarray(mesh.vertex_colors))
 
 
+def read_textured_with_trimesh(path):
+    """Vertices, triangles, places in the picture from the bottom left, 0 to 1, and the picture."""
+    import trimesh
+
+    mesh = trimesh.load(path, process=False)
+    if isinstance(mesh, trimesh.Scene):
+        check(len(mesh.graph.nodes_geometry) == 1, f"{path}: {len(mesh.graph.nodes_geometry)} meshes")
+        transform, name = mesh.graph[mesh.graph.nodes_geometry[0]]
+        mesh = mesh.geometry[name]
+        mesh.apply_transform(transform)
+    material = mesh.visual.material
+    picture = getattr(material, "baseColorTexture", None) or material.image
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.asarray(mesh.visual.uv), np.asarray(picture)[..., :3]
+
+
+def check_textured(folder):
+    with open(os.path.join(folder, "textured.txt")) as stream:
+        count = int(stream.readline())
+        values = np.array([stream.readline().split() for _ in range(count)], float)
+        triangles = np.array([line.split() for line in stream], int)
+    points, texels, colors = values[:, :3], values[:, 3:5], values[:, 5:]
+    for name in ("textured.ply", "textured.obj", "textured.glb"):
+        v, t, uv, picture = read_textured_with_trimesh(os.path.join(folder, name))
+        expected = points[:, [0, 2, 1]] * [1, 1, -1] if name.endswith(".glb") else points
+        check(t.shape == triangles.shape, f"{name}: {t.shape} triangles, not {triangles.shape}")
+        check(np.abs(v[t] - expected[triangles]).max() < 1e-6, f"{name}: other positions")
+        height, width = picture.shape[:2]
+        places = np.stack([uv[:, 0] * width, (1 - uv[:, 1]) * height], axis=1)
+        error = np.abs(places[t] - texels[triangles]).max()
+        print(f"{name}: places differ by {error:.2g} px")
+        check(error < 1e-3, f"{name}: places in the picture differ by {error} px")
+        found = picture[places[t][..., 1].astype(int), places[t][..., 0].astype(int)]
+        check((found == colors[triangles]).all(), f"{name}: other colours in the picture")
+
+
 def linear_from_srgb(color):
     return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055)**2.4)
 
@@ -81,6 +116,8 @@ def main():
                 error = np.abs(found[t] - wanted[triangles]).max()
                 print(f"{name}: {what} differ by {error:.2g}")
                 check(error <= tolerance, f"{name}: {what} differ by {error}, more than {tolerance}")
+        if reader == "trimesh":
+            check_textured(folder)
 
 
 main()

@@ -1,5 +1,6 @@
 // Writes one coloured mesh as mesh.ply, mesh.obj and mesh.glb, and its numbers as mesh.txt, for the test that
-// other programs read these files:  mesh_tool FOLDER
+// other programs read these files; and the same with a texture as textured.ply, .obj and .glb, with
+// textured.txt:  mesh_tool FOLDER
 
 #include <cmath>
 #include <cstdint>
@@ -10,6 +11,7 @@
 #include <iomanip>
 
 #include "mesh/io/mesh_files.h"
+#include "mesh/io/textured_mesh_files.h"
 #include "mesh/surface/vertex_normals.h"
 
 namespace {
@@ -39,6 +41,41 @@ s2gs::TriangleMesh Example() {
   return mesh;
 }
 
+// The same sheet; a texel of 6 x 5 pixels for each of its squares.
+s2gs::TexturedMesh TexturedExample() {
+  const s2gs::TriangleMesh sheet = Example();
+  s2gs::TexturedMesh mesh;
+  mesh.vertices = sheet.vertices;
+  mesh.normals = sheet.normals;
+  mesh.triangles = sheet.triangles;
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    mesh.texels.emplace_back(4.5F + 6 * static_cast<float>(i % 13), 2.5F + 5 * static_cast<float>(i / 13));
+  }
+  s2gs::Image8 page{90, 40, 3, {}};
+  for (int y = 0; y < page.height; ++y) {
+    for (int x = 0; x < page.width; ++x) {
+      for (const int value : {2 * x, 6 * y, x + y}) page.pixels.push_back(static_cast<uint8_t>(value));
+    }
+  }
+  mesh.pages = {{page, 0, mesh.triangles.size()}};
+  return mesh;
+}
+
+void WriteTextured(const std::filesystem::path& folder) {
+  const s2gs::TexturedMesh mesh = TexturedExample();
+  s2gs::WriteTexturedMesh(folder / "textured", mesh);
+  std::ofstream text(folder / "textured.txt");
+  text << std::setprecision(9) << mesh.vertices.size() << '\n';
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const int x = static_cast<int>(mesh.texels[i].x());
+    const int y = static_cast<int>(mesh.texels[i].y());
+    text << mesh.vertices[i].transpose() << ' ' << mesh.texels[i].transpose();
+    for (int c = 0; c < 3; ++c) text << ' ' << int{mesh.pages[0].image.Pixel(x, y)[c]};
+    text << '\n';
+  }
+  for (const auto& triangle : mesh.triangles) text << triangle.transpose() << '\n';
+}
+
 void Write(const std::filesystem::path& folder) {
   const s2gs::TriangleMesh mesh = Example();
   for (const char* name : {"mesh.ply", "mesh.obj", "mesh.glb"}) s2gs::WriteMesh(folder / name, mesh);
@@ -57,6 +94,7 @@ int main(int argc, char** argv) {
   if (argc != 2) return 2;
   try {
     Write(argv[1]);
+    WriteTextured(argv[1]);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
     return 1;

@@ -1,0 +1,98 @@
+#include "mesh/texture/blend_samples.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace s2gs {
+namespace {
+
+// Grey values by which photos of one place differ that agree: noise, rounding, the smoothing's borders.
+constexpr float kAgreement = 6;
+// Tukey's constant: with normal errors, no efficiency to speak of is lost. (Huber, "Robust statistics", 1981)
+constexpr float kTukey = 4.685F;
+constexpr float kSigmaOfMad = 1.4826F;
+// Among fewer nobody is in the majority.
+constexpr int kMinJudges = 3;
+// The detail's weight is this power of the smooth part's.
+constexpr float kDetailPower = 4;
+
+using Weights = std::array<float, kMaxCandidates>;
+
+float Median(Weights values, int count) {
+  std::sort(values.begin(), values.begin() + count);
+  return count % 2 != 0 ? values[count / 2] : (values[count / 2 - 1] + values[count / 2]) / 2;
+}
+
+Eigen::Array3f Of(const std::array<uint8_t, 3>& rgb) { return {float(rgb[0]), float(rgb[1]), float(rgb[2])}; }
+
+}  // namespace
+
+void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, uint8_t* count) {
+  if (*count < kMaxCandidates) {
+    candidates[(*count)++] = candidate;
+    return;
+  }
+  TexelCandidate* least =
+      std::min_element(candidates, candidates + kMaxCandidates, [](const auto& a, const auto& b) {
+        return a.sample.weight != b.sample.weight ? a.sample.weight < b.sample.weight : a.photo > b.photo;
+      });
+  if (candidate.sample.weight > least->sample.weight) *least = candidate;
+}
+
+Eigen::Array3f BlendSamples(const TexelCandidate* candidates, int count,
+                            const std::vector<PhotoTone>& tones) {
+  Weights weights{};
+  float largest = 0;
+  float least = candidates[0].sample.weight;
+  for (int i = 0; i < count; ++i) {
+    weights[i] = candidates[i].sample.weight;
+    largest = std::max(largest, weights[i]);
+    least = std::min(least, weights[i]);
+  }
+  // A photo that comes or goes at the end of a full list does so without a step.
+  if (count == kMaxCandidates && least < largest) {
+    for (int i = 0; i < count; ++i) weights[i] -= least;
+    largest -= least;
+  }
+  std::array<Eigen::Array3f, kMaxCandidates> smooth;
+  for (int i = 0; i < count; ++i) {
+    smooth[i] = tones[candidates[i].photo].gain * Of(candidates[i].sample.smooth);
+  }
+  if (count >= kMinJudges) {
+    Eigen::Array3f middle;
+    for (int c = 0; c < 3; ++c) {
+      Weights values{};
+      for (int i = 0; i < count; ++i) values[i] = smooth[i][c];
+      middle[c] = Median(values, count);
+    }
+    Weights distances{};
+    for (int i = 0; i < count; ++i) distances[i] = (smooth[i] - middle).abs().maxCoeff();
+    const float reach = kTukey * std::max(kAgreement, kSigmaOfMad * Median(distances, count));
+    Weights judged{};
+    float sum = 0;
+    for (int i = 0; i < count; ++i) {
+      const float share = std::min(1.0F, distances[i] / reach);
+      judged[i] = weights[i] * (1 - share * share) * (1 - share * share);
+      sum += judged[i];
+    }
+    if (sum > 0) weights = judged;
+  }
+  Eigen::Array3f smooth_sum = Eigen::Array3f::Zero();
+  Eigen::Array3f detail_sum = Eigen::Array3f::Zero();
+  float smooth_weight = 0;
+  float detail_weight = 0;
+  for (int i = 0; i < count; ++i) {
+    const PhotoTone& tone = tones[candidates[i].photo];
+    smooth_sum += weights[i] * smooth[i];
+    smooth_weight += weights[i];
+    const float weight = std::pow(weights[i] / largest, kDetailPower) * tone.sharpness * tone.sharpness;
+    detail_sum += weight * (tone.gain * Of(candidates[i].sample.color) - smooth[i]);
+    detail_weight += weight;
+  }
+  Eigen::Array3f color = smooth_sum / smooth_weight;
+  if (detail_weight > 0) color += detail_sum / detail_weight;
+  return color;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "mesh/texture/texture_photo.h"
+
+namespace s2gs {
+
+/// A photo's sample of a texel.
+struct TexelCandidate {
+  PhotoSample sample;
+  uint16_t photo = 0;
+};
+
+/// The best samples of one texel: so many at most, in a row of an array.
+constexpr int kMaxCandidates = 10;
+
+/// Puts a sample among the best; `count` of them are there.
+void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, uint8_t* count);
+
+/// What makes photos comparable.
+struct PhotoTone {
+  Eigen::Array3f gain = Eigen::Array3f::Ones();  ///< of each channel: the photo's colours times it.
+  float sharpness = 1;                           ///< of its texture, beside that of other photos.
+};
+
+/// The colour of a texel: in two bands (Baumberg, "Blending images for texturing 3D models", BMVC 2002). What
+/// is smooth is a mean over all photos, so that no photo ends visibly; the detail is taken from few, those
+/// that show the place largest and sharpest, so that it stays sharp. Photos whose smooth colour is far from
+/// the others' median (gloss, something in front that the mesh lacks) do not count.
+/// \param count  at least 1.
+Eigen::Array3f BlendSamples(const TexelCandidate* candidates, int count, const std::vector<PhotoTone>& tones);
+
+}  // namespace s2gs

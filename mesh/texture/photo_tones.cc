@@ -1,0 +1,100 @@
+#include "mesh/texture/photo_tones.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+// Darker values are noise and rounding, brighter ones may be clipped.
+constexpr uint8_t kDarkest = 12;
+constexpr uint8_t kBrightest = 245;
+// A median of so many values has a standard deviation of an eighth of one value's.
+constexpr size_t kMinPlaces = 100;
+// Medians in turn, of the places and of the photos, until nothing moves by more than rounding does.
+constexpr int kRounds = 30;
+// A photo without any detail is not better than nothing.
+constexpr float kLeastSharpness = 0.1F;
+
+}  // namespace
+
+std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos) {
+  std::vector<PhotoTone> tones(num_photos);
+  if (samples.empty()) return tones;
+  const size_t num_places = samples.back().place + size_t{1};
+  std::vector<int> num_seen(num_places, 0);
+  for (const ToneSample& s : samples) ++num_seen[s.place];
+  for (int c = 0; c < 3; ++c) {
+    struct Value {
+      uint32_t place;
+      uint16_t photo;
+      float log;
+    };
+    std::vector<Value> values;
+    for (const ToneSample& s : samples) {
+      const uint8_t value = s.sample.smooth[c];
+      if (num_seen[s.place] < 2 || value < kDarkest || value > kBrightest) continue;
+      values.push_back({s.place, s.photo, std::log(static_cast<float>(value))});
+    }
+    std::vector<float> gains(num_photos, 0);
+    std::vector<std::vector<float>> of_photo(num_photos);
+    for (int round = 0; round < kRounds; ++round) {
+      for (auto& list : of_photo) list.clear();
+      for (size_t begin = 0; begin < values.size();) {
+        size_t end = begin;
+        std::vector<float> here;
+        while (end < values.size() && values[end].place == values[begin].place) {
+          here.push_back(values[end].log + gains[values[end].photo]);
+          ++end;
+        }
+        std::sort(here.begin(), here.end());
+        const float middle = (here[(here.size() - 1) / 2] + here[here.size() / 2]) / 2;
+        for (size_t i = begin; i < end; ++i) of_photo[values[i].photo].push_back(middle - values[i].log);
+        begin = end;
+      }
+      double sum = 0;
+      int64_t count = 0;
+      for (int i = 0; i < num_photos; ++i) {
+        if (of_photo[i].size() < kMinPlaces) continue;
+        gains[i] = UpperMedian(of_photo[i]);
+        sum += gains[i];
+        ++count;
+      }
+      for (int i = 0; i < num_photos && count > 0; ++i) {
+        if (of_photo[i].size() >= kMinPlaces)
+          gains[i] -= static_cast<float>(sum / static_cast<double>(count));
+      }
+    }
+    for (int i = 0; i < num_photos; ++i) tones[i].gain[c] = std::exp(gains[i]);
+  }
+  // Strength of the detail beside that of the place's other photos.
+  std::vector<std::vector<float>> ratios(num_photos);
+  for (size_t begin = 0; begin < samples.size();) {
+    size_t end = begin;
+    float mean = 0;
+    const auto detail = [&](size_t i) {
+      float sum = 0;
+      for (int c = 0; c < 3; ++c) {
+        sum += std::abs(static_cast<float>(samples[i].sample.color[c]) -
+                        static_cast<float>(samples[i].sample.smooth[c]));
+      }
+      return sum;
+    };
+    while (end < samples.size() && samples[end].place == samples[begin].place) mean += detail(end++);
+    mean /= static_cast<float>(end - begin);
+    for (size_t i = begin; i < end && mean > 0 && end - begin >= 2; ++i) {
+      ratios[samples[i].photo].push_back(detail(i) / mean);
+    }
+    begin = end;
+  }
+  for (int i = 0; i < num_photos; ++i) {
+    if (ratios[i].size() >= kMinPlaces)
+      tones[i].sharpness = std::max(kLeastSharpness, UpperMedian(ratios[i]));
+  }
+  return tones;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,306 @@
+#include "mesh/texture/texture_mesh.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <tuple>
+#include <vector>
+
+#include "mesh/texture/render_textured.h"
+#include "s2gs/image/image_error.h"
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/statistics.h"
+#include "tests/mesh/texture/box_photos.h"
+#include "tests/support/random_numbers.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kSide = 240;       // [px]
+constexpr double kFocal = 420;   // [px]
+constexpr double kDistance = 5;  // a pixel is 0.0095 at the boxes
+
+// A pattern of about 25 pixels a wave, without red.
+Eigen::Array3d Waves(const Eigen::Vector3d& x) {
+  return {0, 128 + 60 * std::sin(26 * x.x() + 9 * x.z()), 128 + 60 * std::sin(24 * x.y() - 11 * x.z())};
+}
+
+// A block, and a red post that hides a part of it from some of the photos.
+std::vector<PaintedBox> Scene() {
+  return {{{-0.6, -0.5, -0.4}, {0.6, 0.5, 0.5}, Waves},
+          {{0.8, -0.12, -0.4}, {0.95, 0.12, 0.6}, [](const Eigen::Vector3d&) {
+             return Eigen::Array3d(255, 0, 0);
+           }}};
+}
+
+std::vector<ObjectView> Ring(int count) {
+  std::vector<ObjectView> views;
+  for (const double elevation : {0.25, 0.75}) {
+    for (int i = 0; i < count; ++i) {
+      const double azimuth = 2 * kPi * (i + elevation) / count;
+      views.push_back(LookAtOrigin(
+          kDistance * Eigen::Vector3d(std::cos(azimuth) * std::cos(elevation),
+                                      std::sin(azimuth) * std::cos(elevation), std::sin(elevation)),
+          kSide, kFocal));
+    }
+  }
+  return views;
+}
+
+Eigen::Array3d TexelAt(const Image8& page, const Eigen::Vector2f& position) {
+  const double x = position.x() - 0.5;
+  const double y = position.y() - 0.5;
+  const int x0 = static_cast<int>(std::floor(x));
+  const int y0 = static_cast<int>(std::floor(y));
+  Eigen::Array3d value = Eigen::Array3d::Zero();
+  for (int i = 0; i < 4; ++i) {
+    const int column = x0 + i % 2;
+    const int row = y0 + i / 2;
+    EXPECT_TRUE(column >= 0 && row >= 0 && column < page.width && row < page.height);
+    const double weight = (1 - std::abs(x - column)) * (1 - std::abs(y - row));
+    for (int c = 0; c < 3; ++c) value[c] += weight * page.Pixel(column, row)[c];
+  }
+  return value;
+}
+
+struct Place {
+  Eigen::Vector3d x;
+  Eigen::Vector3d normal;
+  Eigen::Array3d color;  // of the texture
+};
+
+// Random places on the textured mesh.
+std::vector<Place> Places(const TexturedMesh& mesh, int per_triangle) {
+  RandomNumbers random(3);
+  std::vector<Place> places;
+  for (const TexturePage& page : mesh.pages) {
+    for (uint64_t t = page.first_triangle; t < page.first_triangle + page.num_triangles; ++t) {
+      const Triangle& corners = mesh.triangles[t];
+      const auto corner = [&](int i) -> Eigen::Vector3d { return mesh.vertices[corners[i]].cast<double>(); };
+      const Eigen::Vector3d normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+      for (int i = 0; i < per_triangle; ++i) {
+        double u = random.Uniform(0, 1);
+        double v = random.Uniform(0, 1);
+        if (u + v > 1) {
+          u = 1 - u;
+          v = 1 - v;
+        }
+        const double w = 1 - u - v;
+        const Eigen::Vector2d texel = u * mesh.texels[corners[0]].cast<double>() +
+                                      v * mesh.texels[corners[1]].cast<double>() +
+                                      w * mesh.texels[corners[2]].cast<double>();
+        places.push_back({u * corner(0) + v * corner(1) + w * corner(2), normal,
+                          TexelAt(page.image, texel.cast<float>())});
+      }
+    }
+  }
+  return places;
+}
+
+// Whether a place of the block is two pixels or more away from the block's edges, and not below it.
+bool IsClearOfEdges(const Place& place) {
+  if (place.normal.z() < -0.5) return false;
+  const std::vector<PaintedBox> scene = Scene();
+  for (int axis = 0; axis < 3; ++axis) {
+    if (std::abs(place.normal[axis]) > 0.5) continue;
+    if (place.x[axis] < scene[0].low[axis] + 0.02 || place.x[axis] > scene[0].high[axis] - 0.02) return false;
+  }
+  return place.x.x() < 0.7;  // the post's are not the block's
+}
+
+struct ColorErrors {
+  double rms = 0;      // of green and blue
+  double max_red = 0;  // the block has none: red comes from the post
+};
+
+ColorErrors Compare(const TexturedMesh& mesh) {
+  ColorErrors errors;
+  int count = 0;
+  for (const Place& place : Places(mesh, 400)) {
+    if (!IsClearOfEdges(place)) continue;
+    errors.rms += (place.color - Waves(place.x)).tail<2>().square().mean();
+    errors.max_red = std::max(errors.max_red, place.color[0]);
+    ++count;
+  }
+  EXPECT_GT(count, 2000);
+  errors.rms = std::sqrt(errors.rms / count);
+  return errors;
+}
+
+TEST(TextureMesh, ColorsAreThoseOfTheSurface) {
+  const BoxPhotos photos(Scene(), Ring(12));
+  TextureSummary summary;
+  Reporter reporter;
+  const TexturedMesh mesh = TextureMesh(MeshOf(Scene()), photos, {}, reporter, &summary);
+  const ColorErrors errors = Compare(mesh);
+  RecordProperty("rms", std::to_string(errors.rms));
+  RecordProperty("max_red", std::to_string(errors.max_red));
+  EXPECT_LT(errors.rms, 2.5);
+  // No texel of the block takes the post's colour.
+  EXPECT_LT(errors.max_red, 4);
+  EXPECT_GT(summary.mean_photos, 3);
+  EXPECT_NEAR(summary.texel_pixels, 0.7, 1e-6);
+  // The side of a pixel at the block's faces: the distance less half of the block, over the focal length.
+  EXPECT_NEAR(summary.texel_size, 0.7 * (kDistance - 0.5) / kFocal, 0.1 * summary.texel_size);
+}
+
+TEST(TextureMesh, WhatOnePhotoAloneShowsIsNotTaken) {
+  BoxPhotos photos(Scene(), Ring(12));
+  // A hand, say, in front of the block in one photo.
+  for (int y = 90; y < 150; ++y) {
+    for (int x = 90; x < 150; ++x) std::fill_n(photos.photo(3).Pixel(x, y), 3, uint8_t{255});
+  }
+  TextureSummary summary;
+  Reporter reporter;
+  const ColorErrors errors = Compare(TextureMesh(MeshOf(Scene()), photos, {}, reporter, &summary));
+  RecordProperty("rms", std::to_string(errors.rms));
+  RecordProperty("max_red", std::to_string(errors.max_red));
+  EXPECT_LT(errors.rms, 3.5);
+  EXPECT_LT(errors.max_red, 40);
+}
+
+// The largest step of the texture's colour across a border of charts, over places along it.
+double LargestSeam(const TexturedMesh& mesh) {
+  using Key = std::tuple<float, float, float>;
+  const auto key = [&](uint32_t v) {
+    return Key(mesh.vertices[v].x(), mesh.vertices[v].y(), mesh.vertices[v].z());
+  };
+  std::map<std::pair<Key, Key>, std::vector<Eigen::Array3d>> colors;  // along each edge, from either side
+  double largest = 0;
+  for (const TexturePage& page : mesh.pages) {
+    for (uint64_t t = page.first_triangle; t < page.first_triangle + page.num_triangles; ++t) {
+      for (int i = 0; i < 3; ++i) {
+        uint32_t a = mesh.triangles[t][i];
+        uint32_t b = mesh.triangles[t][(i + 1) % 3];
+        if (key(b) < key(a)) std::swap(a, b);
+        std::vector<Eigen::Array3d> line;
+        for (int k = 1; k < 40; ++k) {
+          line.push_back(
+              TexelAt(page.image, mesh.texels[a] + (mesh.texels[b] - mesh.texels[a]) * (k / 40.0F)));
+        }
+        const auto [found, is_new] = colors.emplace(std::pair(key(a), key(b)), line);
+        // Edges below the block, where no photo looks, and of the post do not count.
+        if (is_new || mesh.vertices[a].x() > 0.7F || (mesh.vertices[a].z() < 0 && mesh.vertices[b].z() < 0))
+          continue;
+        for (size_t k = 0; k < line.size(); ++k) {
+          largest = std::max(largest, (line[k] - found->second[k]).abs().maxCoeff());
+        }
+      }
+    }
+  }
+  return largest;
+}
+
+TEST(TextureMesh, ExposuresLeaveNoSeams) {
+  const std::vector<ObjectView> views = Ring(12);
+  BoxPhotos photos(Scene(), views);
+  RandomNumbers random(5);
+  for (size_t i = 0; i < views.size(); ++i) {
+    const double gain = random.Uniform(0.75, 1.3);
+    for (uint8_t& value : photos.photo(static_cast<int>(i)).pixels) {
+      value = static_cast<uint8_t>(std::lround(std::min(255.0, gain * value)));
+    }
+  }
+  Reporter reporter;
+  std::vector<double> spreads;
+  for (const bool equalise : {true, false}) {
+    TextureOptions options;
+    options.equalise = equalise;
+    TextureSummary summary;
+    const TexturedMesh mesh = TextureMesh(MeshOf(Scene()), photos, options, reporter, &summary);
+    if (equalise) {
+      const double seam = LargestSeam(mesh);
+      RecordProperty("seam", std::to_string(seam));
+      EXPECT_LT(seam, 20);
+      // Uniform gains from .75 to 1.3 have logarithms with a standard deviation of .16.
+      EXPECT_NEAR(summary.gain_spread, 0.16, 0.05);
+    }
+    std::vector<double> logs;
+    for (const Place& place : Places(mesh, 300)) {
+      if (IsClearOfEdges(place)) logs.push_back(std::log((place.color[1] + 1) / (Waves(place.x)[1] + 1)));
+    }
+    const double mean = Summarize(logs).mean;
+    double squares = 0;
+    for (const double log : logs) squares += (log - mean) * (log - mean);
+    spreads.push_back(std::sqrt(squares / static_cast<double>(logs.size())));
+  }
+  RecordProperty("spread", std::to_string(spreads[0]));
+  RecordProperty("spread_without", std::to_string(spreads[1]));
+  EXPECT_LT(spreads[0], 0.03);
+  EXPECT_GT(spreads[1], 2 * spreads[0]);
+}
+
+TEST(TextureMesh, RendersLikePhotosThatItWasNotMadeFrom) {
+  const BoxPhotos photos(Scene(), Ring(12));
+  const std::vector<ObjectView> others = {LookAtOrigin({3.1, -3.6, 1.9}, kSide, kFocal),
+                                          LookAtOrigin({-4.0, 1.3, 2.6}, kSide, kFocal)};
+  const BoxPhotos truth(Scene(), others);
+  TextureSummary summary;
+  Reporter reporter;
+  const TexturedMesh mesh = TextureMesh(MeshOf(Scene()), photos, {}, reporter, &summary);
+  for (int i = 0; i < truth.size(); ++i) {
+    const TexturedRendering rendering = RenderTexturedMesh(mesh, others[i], 4);
+    const double psnr = Psnr(rendering.image, truth.Load(i), &rendering.covered);
+    RecordProperty("psnr" + std::to_string(i), std::to_string(psnr));
+    EXPECT_GT(psnr, 27);
+  }
+}
+
+TEST(TextureMesh, SameForAnyNumberOfThreadsAndPortions) {
+  const BoxPhotos photos(Scene(), Ring(6));
+  Reporter reporter;
+  TextureSummary summary;
+  TextureOptions options;
+  options.num_threads = 1;
+  const TexturedMesh one = TextureMesh(MeshOf(Scene()), photos, options, reporter, &summary);
+  options.num_threads = 4;
+  // 40 % of 12 MiB hold some 36,000 texels of 130,000.
+  options.max_memory_gib = 0.012;
+  options.texel_size = summary.texel_size;
+  const TexturedMesh four = TextureMesh(MeshOf(Scene()), photos, options, reporter, &summary);
+  ASSERT_EQ(one.pages.size(), four.pages.size());
+  EXPECT_EQ(one.pages[0].image.pixels, four.pages[0].image.pixels);
+  EXPECT_EQ(one.texels, four.texels);
+}
+
+TEST(TextureMesh, LargeTexturesTakeSeveralPages) {
+  const BoxPhotos photos(Scene(), Ring(4));
+  Reporter reporter;
+  TextureSummary summary;
+  TextureOptions options;
+  options.max_page_size = 192;
+  const TexturedMesh mesh = TextureMesh(MeshOf(Scene()), photos, options, reporter, &summary);
+  EXPECT_GT(mesh.pages.size(), 2u);
+  uint64_t num_triangles = 0;
+  for (const TexturePage& page : mesh.pages) {
+    EXPECT_LE(std::max(page.image.width, page.image.height), 192);
+    EXPECT_EQ(page.first_triangle, num_triangles);
+    num_triangles += page.num_triangles;
+  }
+  EXPECT_EQ(num_triangles, mesh.triangles.size());
+  EXPECT_EQ(num_triangles, 24u);
+}
+
+TEST(TextureMesh, MeshesThatNoPhotoShowsAreRefused) {
+  const BoxPhotos photos(Scene(), Ring(2));
+  Reporter reporter;
+  TextureSummary summary;
+  EXPECT_THROW(TextureMesh({}, photos, {}, reporter, &summary), UserError);
+  TriangleMesh far = MeshOf(Scene());
+  for (Eigen::Vector3f& vertex : far.vertices) vertex.z() -= 1000;
+  EXPECT_THROW(TextureMesh(far, photos, {}, reporter, &summary), UserError);
+}
+
+TEST(TextureOptionsCheck, NamesTheBound) {
+  TextureOptions options;
+  EXPECT_FALSE(options.Check().has_value());
+  options.max_page_size = 8193;
+  ASSERT_TRUE(options.Check().has_value());
+  EXPECT_EQ(options.Check()->field, "max_page_size");
+}
+
+}  // namespace
+}  // namespace s2gs
