@@ -45,6 +45,7 @@ struct Settings {
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
   bool texture = true;
+  double marker_size_mm = 0;
   std::vector<std::string> force;  // as given
   std::set<std::string> forced;    // parts of the plan
 };
@@ -113,6 +114,11 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   add("turntable_mapper", "Cameras, table, and both sparse models",
       with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
            settings.colmap_path.string()));
+  if (settings.marker_size_mm > 0) {
+    add("model_scaler", "Millimetres",
+        {"--workspace_path", root, "--image_path", images, "--marker_size_mm",
+         FormatValue(settings.marker_size_mm)});
+  }
   if (settings.until == Until::kSplit) return steps;
 
   std::vector<std::string> training = {"--workspace_path", root,
@@ -277,6 +283,12 @@ void RunAutomaticScanner(CommandContext& context) {
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
+  options
+      .Add("marker_size_mm", &settings.marker_size_mm,
+           "side of the black squares of the printed markers (ArUco, AprilTag) that lie on the table or "
+           "stand in the "
+           "background: everything comes out in metres; 0: there are none")
+      .Unit("mm");
   options.Add("texture", &settings.texture,
               "give the mesh the colours of the photos: dense/0/textured-tsdf.glb, .obj and .ply");
   options.Add("force", &settings.force,

@@ -11,6 +11,8 @@
 #include "plugin/commands/workspace_info_command.h"
 
 #if S2GS_WITH_SFM
+#include "plugin/commands/marker_sheet_command.h"
+#include "plugin/commands/model_scaler_command.h"
 #include "plugin/commands/motion_splitter_command.h"
 #include "plugin/commands/turntable_mapper_command.h"
 #endif
@@ -20,6 +22,10 @@ namespace {
 
 void AddSfmCommands([[maybe_unused]] std::vector<Command>* commands) {
 #if S2GS_WITH_SFM
+  commands->push_back(
+      {"marker_sheet", "draws a sheet of markers and speckle for the table, to print", RunMarkerSheet});
+  commands->push_back({"model_scaler", "makes the scene metric: by printed markers or a length that is known",
+                       RunModelScaler});
   commands->push_back({"motion_splitter",
                        "splits features into static and rotating: two databases for colmap mapper",
                        RunMotionSplitter});

@@ -52,6 +52,7 @@ std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace&
       {w.ObjectModel(), "sparse model of the rotating part"},
       {w.StaticModel(), "sparse model of the background"},
       {w.Turntable(), "axis, stations and angles"},
+      {w.ScaleReport(), "the scene's scale in metres, and each length's residual"},
       {w.Plan(), "the plan: what runs, what is left out and why"},
       {w.Checkpoints(), "training checkpoints"},
       {w.PointCloud(), "Gaussians"},

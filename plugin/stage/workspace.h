@@ -25,6 +25,7 @@ struct Workspace {
   Path SplitOverlays() const { return root / "split" / "overlays"; }
 
   Path TurntableMapper() const { return root / "split" / "turntable_mapper.json"; }  ///< what it found.
+  Path ScaleReport() const { return root / "split" / "scale.json"; }                 ///< of model_scaler.
   Path TopView() const { return root / "split" / "top_view.svg"; }
 
   Path ObjectModel() const { return root / "sparse" / "0"; }       ///< poses are cam_from_object.
