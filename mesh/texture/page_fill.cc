@@ -83,6 +83,7 @@ std::vector<Eigen::Array3f> SpreadVertexColors(const TriangleMesh& mesh,
   }
   // Ring by ring around what is known. Triangles whose corners are all known are done with.
   std::vector<uint32_t> open;
+  open.reserve(mesh.triangles.size());
   for (size_t t = 0; t < mesh.triangles.size(); ++t) open.push_back(static_cast<uint32_t>(t));
   std::vector<Eigen::Array4f> ring(sums.size(), Eigen::Array4f::Zero());
   for (bool has_grown = true; has_grown;) {

@@ -62,6 +62,7 @@ using Sightings = std::map<std::string, std::vector<MarkerSighting>>;
 
 std::vector<std::string> NamesOf(const ColmapModel& model) {
   std::vector<std::string> names;
+  names.reserve(model.images.size());
   for (const auto& [id, image] : model.images) names.push_back(image.name);
   std::sort(names.begin(), names.end());
   return names;
@@ -168,6 +169,7 @@ std::vector<LocatedMarker> LocateOnEither(const ColmapModel& object, const Colma
     }
   }
   std::vector<LocatedMarker> markers;
+  markers.reserve(best.size());
   for (const auto& [id, marker] : best) markers.push_back(marker);
   return markers;
 }

@@ -40,6 +40,7 @@ cv::Ptr<cv::aruco::Dictionary> DictionaryOf(const std::string& name) {
 const std::vector<std::string>& MarkerDictionaries() {
   static const std::vector<std::string> names = [] {
     std::vector<std::string> list;
+    list.reserve(Known().size());
     for (const auto& [name, number] : Known()) list.push_back(name);
     return list;
   }();
