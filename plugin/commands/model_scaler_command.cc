@@ -127,8 +127,8 @@ void AddPoint(const std::vector<std::string>& texts, const std::string& option, 
       (*sightings)[text.substr(0, middle)][mark] = {std::stod(x, &end_x), std::stod(y, &end_y)};
       if (end_x != x.size() || end_y != y.size()) throw std::invalid_argument(text);
     } catch (const std::exception&) {
-      throw CommandLineError("--" + option + ": \"" + text +
-                             "\" is not NAME:X:Y, a photo's name and pixels in it.");
+      throw CommandLineError(
+          fmt::format("--{}: \"{}\" is not NAME:X:Y, a photo's name and pixels in it.", option, text));
     }
   }
 }

@@ -213,7 +213,9 @@ TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
     const LossTerms expected_loss = ReferenceLoss(scene, photo, step, neighbours, 2);
     EXPECT_EQ(loss.steps, 1);
     EXPECT_NEAR(loss.l1, expected_loss.l1, 2e-6);
-    if (one.weights.dssim != 0) EXPECT_NEAR(loss.dssim, expected_loss.dssim, 1e-5);
+    if (one.weights.dssim != 0) {
+      EXPECT_NEAR(loss.dssim, expected_loss.dssim, 1e-5);
+    }
     EXPECT_NEAR(loss.normal, expected_loss.normal, 1e-5);
     EXPECT_NEAR(loss.distortion, expected_loss.distortion, 1e-8);
     EXPECT_NEAR(loss.entropy_2d, expected_loss.entropy_2d, 1e-5);

@@ -70,7 +70,9 @@ TEST_P(SceneConsistency, AnglesPosesAndModelsAgree) {
     const double sigma = report.joint.angle_sigma_deg[i];
     if (aligned.scene.views[i].angle_deg == 0) continue;
     EXPECT_GT(sigma, 1e-4) << aligned.scene.views[i].name;
-    if (GetParam().stations == 1) EXPECT_LT(sigma, 0.2) << aligned.scene.views[i].name;
+    if (GetParam().stations == 1) {
+      EXPECT_LT(sigma, 0.2) << aligned.scene.views[i].name;
+    }
   }
 }
 
