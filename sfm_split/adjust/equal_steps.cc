@@ -35,12 +35,43 @@ std::vector<int> AngleColumns(const JointProblem& problem, const JointReport& re
   return columns;
 }
 
+// Places of images that stand about equal steps in the order of their angles, from after the widest gap on;
+// none where two share a place. A gap of several steps is so many places.
+std::vector<std::pair<int, int>> PlacesByAngle(const std::vector<std::pair<int, int>>& order,
+                                               const JointProblem& problem) {
+  if (order.size() < kLeastImages) return {};
+  std::vector<std::pair<double, int>> around;
+  for (const auto& [place, image] : order)
+    around.emplace_back(WrapAngle(problem.images[static_cast<size_t>(image)].angle_rad), image);
+  std::sort(around.begin(), around.end());
+  const size_t num = around.size();
+  std::vector<double> gaps;  // before each
+  for (size_t k = 0; k < num; ++k)
+    gaps.push_back(k == 0 ? around[0].first + 2 * kPi - around[num - 1].first
+                          : around[k].first - around[k - 1].first);
+  const auto first = static_cast<size_t>(std::max_element(gaps.begin(), gaps.end()) - gaps.begin());
+  const double step = UpperMedian(gaps);
+  std::vector<std::pair<int, int>> places = {{0, around[first].second}};
+  for (size_t k = 1; k < num; ++k) {
+    const size_t i = (first + k) % num;
+    const auto steps = static_cast<int>(std::lround(gaps[i] / step));
+    if (steps < 1) return {};
+    places.emplace_back(places.back().first + steps, around[i].second);
+  }
+  return places;
+}
+
 // A station's angles about equal steps: the scatter in directions that offset and step leave, and the
 // variances there.
 struct Scatter {
   VectorXd deviations;  // along directions in which the errors are independent [rad]
   VectorXd variances;   // [rad^2]
 };
+
+double RootMeanSquare(const Scatter& scatter) {
+  return scatter.deviations.norm() /
+         std::sqrt(std::max<double>(1, static_cast<double>(scatter.deviations.size())));
+}
 
 struct Station {
   EqualStepsPrior steps;
@@ -51,6 +82,7 @@ struct Station {
 Station FitSteps(std::vector<std::pair<int, int>> order, int num_photos, const JointProblem& problem,
                  const std::vector<int>& columns, const MatrixXd& covariance, double inflation) {
   Station result;
+  if (order.size() < kLeastImages) return result;
   std::sort(order.begin(), order.end());
   const auto angle = [&](size_t k) { return problem.images[static_cast<size_t>(order[k].second)].angle_rad; };
   std::vector<double> single;
@@ -127,9 +159,19 @@ std::vector<EqualStepsPrior> FindEqualSteps(const JointProblem& problem,
     num_photos[places[i].station] = places[i].num_photos;
   }
   std::vector<Station> stations;
-  for (auto& [station, order] : of_station) {
-    Station fitted = FitSteps(std::move(order), num_photos[station], problem, columns,
-                              report.observability.covariance, inflation);
+  for (const auto& [station, order] : of_station) {
+    const auto fit = [&](std::vector<std::pair<int, int>> in_order) {
+      return FitSteps(std::move(in_order), num_photos[station], problem, columns,
+                      report.observability.covariance, inflation);
+    };
+    Station fitted = fit(order);
+    Station by_angle = fit(PlacesByAngle(order, problem));
+    // Names are no order of capture where photos lie farther from their places than from each other's.
+    if (!by_angle.steps.places.empty() &&
+        (fitted.steps.places.empty() ||
+         RootMeanSquare(fitted.scatter) > kHalfStep * std::abs(by_angle.steps.step_rad))) {
+      fitted = std::move(by_angle);
+    }
     if (!fitted.steps.places.empty()) stations.push_back(std::move(fitted));
   }
   if (stations.empty()) return {};

@@ -18,10 +18,10 @@ struct CapturePlace {
 /// that make one whole turn over the station's photos to within half a step are that turn's. The width is the
 /// largest that the angles' scatter about equal steps allows within two standard deviations, beside the
 /// errors that the keypoints make (DataInflation; profile likelihood, one width for all stations): it never
-/// is 0, and unequal steps, or photos in another order, make it so wide that it says nothing. Stations with
-/// too few images, and those whose steps fewer than half of them show, have none.
-/// \param places  one per image of the problem.
-/// \param report  of an adjustment of the problem without such priors, with covariances.
+/// is 0, and unequal steps make it so wide that it says nothing. Where the places are no order of capture
+/// (names that say nothing), the order of the angles themselves is taken. Stations with too few images have
+/// none. \param places  one per image of the problem. \param report  of an adjustment of the problem without
+/// such priors, with covariances.
 std::vector<EqualStepsPrior> FindEqualSteps(const JointProblem& problem,
                                             const std::vector<CapturePlace>& places,
                                             const JointReport& report);

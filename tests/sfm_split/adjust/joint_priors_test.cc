@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sfm_split/adjust/equal_steps.h"
@@ -160,7 +162,7 @@ TEST(EqualSteps, MovesNothingWhereStepsAreUnequal) {
   }
 }
 
-// A turn of 340 degrees with steps of 20 is no whole one of 17 photos, and photos in another order are none.
+// A turn of 220 degrees in twelve photos is no whole one.
 TEST(EqualSteps, PartialTurnsStayPartial) {
   Scan scan = MakeScan(40, 0, 0.4, 12);
   Reporter reporter;
@@ -169,10 +171,28 @@ TEST(EqualSteps, PartialTurnsStayPartial) {
   ASSERT_EQ(turns.size(), 1U);
   EXPECT_FALSE(turns[0].closes);
   EXPECT_NEAR(std::abs(turns[0].step_rad), 20 * kDegree, 0.1 * kDegree);
-  std::vector<CapturePlace> shuffled = scan.places;
-  for (size_t i = 0; i < shuffled.size(); ++i) shuffled[i].place = static_cast<int>(5 * i % 12);
-  const std::vector<EqualStepsPrior> none = FindEqualSteps(scan.problem, shuffled, report);
-  for (const EqualStepsPrior& turn : none) EXPECT_GT(turn.sigma_rad, 1 * kDegree);
+}
+
+// Photos whose names are in another order than they were taken: the same steps as those of the right order,
+// in either direction.
+TEST(EqualSteps, DoNotDependOnNames) {
+  for (const int num : {12, 18}) {
+    Scan scan = MakeScan(41, 0, 0.4, num);
+    Reporter reporter;
+    const JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+    const std::vector<EqualStepsPrior> turns = FindEqualSteps(scan.problem, scan.places, report);
+    std::vector<CapturePlace> shuffled = scan.places;
+    std::mt19937 random(5);
+    for (size_t i = shuffled.size(); i > 1; --i)
+      std::swap(shuffled[i - 1].place, shuffled[random() % i].place);
+    const std::vector<EqualStepsPrior> again = FindEqualSteps(scan.problem, shuffled, report);
+    ASSERT_EQ(turns.size(), 1U);
+    ASSERT_EQ(again.size(), 1U);
+    EXPECT_EQ(again[0].closes, turns[0].closes);
+    EXPECT_NEAR(std::abs(again[0].step_rad), std::abs(turns[0].step_rad), 1e-9);
+    // Widths are tried in steps of 5 %.
+    EXPECT_NEAR(again[0].sigma_rad, turns[0].sigma_rad, 0.06 * turns[0].sigma_rad);
+  }
 }
 
 }  // namespace
