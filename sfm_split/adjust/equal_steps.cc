@@ -160,9 +160,10 @@ std::vector<EqualStepsPrior> FindEqualSteps(const JointProblem& problem,
   }
   std::vector<Station> stations;
   for (const auto& [station, order] : of_station) {
+    const int count = num_photos[station];
     const auto fit = [&](std::vector<std::pair<int, int>> in_order) {
-      return FitSteps(std::move(in_order), num_photos[station], problem, columns,
-                      report.observability.covariance, inflation);
+      return FitSteps(std::move(in_order), count, problem, columns, report.observability.covariance,
+                      inflation);
     };
     Station fitted = fit(order);
     Station by_angle = fit(PlacesByAngle(order, problem));
