@@ -41,11 +41,13 @@ std::vector<std::pair<int, int>> PlacesByAngle(const std::vector<std::pair<int, 
                                                const JointProblem& problem) {
   if (order.size() < kLeastImages) return {};
   std::vector<std::pair<double, int>> around;
+  around.reserve(order.size());
   for (const auto& [place, image] : order)
     around.emplace_back(WrapAngle(problem.images[static_cast<size_t>(image)].angle_rad), image);
   std::sort(around.begin(), around.end());
   const size_t num = around.size();
   std::vector<double> gaps;  // before each
+  gaps.reserve(num);
   for (size_t k = 0; k < num; ++k)
     gaps.push_back(k == 0 ? around[0].first + 2 * kPi - around[num - 1].first
                           : around[k].first - around[k - 1].first);
