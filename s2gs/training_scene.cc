@@ -8,7 +8,6 @@
 #include <set>
 #include <sstream>
 #include <string>
-#include <system_error>
 #include <utility>
 
 #include "s2gs/image/image_file.h"
@@ -32,11 +31,6 @@ constexpr double kRegionQuantile = 0.995;  // of the rotating points: the few be
 constexpr double kRegionMargin = 1.15;     // SfM points end before the surface does.
 constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a disc whose top alone has points.
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
-
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return !path.empty() && fs::exists(path, ec);
-}
 
 // What the workspace's files say before any photo is read.
 struct SceneFiles {

@@ -251,18 +251,12 @@ void RunAutomaticScanner(CommandContext& context) {
   Settings settings;
   Options& options = context.Declare(
       "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
-      "model, "
-      "object masks and a textured mesh. Runs the other commands one after another; what is done is skipped, "
-      "and a "
-      "run "
-      "that was stopped goes on where it was. Options, photos, masks, disk, memory and colmap are checked "
-      "first, and "
-      "all that is wrong is listed at once. The plan is printed before anything long runs: what runs, what "
-      "is "
-      "left out and why; decisions that need a stage's measurements follow it. Each step's own command line "
-      "is printed: run it by hand to "
-      "change "
-      "more of it. Ends with report.html, which judges the scan and shows all of it.",
+      "model, object masks and a textured mesh. Runs the other commands one after another; what is done is "
+      "skipped, and a run that was stopped goes on where it was. Options, photos, masks, disk, memory and "
+      "colmap are checked first, and all that is wrong is listed at once. The plan is printed before "
+      "anything long runs: what runs, what is left out and why; decisions that need a stage's measurements "
+      "follow it. Each step's own command line is printed: run it by hand to change more of it. Ends with "
+      "report.html, which judges the scan and shows all of it.",
       "--workspace_path scan --image_path photos --quality medium");
   options.Add("workspace_path", &settings.workspace_path, "the workspace; created when it does not exist")
       .Required();
@@ -286,8 +280,7 @@ void RunAutomaticScanner(CommandContext& context) {
   options
       .Add("marker_size_mm", &settings.marker_size_mm,
            "side of the black squares of the printed markers (ArUco, AprilTag) that lie on the table or "
-           "stand in the "
-           "background: everything comes out in metres; 0: there are none")
+           "stand in the background: everything comes out in metres; 0: there are none")
       .Unit("mm");
   options.Add("texture", &settings.texture,
               "give the mesh the colours of the photos: dense/0/textured-tsdf.glb, .obj and .ply");

@@ -26,8 +26,7 @@ struct MatchCounts {
 
 MatchCounts CountMatches(const ScanFeatures& features) {
   MatchCounts counts;
-  const auto& pairs = features.raw_pairs.empty() ? features.object_pairs : features.raw_pairs;
-  for (const ImagePairMatches& pair : pairs) {
+  for (const ImagePairMatches& pair : AllPairs(features)) {
     const Keypoints& first = features.images[static_cast<size_t>(pair.image1)].keypoints;
     const Keypoints& second = features.images[static_cast<size_t>(pair.image2)].keypoints;
     for (const FeatureMatch& match : pair.matches) {

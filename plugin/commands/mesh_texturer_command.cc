@@ -47,20 +47,17 @@ void RunMeshTexturer(CommandContext& context) {
   Options& options = context.Declare(
       "Gives the mesh of dense/0 the colours of the photos: dense/0/textured-tsdf.obj (with .mtl), .glb (one "
       "file) and .ply, with their texture's pages textured-tsdf_0.png and so on. Each texel is blended from "
-      "the "
-      "photos that show its place best: large, sharp, without gloss, and with nothing in front. Skipped when "
-      "it "
-      "is done; with --output_path it always runs.",
+      "the photos that show its place best: large, sharp, without gloss, and with nothing in front. Skipped "
+      "when it is done; with --output_path it always runs.",
       "--workspace_path scan --Texture.texel_size_pixels 0.5");
   options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
   options.Add("output_path", &texturer.output_path,
               "the files' names without extension; empty: dense/0/textured-tsdf");
   options.Add("mesh_path", &texturer.mesh_path,
               "the mesh, .ply, in the frame of dense/0/sparse; empty: dense/0/meshed-tsdf.ply");
-  options.Add(
-      "mask_path", &texturer.mask_path,
-      "masks NAME.png for the images of dense/0; empty: dense/0/masks, else masks where the photos are "
-      "free of distortion");
+  options.Add("mask_path", &texturer.mask_path,
+              "masks NAME.png for the images of dense/0; empty: dense/0/masks, else masks where the photos "
+              "are free of distortion");
   options.Add("render_path", &texturer.render_path,
               "folder for pictures of the textured mesh in the views of the photos that test_every holds "
               "out; empty: none");

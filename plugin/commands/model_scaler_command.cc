@@ -299,8 +299,7 @@ void Scale(const Settings& settings, const Workspace& workspace, Reporter& repor
         throw UserError(
             settings.workspace_path,
             fmt::format("the lengths contradict each other: by the markers the marked length is {:.2f} mm, "
-                        "not {:.2f}, "
-                        "and by that length their sides are {:.3f} mm, not {:.3f}",
+                        "not {:.2f}, and by that length their sides are {:.3f} mm, not {:.3f}",
                         1000 * by_markers * length.measured, settings.known_length_mm,
                         settings.marker_size_mm * by_length / by_markers, settings.marker_size_mm),
             "Measure both again, or state only one");
@@ -322,12 +321,9 @@ void RunModelScaler(CommandContext& context) {
   Settings settings;
   Options& options = context.Declare(
       "Makes the scene metric: sparse/0, sparse/static and turntable.json in metres, and so all that is made "
-      "from "
-      "them. The scale comes from printed markers (ArUco, AprilTag) of stated size that the photos show, on "
-      "the table "
-      "or in the background, or from a length between two points that are marked in photos. The residual of "
-      "each "
-      "length, in mm, is printed and written to split/scale.json.",
+      "from them. The scale comes from printed markers (ArUco, AprilTag) of stated size that the photos "
+      "show, on the table or in the background, or from a length between two points that are marked in "
+      "photos. The residual of each length, in mm, is printed and written to split/scale.json.",
       "--workspace_path scan --image_path photos --marker_size_mm 33");
   options.Add("workspace_path", &settings.workspace_path, "the workspace, with sparse/0 and turntable.json")
       .Required();
@@ -337,8 +333,7 @@ void RunModelScaler(CommandContext& context) {
       .Unit("mm");
   options.Add("marker_dictionary", &settings.marker_dictionary,
               "4X4, 5X5, 6X6, 7X7, ARUCO_ORIGINAL, APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10 or "
-              "APRILTAG_36H11; auto: the "
-              "one of which most are seen");
+              "APRILTAG_36H11; auto: the one of which most are seen");
   options.Add("marker_ids", &settings.marker_ids, "use these markers alone; empty: all that are found");
   own.Add("known_length_mm", &Settings::known_length_mm,
           "distance of two points of the rotating part; 0: none")

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <system_error>
 #include <vector>
 
 #include "mesh/io/mesh_files.h"
@@ -21,11 +20,6 @@ namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
-
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
 
 // The photos of the views, grey, for the refinement.
 class GreyPhotos : public RefinementPhotoSource {

@@ -30,11 +30,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
-
 // As a folder's name.
 std::string FileName(const std::string& text) {
   std::string name;

@@ -3,10 +3,10 @@
 #include <fmt/format.h>
 
 #include <map>
-#include <system_error>
 #include <utility>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 #include "sfm_split/scene/io/colmap_model.h"
 
@@ -14,11 +14,6 @@ namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
-
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
 
 // Masks are those of the photos, so they fit the dense images only when these are the photos.
 fs::path MaskFolder(const Workspace& workspace, const DenseViewRequest& request, Reporter& reporter) {

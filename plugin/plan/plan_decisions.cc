@@ -11,6 +11,7 @@
 #include "plugin/cli/console_reporter.h"
 #include "plugin/plan/plan_parts.h"
 #include "plugin/plan/scan_plan.h"
+#include "plugin/stage/json_file.h"
 #include "plugin/stage/stage.h"
 #include "s2gs/held_out_course.h"
 #include "s2gs/image/photo_folder.h"
@@ -28,22 +29,10 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr uint64_t kMaxJsonBytes = uint64_t{1} << 30;
-
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
-
-// Null when the file is missing or damaged.
-Json ReadJson(const fs::path& path) {
-  if (!Exists(path)) return nullptr;
-  try {
-    Json json = Json::parse(ReadWholeFile(path, kMaxJsonBytes), nullptr, false);
-    return json.is_object() ? json : Json(nullptr);
-  } catch (const UserError&) {
-    return nullptr;
-  }
+// Null also where the file holds something else than an object.
+Json ReadObject(const fs::path& path) {
+  Json json = ReadJsonFile(path);
+  return json.is_object() ? json : Json(nullptr);
 }
 
 // The last line of a log of one JSON object a line for which a predicate holds; null when there is none.
@@ -98,8 +87,8 @@ Evidence Gather(const Workspace& workspace) {
     evidence.stages.emplace(name, std::move(status));
   }
   // What a stale stage left is no measurement of this scan.
-  if (evidence.HasRun("motion_splitter")) evidence.labels = ReadJson(workspace.SplitLabels());
-  if (evidence.HasRun("turntable_mapper")) evidence.mapper = ReadJson(workspace.TurntableMapper());
+  if (evidence.HasRun("motion_splitter")) evidence.labels = ReadObject(workspace.SplitLabels());
+  if (evidence.HasRun("turntable_mapper")) evidence.mapper = ReadObject(workspace.TurntableMapper());
   if (evidence.HasRun("turntable_mapper")) {
     try {
       evidence.turntable = ReadTurntableFile(workspace.Turntable());

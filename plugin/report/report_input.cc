@@ -7,6 +7,7 @@
 #include <set>
 #include <system_error>
 
+#include "plugin/stage/json_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 
@@ -17,11 +18,6 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
 constexpr uint64_t kMaxJsonBytes = uint64_t{1} << 30;
-
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
 
 std::vector<Json> ReadLog(const fs::path& path) {
   std::vector<Json> lines;
@@ -71,16 +67,6 @@ fs::path FindPhotos(const ReportInput& input) {
 }
 
 }  // namespace
-
-Json ReadJsonFile(const fs::path& path) {
-  if (!Exists(path)) return nullptr;
-  try {
-    Json json = Json::parse(ReadWholeFile(path, kMaxJsonBytes), nullptr, false);
-    return json.is_discarded() ? Json(nullptr) : json;
-  } catch (const UserError&) {
-    return nullptr;
-  }
-}
 
 int ReportInput::StationOf(const std::string& photo) const {
   if (const TurntableImage* image = TableImage(photo)) return image->station;

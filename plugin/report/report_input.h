@@ -51,9 +51,6 @@ struct ReportInput {
 ReportInput ReadReportInput(const Workspace& workspace, const std::filesystem::path& image_path,
                             Reporter& reporter);
 
-/// A JSON file; null when it is missing or no JSON.
-nlohmann::json ReadJsonFile(const std::filesystem::path& path);
-
 /// One part of the report: its numbers, for report.json, and how report.html shows them.
 struct ReportSection {
   std::string id;     ///< the key in report.json and the place in the page.

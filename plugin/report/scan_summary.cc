@@ -7,12 +7,12 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
-#include <system_error>
 #include <utility>
 
 #include "mesh/surface/triangle_mesh.h"
 #include "plugin/cli/console_reporter.h"
 #include "plugin/plan/scan_plan.h"
+#include "plugin/stage/json_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/scene/io/colmap_model.h"
@@ -25,21 +25,6 @@ namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
 constexpr uint64_t kMaxJsonBytes = uint64_t{1} << 30;
-
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
-
-// Null when the file is missing or damaged: a summary leaves out what it cannot read.
-Json ReadJson(const fs::path& path) {
-  if (!Exists(path)) return nullptr;
-  try {
-    return Json::parse(ReadWholeFile(path, kMaxJsonBytes), nullptr, false);
-  } catch (const UserError&) {
-    return nullptr;
-  }
-}
 
 void AddPlan(const Workspace& workspace, ScanSummary* summary) {
   PlanRequest request;
@@ -123,7 +108,7 @@ void AddFiles(const Workspace& workspace, ScanSummary* summary) {
 
 ScanSummary::PoseVerdict ReadPoseVerdict(const Workspace& workspace) {
   ScanSummary::PoseVerdict result;
-  const Json report = ReadJson(workspace.ObjectDatabase().parent_path() / "turntable_mapper.json");
+  const Json report = ReadJsonFile(workspace.ObjectDatabase().parent_path() / "turntable_mapper.json");
   if (!report.is_object() || !report.contains("verdict") || !report["verdict"].is_object()) return result;
   const Json& verdict = report["verdict"];
   const auto strings = [&](const char* key, std::vector<std::string>* out) {
@@ -206,7 +191,7 @@ void WriteScanRecord(const fs::path& path, const ScanSummary& summary) {
 
 ScanSummary ReadScanRecord(const fs::path& path) {
   ScanSummary record;
-  const Json json = ReadJson(path);
+  const Json json = ReadJsonFile(path);
   try {
     if (!json.is_object()) return {};
     for (const Json& step : json.at("steps")) {

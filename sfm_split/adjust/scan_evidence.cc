@@ -17,11 +17,10 @@
 namespace s2gs {
 namespace {
 
-constexpr float kLeastMovePx = 3;  // less may be the background's
-constexpr double kFarApart = 3;    // neighbours are one or two steps apart, pairs across the end one to three
-constexpr int kLeastUnmoved = 3;   // photos of one camera place: two may be taken from one hand
-constexpr int kNextInOrder = 2;    // photos so far apart in order are neighbours
-constexpr int kLeastOfTurn = 6;    // photos of a station that can be a turn
+constexpr double kFarApart = 3;   // neighbours are one or two steps apart, pairs across the end one to three
+constexpr int kLeastUnmoved = 3;  // photos of one camera place: two may be taken from one hand
+constexpr int kNextInOrder = 2;   // photos so far apart in order are neighbours
+constexpr int kLeastOfTurn = 6;   // photos of a station that can be a turn
 constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their robust fits take
 constexpr double kNoiseRange = 6;       // of the bound, over which errors are looked at
 constexpr int kLeastSupport = 15;       // COLMAP's least motion between two photos
@@ -79,11 +78,6 @@ class Gatherer {
     }
     return result;
   }
-  bool IsStatic(int image, uint32_t keypoint) const {
-    const std::vector<KeypointLabel>& labels = features_.images[static_cast<size_t>(image)].labels;
-    return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
-  }
-  FeatureMatches Moving(const ImagePairMatches& pair) const;
   FeatureMatches Proven(const ImagePairMatches& pair) const;
   std::optional<int> TurnsOf(int station) const;
 
@@ -91,12 +85,14 @@ class Gatherer {
   double bound_px_;
   std::vector<PosedImage> posed_;
   std::vector<const View*> view_of_;
+  std::vector<int> verified_;              // matches of each photo that agree with its pose
   std::map<int, std::vector<int>> order_;  // images of a station, by name
 };
 
 void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence) {
   std::vector<double> held_errors;
   std::vector<double> adjusted_errors;
+  verified_.assign(posed_.size(), 0);
   for (const ImagePairMatches& pair : features_.object_pairs) {
     if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
     const AgreeingMatches compared = Compare(pair, pair.matches);
@@ -109,6 +105,9 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
                            held_back[static_cast<size_t>(pair.image2)][match.point2D_idx2];
       (is_held ? held_errors : adjusted_errors).push_back(error);
       if (is_held) held.push_back(match);
+      if (error > bound_px_) continue;
+      ++verified_[static_cast<size_t>(pair.image1)];
+      ++verified_[static_cast<size_t>(pair.image2)];
     }
     evidence->held_back.Add(Compare(pair, held));
   }
@@ -124,55 +123,36 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
 // photos: all its matches, right and wrong ones, must agree with its angle as they would not with the best of
 // the angles that they can tell apart.
 void Gatherer::SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) const {
-  std::vector<AgreeingMatches> of_photo(posed_.size());
-  std::vector<int> verified(posed_.size(), 0);
-  AgreeingMatches sum;
-  for (const ImagePairMatches& pair :
-       features_.raw_pairs.empty() ? features_.object_pairs : features_.raw_pairs) {
-    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
-    const AgreeingMatches compared = Compare(pair, Moving(pair));
-    sum.Add(compared);
-    of_photo[static_cast<size_t>(pair.image1)].Add(compared);
-    of_photo[static_cast<size_t>(pair.image2)].Add(compared);
+  std::vector<size_t> weak;
+  for (size_t i = 0; i < posed_.size(); ++i) {
+    if (posed_[i].is_posed && verified_[i] < kLeastSupport) weak.push_back(i);
   }
-  for (const ImagePairMatches& pair : features_.object_pairs) {
-    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
-    for (const FeatureMatch& match : pair.matches) {
-      if (Error(pair, match) > bound_px_) continue;
-      ++verified[static_cast<size_t>(pair.image1)];
-      ++verified[static_cast<size_t>(pair.image2)];
+  std::vector<AgreeingMatches> of_photo(posed_.size());
+  AgreeingMatches sum;
+  if (has_one_angle_each && !weak.empty()) {
+    for (const ImagePairMatches& pair : AllPairs(features_)) {
+      if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
+      const AgreeingMatches compared = Compare(pair, PossibleObjectMatches(features_, pair));
+      sum.Add(compared);
+      of_photo[static_cast<size_t>(pair.image1)].Add(compared);
+      of_photo[static_cast<size_t>(pair.image2)].Add(compared);
     }
   }
   const double by_chance = static_cast<double>(sum.by_chance + 1) / static_cast<double>(sum.all + 1);
-  const auto photos = static_cast<double>(std::max<size_t>(1, posed_.size()));
-  for (size_t i = 0; i < posed_.size(); ++i) {
-    if (!posed_[i].is_posed || verified[i] >= kLeastSupport) continue;
+  for (const size_t i : weak) {
     // Points half a photo from the axis move by the bound, to both sides, from one such angle to the next.
     const double angles = kPi * static_cast<double>(posed_[i].camera->width) / (2 * bound_px_);
+    const double risk = kRisk / static_cast<double>(posed_.size());
     const AgreeingMatches& own = of_photo[i];
-    const bool is_told = has_one_angle_each &&
-                         own.agreeing >= LeastAgreeingMatches(own.all, by_chance, angles, kRisk / photos);
+    const bool is_told =
+        has_one_angle_each && own.agreeing >= LeastAgreeingMatches(own.all, by_chance, angles, risk);
     if (!is_told) evidence->unsupported.push_back(features_.images[i].name);
   }
 }
 
-// Matches that may be the object's.
-FeatureMatches Gatherer::Moving(const ImagePairMatches& pair) const {
-  const bool same_place = StationOf(pair.image1) == StationOf(pair.image2);
-  FeatureMatches moving;
-  for (const FeatureMatch& match : pair.matches) {
-    if (IsStatic(pair.image1, match.point2D_idx1) || IsStatic(pair.image2, match.point2D_idx2)) continue;
-    const float moved =
-        (KeypointsOf(pair.image1)[match.point2D_idx1] - KeypointsOf(pair.image2)[match.point2D_idx2]).norm();
-    if (same_place && moved <= kLeastMovePx) continue;
-    moving.push_back(match);
-  }
-  return moving;
-}
-
-// Those that follow one epipolar geometry of their own.
+// Matches that may be the object's and follow one epipolar geometry of their own.
 FeatureMatches Gatherer::Proven(const ImagePairMatches& pair) const {
-  const FeatureMatches moving = Moving(pair);
+  const FeatureMatches moving = PossibleObjectMatches(features_, pair);
   std::vector<int> all(moving.size());
   for (size_t m = 0; m < all.size(); ++m) all[m] = static_cast<int>(m);
   FeatureMatches proven;

@@ -325,6 +325,11 @@ void CreateFolder(const fs::path& folder) {
   for (const fs::path& path : changed) SyncFolder(path);
 }
 
+bool Exists(const fs::path& path) {
+  std::error_code ec;
+  return fs::exists(path, ec);
+}
+
 std::string ReadWholeFile(const fs::path& path, uint64_t max_bytes, const std::string& remedy) {
   std::ifstream stream = OpenForReading(path, remedy);
   const uint64_t size = RemainingBytes(stream, path);

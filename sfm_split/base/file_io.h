@@ -56,6 +56,9 @@ void SyncToDisk(const std::filesystem::path& path);
 /// Creates a folder and its parents. Throws UserError with the path and the reason.
 void CreateFolder(const std::filesystem::path& folder);
 
+/// Whether something is there; false, too, where that cannot be told.
+bool Exists(const std::filesystem::path& path);
+
 /// A whole file as a string. Throws like OpenForReading; refuses files over `max_bytes`.
 std::string ReadWholeFile(const std::filesystem::path& path, uint64_t max_bytes,
                           const std::string& remedy = "");

@@ -13,7 +13,6 @@ namespace s2gs {
 namespace {
 
 constexpr double kRootTwoPi = 2.50662827463100050;
-constexpr float kLeastMovePx = 3;         // of the object's matches between photos of one station
 constexpr size_t kMaxMatches = 60;        // of a pair, evenly
 constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
 constexpr double kFirstSigmaPx = 1;
@@ -21,10 +20,6 @@ constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better
 constexpr double kMostSigmaPx = 2;     // of keypoints that are found badly
 constexpr int kRounds = 8;
 constexpr int kShareRounds = 6;
-
-bool IsStatic(const ScanImage& image, uint32_t keypoint) {
-  return keypoint < image.labels.size() && image.labels[keypoint] == KeypointLabel::kStatic;
-}
 
 struct Error {
   double px = 0;
@@ -77,26 +72,6 @@ std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene
   return posed;
 }
 
-const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features) {
-  return features.raw_pairs.empty() ? features.object_pairs : features.raw_pairs;
-}
-
-// The matches of a pair that may be the object's.
-FeatureMatches PossibleMatches(const ScanFeatures& features, const ImagePairMatches& pair) {
-  const ScanImage& first = features.images[static_cast<size_t>(pair.image1)];
-  const ScanImage& second = features.images[static_cast<size_t>(pair.image2)];
-  FeatureMatches possible;
-  for (const FeatureMatch& match : pair.matches) {
-    if (IsStatic(first, match.point2D_idx1) || IsStatic(second, match.point2D_idx2)) continue;
-    if (first.station == second.station &&
-        (first.keypoints[match.point2D_idx1] - second.keypoints[match.point2D_idx2]).norm() <= kLeastMovePx) {
-      continue;
-    }
-    possible.push_back(match);
-  }
-  return possible;
-}
-
 struct PairOfPhotos {
   int image1 = 0;
   int image2 = 0;
@@ -134,7 +109,7 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
       const int steps = std::abs(place[i] - place[j]);
       pair.steps = std::min(steps, size_of_station[station] - steps);
     }
-    const FeatureMatches possible = PossibleMatches(features, given);
+    const FeatureMatches possible = PossibleObjectMatches(features, given);
     const size_t stride = 1 + possible.size() / (kMaxMatches + 1);
     for (size_t m = 0; m < possible.size(); m += stride) {
       pair.matches.push_back(possible[m]);
@@ -197,7 +172,7 @@ std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, cons
     const auto j = static_cast<size_t>(given.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
     ImagePairMatches agreeing{given.image1, given.image2, {}};
-    for (const FeatureMatch& match : PossibleMatches(features, given)) {
+    for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
       if (MatchErrorPx(posed[i], posed[j], features.images[i].keypoints[match.point2D_idx1].cast<double>(),
                        features.images[j].keypoints[match.point2D_idx2].cast<double>()) <= max_error_px) {
         agreeing.matches.push_back(match);

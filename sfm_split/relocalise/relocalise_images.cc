@@ -97,10 +97,12 @@ std::vector<MatchAcrossTurn> ScanRefiner::RawMatchesWithPosed(int image, const R
     const PosedImage& there = posed[static_cast<size_t>(other)];
     if (!there.is_posed) continue;
     const bool same_place = StationOf(image) == StationOf(other);
+    const ScanImage& here = features_.images[static_cast<size_t>(image)];
+    const ScanImage& over_there = features_.images[static_cast<size_t>(other)];
     for (const FeatureMatch& match : pair.matches) {
       const uint32_t mine = is_first ? match.point2D_idx1 : match.point2D_idx2;
       const uint32_t theirs = is_first ? match.point2D_idx2 : match.point2D_idx1;
-      if (IsStatic(image, mine) || IsStatic(other, theirs)) continue;
+      if (IsStatic(here, mine) || IsStatic(over_there, theirs)) continue;
       const Eigen::Vector2f& xy = keypoints_[static_cast<size_t>(image)][mine];
       const Eigen::Vector2f& other_xy = keypoints_[static_cast<size_t>(other)][theirs];
       if (same_place && (xy - other_xy).norm() <= kLeastMovePx) continue;

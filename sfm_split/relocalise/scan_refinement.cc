@@ -115,11 +115,6 @@ double ScanRefiner::ErrorBound(double sigma_px) const {
                     options_.max_error_px);
 }
 
-bool ScanRefiner::IsStatic(int image, uint32_t keypoint) const {
-  const std::vector<KeypointLabel>& labels = features_.images[static_cast<size_t>(image)].labels;
-  return keypoint < labels.size() && labels[keypoint] == KeypointLabel::kStatic;
-}
-
 // Adds raw matches that agree with the poses to the verified ones: verification, which knew no poses, had to
 // leave out those of pairs that show little of the object.
 void ScanRefiner::TakeRawMatches(double max_error_px) {
@@ -143,7 +138,9 @@ void ScanRefiner::TakeRawMatches(double max_error_px) {
     FeatureMatches agreeing;
     for (const FeatureMatch& match : raw.matches) {
       if (known.count({match.point2D_idx1, match.point2D_idx2}) > 0) continue;
-      if (IsStatic(raw.image1, match.point2D_idx1) || IsStatic(raw.image2, match.point2D_idx2)) continue;
+      if (IsStatic(features_.images[i], match.point2D_idx1) ||
+          IsStatic(features_.images[j], match.point2D_idx2))
+        continue;
       const Eigen::Vector2f& xy1 = keypoints_[i][match.point2D_idx1];
       const Eigen::Vector2f& xy2 = keypoints_[j][match.point2D_idx2];
       if (same_place && (xy1 - xy2).norm() <= kLeastMovePx) continue;

@@ -15,8 +15,6 @@
 
 namespace s2gs {
 
-/// How far a raw match between images of one station moves at least [px]: less may be the background's.
-constexpr float kLeastMovePx = 3;
 /// Of two reconstructions of one camera, the turn about the axis apart: share of its distance from the axis,
 /// and radians.
 constexpr double kMaxCameraMisfit = 0.03;
@@ -81,7 +79,6 @@ class ScanRefiner {
   bool RelocaliseByPose(int image, const View& of_station, const PoseByPoints& pose);
   void RelocaliseStationByPoints(const std::vector<int>& images, double max_error_px);
   bool RelocaliseByRawMatches(int image, const Rigid3& cam_from_world, int station, double max_error_px);
-  bool IsStatic(int image, uint32_t keypoint) const;
   std::optional<double> AngleByEqualSteps(int image) const;
   bool RelocaliseBySteps(int image, const Rigid3& cam_from_world, int station, double max_error_px);
   void DropDoubtful(double max_error_px);

@@ -34,4 +34,16 @@ struct ScanFeatures {
   std::vector<ImagePairMatches> raw_pairs;
 };
 
+/// How far a match of the object moves at least between photos of one station [px]: less may be the
+/// background's.
+constexpr float kLeastMovePx = 3;
+
+bool IsStatic(const ScanImage& image, uint32_t keypoint);
+
+/// All matches that there are, right and wrong ones: the raw ones, else the verified ones.
+const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features);
+
+/// The matches of a pair that may be the object's, as far as the photos alone tell.
+FeatureMatches PossibleObjectMatches(const ScanFeatures& features, const ImagePairMatches& pair);
+
 }  // namespace s2gs

@@ -19,17 +19,8 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr float kLeastMovePx = 3;    // of a match that may be the object's, between photos of one station
-constexpr size_t kMaxCrossing = 60;  // matches of a pair of photos of two stations
+constexpr size_t kMaxCrossing = 60;       // matches of a pair of photos of two stations
 constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
-
-bool IsStatic(const ScanImage& image, uint32_t keypoint) {
-  return keypoint < image.labels.size() && image.labels[keypoint] == KeypointLabel::kStatic;
-}
-
-const std::vector<ImagePairMatches>& PairsOf(const ScanFeatures& features) {
-  return features.raw_pairs.empty() ? features.object_pairs : features.raw_pairs;
-}
 
 // What a station's keypoints that move say about the object: where it is and how large it looks.
 struct Appearance {
@@ -140,7 +131,7 @@ class SceneBuilder {
 // Matches between a station and all those that are placed.
 std::vector<CrossingPair> SceneBuilder::CrossingPairs(int station) const {
   std::vector<CrossingPair> result;
-  for (const ImagePairMatches& given : PairsOf(features_)) {
+  for (const ImagePairMatches& given : AllPairs(features_)) {
     const auto i = static_cast<size_t>(given.image1);
     const auto j = static_cast<size_t>(given.image2);
     if (!IsUsed(i) || !IsUsed(j)) continue;
@@ -281,7 +272,7 @@ std::vector<CircularStation> CollectCircularStations(const ScanFeatures& feature
     if (station.camera != camera) is_mixed[entry->second] = 1;
     place[i] = station.num_photos++;
   }
-  for (const ImagePairMatches& given : PairsOf(features)) {
+  for (const ImagePairMatches& given : AllPairs(features)) {
     const ScanImage& first = features.images[static_cast<size_t>(given.image1)];
     const ScanImage& second = features.images[static_cast<size_t>(given.image2)];
     if (first.station != second.station) continue;
@@ -290,12 +281,9 @@ std::vector<CircularStation> CollectCircularStations(const ScanFeatures& feature
     CircularPair pair;
     pair.photo1 = place[static_cast<size_t>(given.image1)];
     pair.photo2 = place[static_cast<size_t>(given.image2)];
-    for (const FeatureMatch& match : given.matches) {
-      if (IsStatic(first, match.point2D_idx1) || IsStatic(second, match.point2D_idx2)) continue;
-      const Eigen::Vector2f& xy1 = first.keypoints[match.point2D_idx1];
-      const Eigen::Vector2f& xy2 = second.keypoints[match.point2D_idx2];
-      if ((xy1 - xy2).norm() <= kLeastMovePx) continue;
-      pair.matches.emplace_back(xy1.cast<double>(), xy2.cast<double>());
+    for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
+      pair.matches.emplace_back(first.keypoints[match.point2D_idx1].cast<double>(),
+                                second.keypoints[match.point2D_idx2].cast<double>());
     }
     if (!pair.matches.empty()) stations[s].pairs.push_back(std::move(pair));
   }

@@ -9,10 +9,12 @@ does not move, or buttons that do not sort. --screenshots keeps a picture of eac
 """
 import argparse
 import base64
+import contextlib
 import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -37,7 +39,8 @@ class Browser:
             os.dup2(saved[1], 4)
 
         self.process = subprocess.Popen([path, *FLAGS, f"--user-data-dir={profile}", "about:blank"], preexec_fn=plug,
-                                        close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                                        close_fds=False, start_new_session=True, stdout=subprocess.DEVNULL,
+                                        stderr=subprocess.DEVNULL)
         os.close(to_browser)
         os.close(from_browser)
         self.buffer = b""
@@ -83,8 +86,11 @@ class Browser:
         return result["result"].get("value")
 
     def close(self):
+        """Ends the browser and its helper processes, which outlive it and still write into the profile."""
         self.process.terminate()
         self.process.wait()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
 
 
 FRAME = "new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r)))"
@@ -125,7 +131,8 @@ def main():
         if not holds:
             faults.append(fault)
 
-    with tempfile.TemporaryDirectory() as profile:
+    # A helper process that is just dying may still write a file between the listing of a folder and its removal.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         browser = Browser(args.chromium, profile)
         for domain in ("Page", "Runtime", "Log", "Network"):
             browser.call(domain + ".enable")

@@ -23,11 +23,6 @@ fs::path FilePath(const fs::path& folder, const char* name, ColmapFormat format)
   return folder / (std::string(name) + Extension(format));
 }
 
-bool Exists(const fs::path& path) {
-  std::error_code ec;
-  return fs::exists(path, ec);
-}
-
 ColmapFormat FormatOf(const fs::path& path) {
   if (path.extension() == ".bin") return ColmapFormat::kBinary;
   if (path.extension() == ".txt") return ColmapFormat::kText;

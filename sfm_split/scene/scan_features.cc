@@ -1,0 +1,26 @@
+#include "sfm_split/scene/scan_features.h"
+
+namespace s2gs {
+
+bool IsStatic(const ScanImage& image, uint32_t keypoint) {
+  return keypoint < image.labels.size() && image.labels[keypoint] == KeypointLabel::kStatic;
+}
+
+const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features) {
+  return features.raw_pairs.empty() ? features.object_pairs : features.raw_pairs;
+}
+
+FeatureMatches PossibleObjectMatches(const ScanFeatures& features, const ImagePairMatches& pair) {
+  const ScanImage& first = features.images[static_cast<size_t>(pair.image1)];
+  const ScanImage& second = features.images[static_cast<size_t>(pair.image2)];
+  FeatureMatches possible;
+  for (const FeatureMatch& match : pair.matches) {
+    if (IsStatic(first, match.point2D_idx1) || IsStatic(second, match.point2D_idx2)) continue;
+    const float moved = (first.keypoints[match.point2D_idx1] - second.keypoints[match.point2D_idx2]).norm();
+    if (first.station == second.station && moved <= kLeastMovePx) continue;
+    possible.push_back(match);
+  }
+  return possible;
+}
+
+}  // namespace s2gs
