@@ -304,6 +304,8 @@ void RunAutomaticScanner(CommandContext& context) {
   const std::vector<Step> steps = MakeSteps(settings, options);
   RequireSoundScan(RequestOf(settings, steps), reporter);
   CreateFolder(workspace.Own());
+  // Each command locks the workspace for itself; another scan may not come between them.
+  const WorkspaceLock lock(workspace, workspace.ScanLockFile(), reporter);
 
   ScanPlan plan = MakeScanPlan(PlanOf(settings), reporter);
   PrintScanPlan(plan, context.out());

@@ -4,6 +4,7 @@
 #include "plugin/commands/gaussian_trainer_command.h"
 #include "plugin/commands/mesh_texturer_command.h"
 #include "plugin/commands/report_command.h"
+#include "plugin/commands/scan_batch_command.h"
 #include "plugin/commands/scan_evaluator_command.h"
 #include "plugin/commands/scan_planner_command.h"
 #include "plugin/commands/tsdf_mesher_command.h"
@@ -50,6 +51,8 @@ std::vector<Command> MakeCommands() {
                       RunMeshTexturer});
   commands.push_back(
       {"report", "report.html and report.json: what a scan did, how good it is, what to do next", RunReport});
+  commands.push_back(
+      {"scan_batch", "many objects, one scan each, from a list: a table and a page over all", RunScanBatch});
   commands.push_back(
       {"scan_evaluator", "measures a workspace or rendered images against ground truth", RunScanEvaluator});
   commands.push_back(

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/report/page_head.h"
 #include "plugin/report/page_parts.h"
 #include "plugin/report/sections.h"
 #include "sfm_split/base/file_io.h"
@@ -24,20 +25,7 @@ std::string TitleOf(const Workspace& workspace) {
 
 std::string Page(const std::string& title, const std::vector<ReportSection>& sections) {
   HtmlWriter out;
-  out.Append("<!DOCTYPE html>\n");
-  out.Open("html", {{"lang", "en"}}).Open("head");
-  out.Void("meta", {{"charset", "utf-8"}});
-  out.Void("meta", {{"name", "viewport"}, {"content", "width=device-width, initial-scale=1"}});
-  // The page may not fetch anything, whatever stands in it.
-  out.Void("meta",
-           {{"http-equiv", "Content-Security-Policy"},
-            {"content",
-             "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"}});
-  out.Void("meta", {{"name", "color-scheme"}, {"content", "light dark"}});
-  out.Element("title", title + ": scan report");
-  out.Open("style").Append(kPageStyle).Close();
-  out.Close().Open("body");
-  out.Open("header").Open("div").Element("span", "Scan report").Element("h1", title).Close();
+  OpenPage(title, "Scan report", &out);
   out.Open("nav");
   for (const ReportSection& section : sections) {
     if (!section.title.empty()) out.Element("a", section.title, {{"href", "#" + section.id}});

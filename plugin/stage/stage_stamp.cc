@@ -1,5 +1,6 @@
 #include "plugin/stage/stage_stamp.h"
 
+#include <ctime>
 #include <nlohmann/json.hpp>
 #include <ostream>
 #include <system_error>
@@ -44,6 +45,15 @@ std::vector<StampedPath> PathsFromJson(const Json& list) {
 }
 
 }  // namespace
+
+std::string UtcNow() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc = {};
+  ::gmtime_r(&now, &utc);
+  char text[32] = {};
+  std::strftime(text, sizeof(text), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return text;
+}
 
 std::string StampPath(const Workspace& workspace, const fs::path& path) {
   std::error_code ec;

@@ -31,6 +31,9 @@ struct StageStamp {
   std::map<std::string, std::string> upstream;  ///< name and run_id of the stages before; "" for none.
 };
 
+/// Now, UTC, ISO 8601, to the second.
+std::string UtcNow();
+
 /// A path as stamps keep it: relative to the workspace when inside it, so that a workspace can be moved; else
 /// absolute. `workspace.root / StampPath(workspace, path)` is the path again.
 std::string StampPath(const Workspace& workspace, const std::filesystem::path& path);

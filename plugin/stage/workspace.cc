@@ -17,6 +17,29 @@ namespace s2gs {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+// Whoever only asks who owns a lock holds it for a moment.
+constexpr int kLockTries = 5;
+constexpr useconds_t kBetweenTriesUs = 50'000;
+
+std::string ReadOwner(int fd) {
+  char owner[32] = {};
+  const ssize_t length = ::pread(fd, owner, sizeof(owner) - 1, 0);
+  const std::string process = length > 0 ? owner : "";
+  return process.substr(0, process.find_first_not_of("0123456789"));
+}
+
+bool TryLock(int fd) {
+  for (int i = 1; ::flock(fd, LOCK_EX | LOCK_NB) != 0; ++i) {
+    if (errno != EWOULDBLOCK || i == kLockTries) return false;
+    ::usleep(kBetweenTriesUs);
+  }
+  return true;
+}
+
+}  // namespace
+
 std::vector<fs::path> Workspace::TexturedMeshFiles() const {
   std::vector<fs::path> paths;
   for (const char* ending : {".obj", ".mtl", ".glb", ".ply", "_0.png"}) {
@@ -77,14 +100,17 @@ std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace&
   };
 }
 
-WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
+WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter)
+    : WorkspaceLock(workspace, workspace.LockFile(), reporter) {}
+
+WorkspaceLock::WorkspaceLock(const Workspace& workspace, const fs::path& file, Reporter& reporter) {
   std::error_code ec;
   if (!fs::is_directory(workspace.root, ec)) {
     throw UserError(workspace.root, "no such folder", "Check --workspace_path, or create the folder");
   }
   RequireNoLinkOut(workspace.root, workspace.Own());
   CreateFolder(workspace.Own());
-  const fs::path path = workspace.LockFile();
+  const fs::path& path = file;
   // Programs that s2gs starts must not hold the lock after it ends: close-on-exec.
   fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
   if (fd_ < 0 && (errno == EACCES || errno == EROFS || errno == EPERM)) {
@@ -97,7 +123,7 @@ WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
     throw UserError(path, std::string("cannot be opened (") + std::strerror(errno) + ")",
                     "Check that you may write in the workspace");
   }
-  if (::flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+  if (TryLock(fd_)) {
     const std::string owner = std::to_string(::getpid()) + "\n";
     // For the other's message only: the lock holds without it.
     [[maybe_unused]] const bool is_written =
@@ -110,11 +136,8 @@ WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
                   "). Do not run s2gs twice at once in this workspace");
     return;
   }
-  char owner[32] = {};
-  const ssize_t length = ::pread(fd_, owner, sizeof(owner) - 1, 0);
+  const std::string process = ReadOwner(fd_);
   ::close(std::exchange(fd_, -1));
-  std::string process = length > 0 ? owner : "";
-  process = process.substr(0, process.find_first_not_of("0123456789"));
   throw UserError(
       workspace.root,
       "another s2gs" + (process.empty() ? "" : " (process " + process + ")") + " works in this workspace",
@@ -123,6 +146,15 @@ WorkspaceLock::WorkspaceLock(const Workspace& workspace, Reporter& reporter) {
 
 WorkspaceLock::~WorkspaceLock() {
   if (fd_ >= 0) ::close(fd_);
+}
+
+std::optional<std::string> OwnerOfLock(const fs::path& file) {
+  const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (fd < 0) return std::nullopt;
+  std::optional<std::string> owner;
+  if (::flock(fd, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK) owner = ReadOwner(fd);
+  ::close(fd);
+  return owner;
 }
 
 void RemoveStaleWorkspaceTemporaries(const Workspace& workspace) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -69,7 +70,10 @@ struct Workspace {
   Path ScanRecord() const { return Own() / "scan.json"; }    ///< the scanner's last run.
   Path Stages() const { return Own() / "stages"; }
   Path StageStamp(const std::string& stage) const { return Stages() / (stage + ".json"); }
-  Path LockFile() const { return Own() / "lock"; }
+  Path LockFile() const { return Own() / "lock"; }           ///< of the command that works in it.
+  Path ScanLockFile() const { return Own() / "scan_lock"; }  ///< of the scanner, between its commands too.
+  Path BatchRecord() const { return Own() / "batch.json"; }  ///< how scan_batch's last run of it ended.
+  Path BatchLog() const { return Own() / "batch.log"; }      ///< and what it said.
 
   Path ReportHtml() const { return root / "report.html"; }
   Path ReportJson() const { return root / "report.json"; }
@@ -95,6 +99,8 @@ class WorkspaceLock {
   /// another process works in it. Where the file system knows no locks, warns and goes on. A workspace that
   /// was used before may be read-only.
   WorkspaceLock(const Workspace& workspace, Reporter& reporter);
+  /// The same with another file of the workspace's own folder.
+  WorkspaceLock(const Workspace& workspace, const std::filesystem::path& file, Reporter& reporter);
   WorkspaceLock(const WorkspaceLock&) = delete;
   WorkspaceLock& operator=(const WorkspaceLock&) = delete;
   ~WorkspaceLock();
@@ -102,6 +108,9 @@ class WorkspaceLock {
  private:
   int fd_ = -1;
 };
+
+/// The number of the process that holds a lock's file, empty where it is not known; nothing when none does.
+std::optional<std::string> OwnerOfLock(const std::filesystem::path& file);
 
 /// Removes what killed runs left half-written anywhere in the workspace but among the photos.
 void RemoveStaleWorkspaceTemporaries(const Workspace& workspace);

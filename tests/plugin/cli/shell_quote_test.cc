@@ -31,5 +31,22 @@ TEST(ShellQuoted, AShellReadsTheSameWords) {
   EXPECT_EQ(ShellQuoted({"s2gs", "--a", "b/c.d"}), "s2gs --a b/c.d");
 }
 
+TEST(ShellWords, AreThoseOfAShell) {
+  for (const std::string line : {"a  b\tc", "--x 'my masks' --y \"a b\"", "a\\ b \\\\", "'' \"\"",
+                                 "a'b c'd\"e f\"", "\"a\\\"b\" 'c\\d'", "--k=v,w x;y"}) {
+    const auto words = ShellWords(line);
+    ASSERT_TRUE(words.has_value()) << line;
+    std::string all;
+    for (const std::string& word : *words) all += word + std::string(1, '\0');
+    // Nothing but words: a shell would end the command at the semicolon.
+    std::string quoted = line;
+    if (const size_t at = quoted.find(';'); at != std::string::npos) quoted.insert(at, "\\");
+    EXPECT_EQ(all, WordsByShell(quoted)) << line;
+  }
+  EXPECT_TRUE(ShellWords("")->empty());
+  EXPECT_FALSE(ShellWords("a 'b").has_value());
+  EXPECT_FALSE(ShellWords("a \"b'").has_value());
+}
+
 }  // namespace
 }  // namespace s2gs
