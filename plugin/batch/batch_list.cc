@@ -34,7 +34,7 @@ std::optional<std::vector<std::string>> Cells(std::string_view line, char separa
   std::vector<std::string> cells;
   for (size_t at = 0;;) {
     std::string cell;
-    const size_t begin = line.find_first_not_of(" ", at);
+    const size_t begin = line.find_first_not_of(' ', at);
     if (begin != std::string_view::npos && line[begin] == '"') {
       size_t i = begin + 1;
       for (; i < line.size(); ++i) {

@@ -158,7 +158,7 @@ class Batch {
   BatchOutcome Scan(size_t place, size_t job) {
     const BatchObject& object = objects_[place];
     const Workspace workspace{object.workspace};
-    const BatchOutcome before = LookAtObject(workspace);
+    BatchOutcome before = LookAtObject(workspace);
     if (before.state == BatchState::kRunning) return before;
     const double begin = SteadySeconds();
     ScanLog log(workspace);

@@ -33,7 +33,7 @@ struct Settings {
 
 fs::path OwnProgram() {
   std::error_code ec;
-  const fs::path path = fs::read_symlink("/proc/self/exe", ec);
+  fs::path path = fs::read_symlink("/proc/self/exe", ec);
   if (ec) throw UserError("/proc/self/exe", "cannot be read (" + ec.message() + ")", "Mount /proc");
   return path;
 }
@@ -176,6 +176,7 @@ void RunScanBatch(CommandContext& context) {
   }
   if (settings.rows.empty()) entries.Write();
   std::vector<BatchEntry> shown;
+  shown.reserve(chosen.size());
   for (const size_t place : chosen) shown.push_back(entries.get()[place]);
   PrintTable(shown, context.out());
   if (settings.rows.empty()) {
@@ -188,6 +189,13 @@ void RunScanBatch(CommandContext& context) {
   if (num_failed > 0) {
     throw UserError(settings.list, fmt::format("{} of {} objects have failed", num_failed, chosen.size()),
                     "The table says why; mend them and give the same command again");
+  }
+  // Whoever waits for them must not take them for done.
+  const size_t num_elsewhere = CountState(entries.get(), chosen, BatchState::kRunning);
+  if (num_elsewhere > 0) {
+    throw UserError(settings.list,
+                    fmt::format("other processes work on {} of {} objects", num_elsewhere, chosen.size()),
+                    "Give the same command again when they are done");
   }
   if (num_doubtful > 0) {
     throw DoubtfulResult(
