@@ -16,6 +16,7 @@
 #include "s2gs/kernel/sh.h"
 #include "s2gs/told_bands.h"
 #include "s2gs/train_log.h"
+#include "s2gs/turn_evidence.h"
 #include "sfm_split/base/stopwatch.h"
 
 namespace s2gs {
@@ -384,6 +385,7 @@ class Trainer {
     }
     const int64_t dropped = count - backend_->Count();
     cursor_.foreground_frozen = true;
+    RemoveStanding();
     const std::string note = "p is frozen: " + Format("%.2f", 100 * share) +
                              " % of it was outside [.1, .9]; " + std::to_string(dropped) +
                              " Gaussians that rotated outside the rotating part's region removed";
@@ -401,6 +403,36 @@ class Trainer {
     log_.AddDecision(Point(), decision);
   }
 
+  // Rotating Gaussians where photos show the background, once p is frozen: others take their place.
+  void RemoveStanding() {
+    if (!options_.use_turn_evidence || scene_.bodies() != SceneBodies::kBoth) return;
+    if (!evidence_) {
+      evidence_.emplace(scene_);
+      if (!evidence_->IsAvailable()) {
+        log_.AddNote(Point(),
+                     "no camera stood still for enough photos to show what stands behind the rotating part");
+      }
+    }
+    const std::vector<uint32_t> standing = FindStandingGaussians(*evidence_, backend_);
+    const int64_t count = backend_->Count();
+    if (standing.empty() || static_cast<int64_t>(standing.size()) == count) return;
+    std::vector<uint32_t> kept;
+    kept.reserve(static_cast<size_t>(count) - standing.size());
+    size_t next = 0;
+    for (int64_t i = 0; i < count; ++i) {
+      if (next < standing.size() && standing[next] == i) {
+        ++next;
+      } else {
+        kept.push_back(static_cast<uint32_t>(i));
+      }
+    }
+    backend_->Keep(kept);
+    const std::string note =
+        std::to_string(standing.size()) + " rotating Gaussians removed where photos show the background";
+    reporter_.Info(note);
+    log_.AddNote(Point(), note);
+  }
+
   // Strays: rotating Gaussians where nothing rotates, and those that no photo shows.
   void Tidy(double before, double now) {
     if (!Passed(before, now, kTidyEvery) || now > kTidyUntil) return;
@@ -416,6 +448,7 @@ class Trainer {
       return;
     }
     if (now < options_.densify_until - 1e-9) return;
+    RemoveStanding();
     const Placement placement = backend_->GetPlacement();
     std::vector<uint32_t> kept =
         has_region ? KeepInsideRegion(placement, *scene_.region, kRegionMargin) : std::vector<uint32_t>();
@@ -584,6 +617,7 @@ class Trainer {
   int height_ = 0;
   std::vector<PinholeView> training_views_;
   std::optional<HeldOutErrors> held_out_;
+  std::optional<TurnEvidence> evidence_;  // made when it is first asked.
   int64_t not_finite_ = 0;
   int bad_reports_ = 0;
   double last_message_ = 0;

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <queue>
 #include <tuple>
 #include <utility>
@@ -17,22 +18,25 @@
 namespace s2gs {
 namespace {
 
-// The sum of squared distances to planes, x' a x - 2 b' x + c.
+// The weighted sum of squared distances to planes, x' a x - 2 b' x + c.
 struct Quadric {
   Eigen::Matrix3d a = Eigen::Matrix3d::Zero();
   Eigen::Vector3d b = Eigen::Vector3d::Zero();
   double c = 0;
+  double weight = 0;  // of all planes
 
-  void AddPlane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double weight) {
+  void AddPlane(const Eigen::Vector3d& normal, const Eigen::Vector3d& point, double plane_weight) {
     const double offset = normal.dot(point);
-    a += weight * normal * normal.transpose();
-    b += weight * offset * normal;
-    c += weight * offset * offset;
+    a += plane_weight * normal * normal.transpose();
+    b += plane_weight * offset * normal;
+    c += plane_weight * offset * offset;
+    weight += plane_weight;
   }
   Quadric& operator+=(const Quadric& other) {
     a += other.a;
     b += other.b;
     c += other.c;
+    weight += other.weight;
     return *this;
   }
   double At(const Eigen::Vector3d& x) const { return std::max(0.0, x.dot(a * x) - 2 * b.dot(x) + c); }
@@ -75,7 +79,9 @@ class Decimator {
     AddQuadrics();
   }
 
-  void Run(int64_t max_triangles) {
+  // \param max_error  as SimplifyMesh's; infinite: no bound.
+  void Run(int64_t max_triangles, double max_error) {
+    max_error_sq_ = max_error / scale_ * (max_error / scale_);
     auto count = static_cast<int64_t>(mesh_.triangles.size());
     for (uint32_t v = 0; v < positions_.size(); ++v) {
       for (const uint32_t neighbour : Neighbours(v)) {
@@ -195,6 +201,10 @@ class Decimator {
     return false;
   }
 
+  bool IsTooFar(const Quadric& quadric, const Eigen::Vector3d& x) const {
+    return quadric.At(x) > max_error_sq_ * quadric.weight;
+  }
+
   bool IsAllowed(uint32_t keep, uint32_t drop) const {
     const int shared = SharedTriangles(keep, drop);
     if (shared < 1 || shared > 2) return false;
@@ -209,6 +219,8 @@ class Decimator {
     // An inner edge between two outlines would pinch the surface.
     if (shared == 2 && IsOnOutline(keep) && IsOnOutline(drop)) return false;
     const Eigen::Vector3d x = Target(keep, drop);
+    // Each side by itself: the planes of a large one would hide what becomes of a small one.
+    if (IsTooFar(quadrics_[keep], x) || IsTooFar(quadrics_[drop], x)) return false;
     return !TurnsOver(keep, drop, x) && !TurnsOver(drop, keep, x);
   }
 
@@ -252,6 +264,7 @@ class Decimator {
   TriangleMesh& mesh_;
   Eigen::Vector3d middle_;
   double scale_ = 1;
+  double max_error_sq_ = 0;
   std::vector<Eigen::Vector3d> positions_;  // from the middle, in sizes of the mesh
   std::vector<Quadric> quadrics_;
   std::vector<uint32_t> versions_;
@@ -264,7 +277,12 @@ class Decimator {
 
 void DecimateMesh(int64_t max_triangles, TriangleMesh* mesh) {
   if (static_cast<int64_t>(mesh->triangles.size()) <= max_triangles) return;
-  Decimator(mesh).Run(max_triangles);
+  Decimator(mesh).Run(max_triangles, std::numeric_limits<double>::infinity());
+}
+
+void SimplifyMesh(double max_error, TriangleMesh* mesh) {
+  if (!(max_error > 0)) return;
+  Decimator(mesh).Run(0, max_error);
 }
 
 }  // namespace s2gs

@@ -170,6 +170,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("settled_share", &T::settled_share, "share of p outside [.1, .9] that counts as settled");
   group.Add("use_rotating_region", &T::use_rotating_region,
             "nothing rotates outside the cylinder about the axis that holds the rotating points");
+  group.Add("use_turn_evidence", &T::use_turn_evidence,
+            "nothing rotates where photos of a camera that stands still show the background's texture");
   group.Add(
       "unseen_weight", &T::unseen_weight,
       "Gaussians of the rotating part that no photo shows with more weight than this are removed; 0: none");

@@ -8,6 +8,8 @@
 #include <vector>
 
 #include "mesh/io/mesh_files.h"
+#include "mesh/surface/decimate.h"
+#include "mesh/surface/vertex_normals.h"
 #include "plugin/outputs/dense_views.h"
 #include "plugin/stage/stage.h"
 #include "sfm_split/base/error.h"
@@ -166,6 +168,14 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     throw UserError(workspace.DepthMaps(), "the depth maps agree on no surface",
                     "Check that they belong to the poses of dense/0/sparse, or set a larger voxel_size");
   }
+  summary.num_full_vertices = mesh.vertices.size();
+  // A count that is asked for is a bound of its own.
+  if (options.max_error_voxels > 0 && options.cleanup.max_triangles == 0) {
+    SimplifyMesh(options.max_error_voxels * summary.tsdf.voxel_size, &mesh);
+    ComputeNormals(&mesh);
+    reporter.Info(fmt::format("simplified within {:.3g} voxels: {} of {} vertices stay",
+                              options.max_error_voxels, mesh.vertices.size(), summary.num_full_vertices));
+  }
   WriteMesh(summary.output_path, mesh);
   summary.num_vertices = mesh.vertices.size();
   summary.num_triangles = mesh.triangles.size();
@@ -191,6 +201,12 @@ void RunTsdfMesher(CommandContext& context) {
   options.AddEnum("use_gpu", &mesher.tsdf.backend,
                   {{"auto", TsdfBackend::kAuto}, {"0", TsdfBackend::kCpu}, {"1", TsdfBackend::kCuda}},
                   "fuse on the GPU");
+  options
+      .Add("max_error_voxels", &mesher.max_error_voxels,
+           "simplify the finished mesh as far as it stays so close to itself, where Cleanup.max_triangles is "
+           "0; "
+           "0 keeps every vertex")
+      .Unit("voxels");
   auto tsdf = options.Group("Tsdf", &mesher.tsdf);
   tsdf.Add("voxel_size", &TsdfOptions::voxel_size, "edge of a voxel; 0: from the depth maps' resolution")
       .Unit("as the poses");
@@ -241,6 +257,7 @@ void RunTsdfMesher(CommandContext& context) {
       .Unit("GiB");
   refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
   Reporter& reporter = context.Parse();
+  if (!(mesher.max_error_voxels >= 0)) throw CommandLineError("--max_error_voxels must not be negative");
 
   const Workspace workspace{workspace_path};
   StageRunner runner(workspace, reporter);

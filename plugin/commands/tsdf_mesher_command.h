@@ -22,6 +22,8 @@ struct TsdfMesherOptions {
   TsdfOptions tsdf;
   MeshCleanupOptions cleanup;
   MeshRefinementOptions refinement;  ///< by the photos of dense/0.
+  /// The finished mesh is simplified as far as SimplifyMesh's error stays below this [voxels]; 0: it is not.
+  double max_error_voxels = 0.1;
 };
 
 struct TsdfMesherSummary {
@@ -29,9 +31,10 @@ struct TsdfMesherSummary {
   MeshCleanupSummary cleanup;
   MeshRefinementSummary refinement;
   std::filesystem::path output_path;
-  int num_images = 0;      ///< of the dense model.
-  int num_depth_maps = 0;  ///< of these, with a depth map.
-  int num_masks = 0;       ///< of these, with a mask.
+  int num_images = 0;            ///< of the dense model.
+  int num_depth_maps = 0;        ///< of these, with a depth map.
+  int num_masks = 0;             ///< of these, with a mask.
+  size_t num_full_vertices = 0;  ///< before the mesh was simplified.
   size_t num_vertices = 0;
   size_t num_triangles = 0;
   double fused_seconds = 0;  ///< wall time until the refinement began.

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <optional>
@@ -13,6 +14,7 @@
 
 #include "mesh/surface/decimate.h"
 #include "mesh/surface/support_plane.h"
+#include "mesh/surface/triangle_tree.h"
 #include "sfm_split/base/angles.h"
 #include "tests/mesh/surface/mesh_topology.h"
 #include "tests/support/random_numbers.h"
@@ -240,6 +242,103 @@ TEST(MeshCleanup, DecimationKeepsOutlines) {
   EXPECT_LT(mesh.triangles.size(), before / 4);
   EXPECT_NEAR(TopologyOf(mesh).area, area, 0.02 * area);
   EXPECT_EQ(TopologyOf(mesh).num_bad_edges, 0);
+}
+
+// A closed box of unit sides, each a grid of n x n squares.
+TriangleMesh GridBox(int n) {
+  TriangleMesh mesh;
+  std::map<std::array<int, 3>, uint32_t> numbers;
+  const auto vertex = [&](const std::array<int, 3>& at) {
+    const auto [entry, is_new] = numbers.try_emplace(at, static_cast<uint32_t>(mesh.vertices.size()));
+    if (is_new) {
+      mesh.vertices.emplace_back(static_cast<float>(at[0]) / static_cast<float>(n),
+                                 static_cast<float>(at[1]) / static_cast<float>(n),
+                                 static_cast<float>(at[2]) / static_cast<float>(n));
+    }
+    return entry->second;
+  };
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const int side : {0, n}) {
+      for (int i = 0; i < n; ++i) {
+        for (int j = 0; j < n; ++j) {
+          const auto corner = [&](int u, int v) {
+            std::array<int, 3> at = {};
+            at[axis] = side;
+            at[(axis + 1) % 3] = i + u;
+            at[(axis + 2) % 3] = j + v;
+            return vertex(at);
+          };
+          const uint32_t a = corner(0, 0);
+          const uint32_t b = side == 0 ? corner(0, 1) : corner(1, 0);
+          const uint32_t c = corner(1, 1);
+          const uint32_t d = side == 0 ? corner(1, 0) : corner(0, 1);
+          mesh.triangles.emplace_back(a, b, c);
+          mesh.triangles.emplace_back(a, c, d);
+        }
+      }
+    }
+  }
+  return mesh;
+}
+
+// The largest distance of the vertices of one mesh to the triangles of another.
+double LargestDistance(const TriangleMesh& from, const TriangleMesh& to) {
+  std::vector<TriangleCorners> triangles;
+  for (const Triangle& t : to.triangles) {
+    triangles.push_back({to.vertices[t[0]].cast<double>(), to.vertices[t[1]].cast<double>(),
+                         to.vertices[t[2]].cast<double>()});
+  }
+  const TriangleTree tree(std::move(triangles));
+  double largest = 0;
+  for (const Eigen::Vector3f& vertex : from.vertices) {
+    largest = std::max(largest, tree.Distance(vertex.cast<double>()));
+  }
+  return largest;
+}
+
+TEST(MeshCleanup, ABoxNeedsFewTriangles) {
+  const TriangleMesh full = GridBox(30);  // 10,800 triangles
+  TriangleMesh mesh = full;
+  SimplifyMesh(1e-3, &mesh);
+  EXPECT_LE(mesh.triangles.size(), 60U);
+  EXPECT_LT(LargestDistance(full, mesh), 2e-3);
+  const MeshTopology topology = TopologyOf(mesh);
+  EXPECT_EQ(topology.num_boundary_edges, 0);
+  EXPECT_EQ(topology.euler_characteristic, 2);
+  EXPECT_NEAR(topology.volume, 1, 3e-3);
+}
+
+// Triangles of side s on a sphere of radius 1 lie s^2 / 6 or so below it: their number goes with 1 / error.
+TEST(MeshCleanup, SimplifiesABallToItsErrorBound) {
+  const TriangleMesh full = Ball(5, 1);  // 20,480 triangles
+  std::vector<size_t> counts;
+  for (const double error : {0.002, 0.008}) {
+    TriangleMesh mesh = full;
+    SimplifyMesh(error, &mesh);
+    EXPECT_LT(LargestDistance(full, mesh), 3 * error);
+    EXPECT_LT(LargestDistance(mesh, full), 3 * error);
+    EXPECT_EQ(TopologyOf(mesh).euler_characteristic, 2);
+    counts.push_back(mesh.triangles.size());
+  }
+  EXPECT_LT(counts[0], full.triangles.size() / 4);
+  EXPECT_NEAR(static_cast<double>(counts[0]) / static_cast<double>(counts[1]), 4, 1.5);
+}
+
+// However large the plane is that it stands on.
+TEST(MeshCleanup, SimplifyingKeepsASmallDetail) {
+  TriangleMesh mesh = GridBox(30);
+  size_t peak = 0;
+  for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+    const Eigen::Vector3f& x = mesh.vertices[v];
+    if ((x - Eigen::Vector3f(0.5F, 0.5F, 1)).norm() < 1e-3F) peak = v;
+  }
+  mesh.vertices[peak].z() += 0.01F;
+  const TriangleMesh full = mesh;
+  SimplifyMesh(1e-3, &mesh);
+  EXPECT_LT(mesh.triangles.size(), full.triangles.size() / 50);
+  EXPECT_LT(LargestDistance(full, mesh), 3e-3);
+  SimplifyMesh(0, &mesh);
+  EXPECT_LT(LargestDistance(full, mesh), 3e-3);
 }
 
 TEST(MeshCleanup, FindsTheDiscUnderTheObject) {
