@@ -163,6 +163,7 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   std::optional<ScanPictures> pictures;
   if (!settings.extraction.image_path.empty()) {
     pictures = ReadScanPictures(settings.extraction.image_path, features, split_settings.station, reporter);
+    if (pictures) TakeOrderOfCapture(split_settings.station, &*pictures, &features, reporter);
   }
   if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
   GivenMatches given;

@@ -14,7 +14,7 @@ namespace s2gs {
 /// A database's features, as the split takes them.
 struct SplitFeatures {
   std::vector<DatabaseImage> rows;  ///< as images.
-  std::vector<SplitImage> images;   ///< in the natural order of names.
+  std::vector<SplitImage> images;   ///< in the natural order of names, or in that of capture.
   /// Per image, or none at all: features that the database lacks; they stand last among the image's.
   std::vector<SiftFeatures> added;
 };

@@ -13,6 +13,7 @@
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/weak_features.h"
+#include "sfm_split/split/picture_order.h"
 
 namespace s2gs {
 namespace {
@@ -41,6 +42,22 @@ GreyPicture ReadGreyPicture(const fs::path& path, const Eigen::Vector2i& size) {
   return picture;
 }
 
+template <typename T>
+std::vector<T> Reordered(std::vector<T> items, const std::vector<uint32_t>& order) {
+  std::vector<T> result;
+  result.reserve(items.size());
+  for (const uint32_t i : order) result.push_back(std::move(items[i]));
+  return result;
+}
+
+void CompareAll(const StationOptions& options, ScanPictures* scan, Reporter& reporter) {
+  int longest_side = 0;
+  for (const GreyPicture& picture : scan->pictures)
+    longest_side = std::max(longest_side, picture.photo_size.maxCoeff());
+  scan->stations = FindPictureStations(scan->pictures, options.ForPhotosOf(longest_side), reporter);
+  scan->changes = FindChanges(scan->pictures, scan->stations);
+}
+
 }  // namespace
 
 std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const SplitFeatures& features,
@@ -49,9 +66,6 @@ std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const S
   ScanPictures result;
   result.pictures.resize(num);
   std::vector<std::string> problems(num);
-  int longest_side = 0;
-  for (const SplitImage& image : features.images)
-    longest_side = std::max(longest_side, image.size.maxCoeff());
   ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
     try {
       result.pictures[i] = ReadGreyPicture(image_path / features.images[i].name, features.images[i].size);
@@ -64,9 +78,20 @@ std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const S
     reporter.Warn("stations are told by features alone: " + problem);
     return std::nullopt;
   }
-  result.stations = FindPictureStations(result.pictures, options.ForPhotosOf(longest_side), reporter);
-  result.changes = FindChanges(result.pictures, result.stations);
+  CompareAll(options, &result, reporter);
   return result;
+}
+
+void TakeOrderOfCapture(const StationOptions& options, ScanPictures* pictures, SplitFeatures* features,
+                        Reporter& reporter) {
+  const std::vector<uint32_t> order =
+      OrderOfCapture(pictures->pictures, pictures->stations, pictures->changes);
+  if (order.empty()) return;
+  reporter.Info("the names are not in the order in which the table turned: the pictures tell it");
+  pictures->pictures = Reordered(std::move(pictures->pictures), order);
+  features->rows = Reordered(std::move(features->rows), order);
+  features->images = Reordered(std::move(features->images), order);
+  CompareAll(options, pictures, reporter);
 }
 
 int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures, bool always,

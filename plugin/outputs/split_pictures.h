@@ -17,6 +17,11 @@ std::optional<ScanPictures> ReadScanPictures(const std::filesystem::path& image_
                                              const SplitFeatures& features, const StationOptions& options,
                                              Reporter& reporter);
 
+/// Where the pictures tell another order of capture than the names do, puts features and pictures in it:
+/// everything after takes the order of images for a hint of how the table turned.
+void TakeOrderOfCapture(const StationOptions& options, ScanPictures* pictures, SplitFeatures* features,
+                        Reporter& reporter);
+
 /// Where what changes has few features, looks there again at lower thresholds, and adds what it finds to
 /// `features`. Returns the number of features added.
 /// \param always  even where they are not few.

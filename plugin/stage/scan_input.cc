@@ -46,6 +46,16 @@ class PairCollector {
                       kRemedy);
     }
     pairs->push_back({first->second, second->second, matches});
+    if (first->second < second->second) return;
+    std::swap(pairs->back().image1, pairs->back().image2);
+    for (FeatureMatch& match : pairs->back().matches) std::swap(match.point2D_idx1, match.point2D_idx2);
+  }
+
+  // Pairs in the order of images, which the database keeps by their numbers.
+  static void Sort(std::vector<ImagePairMatches>* pairs) {
+    std::sort(pairs->begin(), pairs->end(), [](const ImagePairMatches& a, const ImagePairMatches& b) {
+      return std::make_pair(a.image1, a.image2) < std::make_pair(b.image1, b.image2);
+    });
   }
 
  private:
@@ -61,6 +71,7 @@ std::vector<ImagePairMatches> ReadVerifiedPairs(const ColmapDatabase& database,
   database.ForEachTwoViewGeometry([&](uint32_t id1, uint32_t id2, const TwoViewGeometry& geometry) {
     collector.Add(id1, id2, geometry.inlier_matches, &pairs);
   });
+  PairCollector::Sort(&pairs);
   return pairs;
 }
 
@@ -71,6 +82,7 @@ std::vector<ImagePairMatches> ReadRawPairs(const ColmapDatabase& database,
   database.ForEachMatches([&](uint32_t id1, uint32_t id2, const FeatureMatches& matches) {
     collector.Add(id1, id2, matches, &pairs);
   });
+  PairCollector::Sort(&pairs);
   return pairs;
 }
 
@@ -148,8 +160,9 @@ ScanInput ReadScanInput(const Workspace& workspace) {
     }
     features.images.push_back(std::move(image));
   }
-  std::sort(features.images.begin(), features.images.end(),
-            [](const ScanImage& a, const ScanImage& b) { return a.name < b.name; });
+  std::sort(features.images.begin(), features.images.end(), [&](const ScanImage& a, const ScanImage& b) {
+    return split.images.at(a.name).place < split.images.at(b.name).place;
+  });
   features.object_pairs = ReadVerifiedPairs(object, features.images);
   features.raw_pairs = ReadRawPairs(object, features.images);
   std::error_code ec;

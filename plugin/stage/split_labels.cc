@@ -54,7 +54,8 @@ std::map<std::string, SplitLabels::Image> ReadImageLabels(const nlohmann::json& 
     // What an earlier mapping made of the labels does not count: it would not come out the same again.
     const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
     const SplitLabels::Image entry{station.get<int>(), image.at(labels).get<std::string>(),
-                                   image.value("represents_station", false)};
+                                   image.value("represents_station", false),
+                                   static_cast<int>(of_name.size())};
     if (!of_name.emplace(name, entry).second) throw UserError(path, "has image " + name + " twice", kRemedy);
   }
   return of_name;

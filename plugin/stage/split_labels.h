@@ -14,6 +14,7 @@ struct SplitLabels {
     int station = 0;
     std::string labels;               ///< one character a keypoint.
     bool represents_station = false;  ///< its background stands for the station's.
+    int place = 0;                    ///< in the file, whose images stand in the order of capture.
   };
   CaptureCase capture_case = CaptureCase::kTurntable;
   std::string reason;                   ///< of the case, in the split's words; may be empty.

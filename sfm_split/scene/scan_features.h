@@ -24,7 +24,7 @@ struct ScanImage {
 struct ScanFeatures {
   std::map<uint32_t, Camera> cameras;
   std::map<uint32_t, bool> has_prior_focal;
-  std::vector<ScanImage> images;               ///< by name.
+  std::vector<ScanImage> images;               ///< in the order of capture, as far as it is known.
   std::vector<ImagePairMatches> object_pairs;  ///< by index into images.
   std::vector<ImagePairMatches> static_pairs;  ///< between photos that stand for their stations.
   /// Matches of the background between such photos before verification. May be empty.

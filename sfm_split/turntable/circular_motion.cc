@@ -3,10 +3,12 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <optional>
 #include <random>
 #include <string>
+#include <utility>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
@@ -20,12 +22,19 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr size_t kRankMatches = 1000;     // that rank the starting points
-constexpr double kMinMatches = 30;        // of a station
-constexpr size_t kSearchMatches = 3000;   // that these are refined with
-constexpr int kSearchSteps = 3;           // between the photos of the pairs in the search, around the circle
-constexpr size_t kMaxLenses = 8;          // that all stations together start from
-constexpr size_t kNumFinished = 3;        // of the refined starts
+constexpr size_t kRankMatches = 1000;    // that rank the starting points
+constexpr double kMinMatches = 30;       // of a station
+constexpr size_t kSearchMatches = 3000;  // that these are refined with
+constexpr int kSearchSteps = 3;          // between the photos of the pairs in the search, around the circle
+constexpr size_t kMaxLenses = 8;         // that all stations together start from
+constexpr size_t kNumFinished = 3;       // of the different optima that refined starts come to
+constexpr double kOneOptimum = 4 * kPi / 180;  // between axes: half of what the starts lie apart
+constexpr double kOneStep = 0.15;              // between steps, as a share: half of what the starts lie apart
+constexpr double kBelowTable =
+    5 * kPi / 180;                // standard deviation of how far a camera stands below the table
+constexpr double kUpright = 0.9;  // of photos, as they are stored; either side has half the next
+constexpr double kOnTheSide = 0.045;
+constexpr double kOnTheHead = 0.01;
 constexpr double kCoarseNoise = 2;        // times the noise, while everything is far off
 constexpr double kLeastSigmaPx = 0.3;     // keypoints are no better; below, the likelihood is all needles
 constexpr double kCertain = 8;            // e^-8: what is believed against chance
@@ -34,6 +43,7 @@ constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its
 struct Start {
   double log_posterior = 0;  // less what the Bayesian information criterion charges for free angles
   bool is_closed = false;
+  size_t view = 0;  // which side of the picture is up, and which way the table turns
   CircularSteps steps = CircularSteps::kEqual;
   CircularState state;
 };
@@ -66,7 +76,7 @@ class Fitter {
   std::optional<CircularMatches> Collect(const CircularStation& station);
   CircularMatches Sample(const CircularMatches& all, size_t num) const;
   CircularState StateOf(const CircularMatches& station, const Vector2d& middle, double focal_px,
-                        double elevation, double step) const;
+                        double elevation, const Vector2d& up, double step) const;
   void Search(size_t station, std::optional<Start>* closed, std::optional<Start>* open) const;
   Start RefineAll(const std::vector<const Start*>& starts) const;
   CircularPriors PriorsOf(size_t lens) const;
@@ -170,13 +180,17 @@ CircularMatches Fitter::Sample(const CircularMatches& all, size_t num) const {
 }
 
 // A camera that looks down at the table, the axis behind the middle of what moves.
+// \param up  of the axis in the picture.
 CircularState Fitter::StateOf(const CircularMatches& station, const Vector2d& middle, double focal_px,
-                              double elevation, double step) const {
+                              double elevation, const Vector2d& up, double step) const {
   CircularState state;
   state.lenses = {{std::log(focal_px), 0}};
   CircularTurn turn;
-  const Vector3d axis(0, -std::cos(elevation), -std::sin(elevation));
-  const Vector3d ray = Vector3d(middle.x() / focal_px, 0, 1);
+  Vector3d axis;
+  axis << std::cos(elevation) * up, -std::sin(elevation);
+  const Vector2d across = middle - middle.dot(up) * up;
+  Vector3d ray;
+  ray << across / focal_px, 1;
   const Vector3d foot = (ray - ray.dot(axis) * axis).normalized();
   turn.frame << foot, axis.cross(foot), axis;
   for (int i = 0; i < station.num_photos; ++i) turn.angles.push_back(i * step);
@@ -196,6 +210,58 @@ CircularPriors Fitter::PriorsOf(size_t lens) const {
   AddFocalPrior(cameras_[lens], priors_[lens], &priors);
   priors.distortion = {DistortionOf(cameras_[lens])};
   return priors;
+}
+
+// What is known before the matches of where a camera stands that sees the table's axis point up this way.
+// Cameras look level or down at a table: seen from below, it hides what stands on it. Most photos are
+// upright, some lie on their side, few stand on their head.
+double LogPriorOfView(const Vector3d& up) {
+  const double below = std::asin(std::clamp(up.z(), 0.0, 1.0)) / kBelowTable;
+  const double share = std::abs(up.x()) > std::abs(up.y()) ? kOnTheSide : up.y() < 0 ? kUpright : kOnTheHead;
+  return std::log(share) - 0.5 * below * below;
+}
+
+// An axis and the opposite one, about which everything turns the other way, are the same motion: takes the
+// likelier one for up. The mirror image of a view from above is one from below. Returns what LogPriorOfView()
+// says of it.
+double PointAxisUp(CircularTurn* turn) {
+  const double as_is = LogPriorOfView(turn->frame.col(2));
+  const double turned = LogPriorOfView(-turn->frame.col(2));
+  if (as_is >= turned) return as_is;
+  turn->frame.rightCols<2>() *= -1;
+  for (double& angle : turn->angles) angle = -angle;
+  return turned;
+}
+
+// So many at most of each view: which is right cannot be told before they are refined.
+std::vector<Start> BestOfEachView(std::vector<Start> starts, int num) {
+  std::stable_sort(starts.begin(), starts.end(),
+                   [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+  std::map<size_t, int> taken;
+  std::vector<Start> kept;
+  for (Start& start : starts) {
+    if (taken[start.view]++ < num) kept.push_back(std::move(start));
+  }
+  return kept;
+}
+
+// The best starts that have come to different optima: a station whose perspective is weak has two at least,
+// the second its mirror image, and where many starts come to the one it may be the other that is right.
+std::vector<Start> DifferentOptima(std::vector<Start> starts, size_t num) {
+  std::stable_sort(starts.begin(), starts.end(),
+                   [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+  std::vector<Start> kept;
+  for (Start& start : starts) {
+    if (kept.size() == num) break;
+    const CircularTurn& turn = start.state.turns[0];
+    const bool is_new = std::none_of(kept.begin(), kept.end(), [&](const Start& better) {
+      const CircularTurn& other = better.state.turns[0];
+      return turn.frame.col(2).dot(other.frame.col(2)) > std::cos(kOneOptimum) &&
+             std::abs(turn.angles[1] - other.angles[1]) < kOneStep * std::abs(other.angles[1]);
+    });
+    if (is_new) kept.push_back(std::move(start));
+  }
+  return kept;
 }
 
 // The best equal steps of one station, where they close after its photos and where they are of any size.
@@ -218,6 +284,10 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
   std::vector<double> steps;
   for (const double degrees : {1.5, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 90.0})
     steps.push_back(degrees * kDegree);
+  std::vector<std::pair<Vector2d, double>> views;
+  for (const Vector2d& up : {Vector2d(0, -1), Vector2d(1, 0), Vector2d(-1, 0), Vector2d(0, 1)}) {
+    for (const double sense : {1.0, -1.0}) views.emplace_back(up, sense);
+  }
   for (const bool is_closed : {true, false}) {
     std::vector<Start> starts;
     for (const double factor : {-1.5, 0.0, 1.5}) {
@@ -225,10 +295,12 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
       for (const double elevation_deg : {3.0, 10.0, 18.0, 26.0, 34.0, 42.0, 50.0, 58.0, 68.0, 80.0}) {
         for (const double step :
              is_closed ? std::vector<double>{2 * kPi / data_[station].num_photos} : steps) {
-          for (const double sense : {1.0, -1.0}) {
+          for (size_t view = 0; view < views.size(); ++view) {
+            const auto& [up, sense] = views[view];
             Start start;
             start.is_closed = is_closed;
-            start.state = StateOf(few[0], middle, focal_px, elevation_deg * kDegree, sense * step);
+            start.view = view;
+            start.state = StateOf(few[0], middle, focal_px, elevation_deg * kDegree, up, sense * step);
             start.state.lenses[0].distortion = priors.distortion[0];
             start.state.sigma_px = kCoarseNoise * options_.noise_px;
             start.log_posterior = EvaluateCircular(few, priors, start.state, false).log_posterior;
@@ -237,9 +309,7 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
         }
       }
     }
-    std::stable_sort(starts.begin(), starts.end(),
-                     [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
-    starts.resize(std::min(starts.size(), static_cast<size_t>(options_.num_refined)));
+    starts = BestOfEachView(std::move(starts), options_.num_refined);
     const CircularSteps mode = is_closed ? CircularSteps::kEqualHeld : CircularSteps::kEqual;
     std::optional<Start>& best = is_closed ? *closed : *open;
     for (Start& start : starts) {
@@ -248,12 +318,10 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
       start.state.sigma_px = options_.noise_px;
       start.log_posterior = RefineCircular(few, priors, mode, 8, &start.state, nullptr).log_posterior;
     }
-    std::stable_sort(starts.begin(), starts.end(),
-                     [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
-    starts.resize(std::min(starts.size(), kNumFinished));
-    for (Start& start : starts) {
+    for (Start& start : DifferentOptima(std::move(starts), kNumFinished)) {
       start.state.sigma_px = 0.5 * options_.noise_px;
       start.log_posterior = RefineCircular(many, priors, mode, 15, &start.state, nullptr).log_posterior;
+      start.log_posterior += PointAxisUp(&start.state.turns[0]);
       if (!best || start.log_posterior > best->log_posterior) best = start;
     }
     reporter_.Debug(std::string(is_closed ? "closed" : "open") + ": log-likelihood " +

@@ -48,7 +48,7 @@ struct CircularStation {
 struct CircularOptions {
   double noise_px = 1;   ///< largest standard deviation of a match's epipolar error.
   int max_matches = 60;  ///< of a pair.
-  int num_refined = 16;  ///< starts of each hypothesis that are refined.
+  int num_refined = 4;   ///< starts of each hypothesis and view that are refined.
   int min_photos = 4;    ///< stations with fewer are not fitted.
   uint32_t random_seed = 0;
 

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sfm_split/base/error.h"
@@ -87,6 +88,23 @@ TEST_F(ScanInputTest, ReadsLabelsStationsAndMatches) {
   EXPECT_EQ(features.raw_pairs.size(), 1U);
   EXPECT_TRUE(features.static_pairs.empty());
   EXPECT_TRUE(features.has_prior_focal.at(1));
+}
+
+// The split writes images as the table turned, whatever they are called; matches go along.
+TEST_F(ScanInputTest, ImagesComeInTheOrderOfTheLabels) {
+  json labels = Labels();
+  std::swap(labels["images"][0], labels["images"][2]);
+  WriteLabelsFile(labels);
+  const ScanFeatures features = ReadScanInput(workspace_).features;
+  ASSERT_EQ(features.images.size(), 3U);
+  EXPECT_EQ(features.images[0].name, "c.jpg");
+  EXPECT_EQ(features.images[2].name, "a.jpg");
+  ASSERT_EQ(features.object_pairs.size(), 1U);
+  EXPECT_EQ(features.object_pairs[0].image1, 0);
+  EXPECT_EQ(features.object_pairs[0].image2, 2);
+  ASSERT_EQ(features.object_pairs[0].matches.size(), 1U);
+  EXPECT_EQ(features.object_pairs[0].matches[0].point2D_idx1, 0U);
+  EXPECT_EQ(features.object_pairs[0].matches[0].point2D_idx2, 1U);
 }
 
 TEST_F(ScanInputTest, LabelsAreReplacedAndTheRestKept) {
