@@ -8,11 +8,12 @@
 
 #include "sfm_split/adjust/chance.h"
 #include "sfm_split/adjust/match_noise.h"
+#include "sfm_split/adjust/pair_proof.h"
+#include "sfm_split/adjust/step_evidence.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
-#include "sfm_split/split/two_view_motion.h"
 
 namespace s2gs {
 namespace {
@@ -34,6 +35,7 @@ class Gatherer {
   Gatherer(const ScanFeatures& features, const TurntableScene& scene, double bound_px)
       : features_(features),
         bound_px_(bound_px),
+        axis_(scene.axis),
         posed_(features.images.size()),
         view_of_(features.images.size()) {
     std::map<uint32_t, const Camera*> cameras;
@@ -52,6 +54,7 @@ class Gatherer {
   void VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence);
   void SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) const;
   void ProvenPairs(ScanEvidence* evidence);
+  void Angles(ScanEvidence* evidence) const;
   void Steps(ScanEvidence* evidence);
 
  private:
@@ -78,15 +81,16 @@ class Gatherer {
     }
     return result;
   }
-  FeatureMatches Proven(const ImagePairMatches& pair) const;
   std::optional<int> TurnsOf(int station) const;
 
   const ScanFeatures& features_;
   double bound_px_;
+  TurntableAxis axis_;
   std::vector<PosedImage> posed_;
   std::vector<const View*> view_of_;
-  std::vector<int> verified_;              // matches of each photo that agree with its pose
-  std::map<int, std::vector<int>> order_;  // images of a station, by name
+  std::vector<int> verified_;                     // matches of each photo that agree with its pose
+  std::map<int, std::vector<int>> order_;         // images of a station, by name
+  std::set<std::pair<int, uint32_t>> of_others_;  // keypoints of bodies that the poses are not of
 };
 
 void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence) {
@@ -150,18 +154,6 @@ void Gatherer::SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) 
   }
 }
 
-// Matches that may be the object's and follow one epipolar geometry of their own.
-FeatureMatches Gatherer::Proven(const ImagePairMatches& pair) const {
-  const FeatureMatches moving = PossibleObjectMatches(features_, pair);
-  std::vector<int> all(moving.size());
-  for (size_t m = 0; m < all.size(); ++m) all[m] = static_cast<int>(m);
-  FeatureMatches proven;
-  for (const int m : FitMotion(KeypointsOf(pair.image1), KeypointsOf(pair.image2), moving, all, {}).inliers) {
-    proven.push_back(moving[static_cast<size_t>(m)]);
-  }
-  return proven;
-}
-
 void Gatherer::ProvenPairs(ScanEvidence* evidence) {
   std::map<int, int> place;
   for (const auto& [station, images] : order_) {
@@ -183,23 +175,39 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
   }
   std::vector<std::pair<double, double>> apart[2];  // table angle between a pair's photos, matches
   std::set<int> closed;                             // stations whose end shows what their beginning does
+  const auto num_pairs = static_cast<double>(pairs[kNeighbours].size() + pairs[kSeam].size());
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
     AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
     for (size_t p = 0; p < pairs[kind].size(); p += stride) {
-      const FeatureMatches proven = Proven(*pairs[kind][p]);
-      if (proven.empty()) continue;
-      const AgreeingMatches compared = Compare(*pairs[kind][p], proven);
+      const ImagePairMatches& pair = *pairs[kind][p];
+      const FeatureMatches possible = PossibleObjectMatches(features_, pair);
+      const MatchError posed = [&](const Eigen::Vector2d& xy1, const Eigen::Vector2d& xy2) {
+        return MatchErrorPx(posed_[static_cast<size_t>(pair.image1)],
+                            posed_[static_cast<size_t>(pair.image2)], xy1, xy2);
+      };
+      const PairProof proof = ProvePair(KeypointsOf(pair.image1), KeypointsOf(pair.image2), possible, posed,
+                                        bound_px_, kRisk / num_pairs);
+      for (const int m : proof.others) {
+        const FeatureMatch& match = possible[static_cast<size_t>(m)];
+        of_others_.insert({pair.image1, match.point2D_idx1});
+        of_others_.insert({pair.image2, match.point2D_idx2});
+      }
+      if (!proof.is_proven) continue;
+      FeatureMatches proven;
+      for (const int m : proof.proven) proven.push_back(possible[static_cast<size_t>(m)]);
+      const AgreeingMatches compared = Compare(pair, proven);
       sum.Add(compared);
-      const double turned = view_of_[static_cast<size_t>(pairs[kind][p]->image2)]->angle_deg -
-                            view_of_[static_cast<size_t>(pairs[kind][p]->image1)]->angle_deg;
+      const double turned = view_of_[static_cast<size_t>(pair.image2)]->angle_deg -
+                            view_of_[static_cast<size_t>(pair.image1)]->angle_deg;
       apart[kind].emplace_back(std::abs(WrapAngle(turned * kDegree)) / kDegree, proven.size());
-      const bool is_contradicted = compared.agreeing * 2 < compared.all;
+      const bool is_contradicted = proof.is_contradicted;
       evidence->neighbour_pairs += kind == kNeighbours ? 1 : 0;
       evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
       evidence->seam_pairs += kind == kSeam ? 1 : 0;
+      evidence->other_bodies += proof.has_other_body ? 1 : 0;
       evidence->contradicted_seams += kind == kSeam && is_contradicted ? 1 : 0;
-      if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pairs[kind][p]->image1));
+      if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pair.image1));
     }
   }
   if (!apart[kNeighbours].empty()) {
@@ -218,6 +226,19 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
   }
   for (const int station : closed)
     evidence->turns_of_nothing += TurnsOf(station) == std::optional<int>(0) ? 1 : 0;
+}
+
+// What the matches of photos near each other say of each angle.
+void Gatherer::Angles(ScanEvidence* evidence) const {
+  std::vector<const Camera*> cameras;
+  for (const PosedImage& image : posed_) cameras.push_back(image.camera);
+  const StepEvidence steps = AskSteps(features_, cameras, view_of_, axis_, of_others_, kRisk);
+  const auto name = [&](int image) { return features_.images[static_cast<size_t>(image)].name; };
+  for (const MisturnedPhoto& photo : steps.misturned) {
+    evidence->misturned.push_back(name(photo.image));
+    evidence->worst_misturn_deg = std::max(evidence->worst_misturn_deg, std::abs(photo.off_deg));
+  }
+  for (const int image : steps.untold) evidence->untold.push_back(name(image));
 }
 
 // The steps of a station in order, and the one from its last photo to its first, in whole turns. Nothing
@@ -361,6 +382,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   const bool has_one_angle_each = joint.model == JointModel::kSharedStations;
   gatherer.SupportOfPhotos(has_one_angle_each, &evidence);
   gatherer.ProvenPairs(&evidence);
+  gatherer.Angles(&evidence);
   gatherer.Steps(&evidence);
   RecordAxis(aligned, &evidence);
 

@@ -195,6 +195,19 @@ class Judge {
                evidence_.contradicted_neighbours, evidence_.neighbour_pairs),
           {kSmallerSteps, kFixedCamera});
     }
+    if (!evidence_.misturned.empty()) {
+      Add(Verdict::kDoubtful,
+          Text("%d photos are up to %.3g degrees of the table from where their matches put them, like %s",
+               static_cast<int>(evidence_.misturned.size()), evidence_.worst_misturn_deg,
+               evidence_.misturned[0].c_str()),
+          {kSmallerSteps, kTexture});
+    }
+    if (static_cast<double>(evidence_.untold.size()) > (1 - kMost) * evidence_.placed) {
+      Add(Verdict::kDoubtful,
+          Text("the matches of %d photos, like %s, do not tell their places in the turn",
+               static_cast<int>(evidence_.untold.size()), evidence_.untold[0].c_str()),
+          {kTexture, kSmallerSteps});
+    }
     if (evidence_.neighbour_pairs == 0 && evidence_.verified.all < kLeastMatches) {
       Add(Verdict::kDoubtful, "no pair of photos proves by itself how the object turns",
           {kTexture, kSmallerSteps});
@@ -265,7 +278,10 @@ class Judge {
       }
     };
     add(evidence_.held_back, "that were held back");
-    add(evidence_.seam, "across the end of the turn");
+    if (evidence_.seam.agreeing > 0) {
+      reasons.push_back(Text("%lld matches across the end of the turn bear out the poses",
+                             static_cast<long long>(evidence_.seam.agreeing)));
+    }
     add(evidence_.across_stations, "between camera places");
     if (evidence_.angle_prior_share && *evidence_.angle_prior_share > kMaxPriorShare) {
       reasons.emplace_back("most of what is known of the table angles is that the table's steps are equal");

@@ -49,14 +49,20 @@ struct ScanEvidence {
 
   AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
   /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
-  /// geometry, whatever the poses say and whether or not the split kept them. Of photos next to each other,
-  /// and of those across the end of the turn.
+  /// geometry, the poses' or their own, more of them than chance explains (ProvePair), whether or not the
+  /// split kept them. Of photos next to each other, and of those across the end of the turn.
   AgreeingMatches neighbours;
   AgreeingMatches seam;
   int neighbour_pairs = 0;
-  int contradicted_neighbours = 0;  ///< pairs of which fewer than half agree.
+  int contradicted_neighbours = 0;  ///< pairs that prove another motion than the poses'.
   int seam_pairs = 0;
   int contradicted_seams = 0;
+  int other_bodies = 0;  ///< pairs in which something else moves beside what the poses are of.
+  /// Photos that their matches put at another angle of the table, alone or with all that follow; by how much
+  /// at most.
+  std::vector<std::string> misturned;
+  double worst_misturn_deg = 0;
+  std::vector<std::string> untold;            ///< photos whose matches would be as likely half a step away.
   std::optional<double> neighbour_apart_deg;  ///< table angle between the photos of such a pair (median).
   /// Pairs of both kinds that share at least half as many details as neighbours do in the mean, but are more
   /// than three times as far apart by the poses; and the widest of them.

@@ -2,12 +2,16 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "sfm_split/adjust/scan_evidence.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
 #include "tests/support/synthetic_turntable.h"
@@ -80,6 +84,16 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
        }},
       {"next to each other prove", Verdict::kFailed, [](ScanEvidence* e) { e->neighbours.agreeing = 700; }},
       {"contradict", Verdict::kDoubtful, [](ScanEvidence* e) { e->contradicted_neighbours = 8; }},
+      {"3 photos are up to 7.5 degrees of the table from where their matches put them, like c",
+       Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->misturned = {"c", "d", "e"};
+         e->worst_misturn_deg = 7.5;
+       }},
+      {"the matches of 3 photos, like x, do not tell", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->untold = {"x", "y", "z"};
+       }},
       {"held back", Verdict::kFailed, [](ScanEvidence* e) { e->held_back.agreeing = 200; }},
       {"miss their lines", Verdict::kDoubtful, [](ScanEvidence* e) { e->held_back_noise_px = 1.1; }},
       {"1 degrees of the table apart", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
@@ -210,6 +224,9 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_GT(*evidence.camera_radius_rel, 2);
   EXPECT_EQ(evidence.turns_of_nothing, 0);
   EXPECT_EQ(evidence.far_pairs, 0);
+  EXPECT_EQ(evidence.contradicted_neighbours, 0);
+  EXPECT_TRUE(evidence.misturned.empty());
+  EXPECT_TRUE(evidence.untold.empty());
   EXPECT_NEAR(*evidence.held_back_noise_px, 0.3, 0.05);
   EXPECT_NEAR(*evidence.adjusted_noise_px, 0.3, 0.05);
   const ScanVerdict verdict = JudgeScan(evidence);
@@ -227,6 +244,46 @@ TurntableScene WithSteps(const TurntableScene& truth, double factor) {
         scene.axis.point - view.world_from_object.rotation * scene.axis.point;
   }
   return scene;
+}
+
+// Station 0's photos from the 5th to the 9th stand 3 degrees too far: the matches say so of the first of them
+// and of the first after them, and by how much; neighbours still agree with most of their lines.
+TEST(ScanEvidence, ABlockOfPhotosThatIsTurnedIsFound) {
+  const Scan scan = MakeScan();
+  TurntableScene scene = scan.turntable.scene;
+  std::vector<std::string> names;
+  for (View& view : scene.views) {
+    if (view.station == 0) names.push_back(view.name);
+    if (view.station != 0 || names.size() < 5 || names.size() > 9) continue;
+    view.world_from_object = TurnAbout(scene.axis, 3 * kDegree) * view.world_from_object;
+    view.angle_deg += 3;
+  }
+  const ScanEvidence evidence = Gather(scan, scene);
+  EXPECT_EQ(evidence.contradicted_neighbours, 0);
+  for (const size_t first : {size_t{4}, size_t{9}}) {
+    EXPECT_EQ(std::count(evidence.misturned.begin(), evidence.misturned.end(), names[first]), 1) << first;
+  }
+  EXPECT_NEAR(evidence.worst_misturn_deg, 3, 1e-9);
+  EXPECT_TRUE(evidence.untold.empty());
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+}
+
+// Photos whose matches are all wrong stand where they stand by nothing that they show.
+TEST(ScanEvidence, PhotosWithWrongMatchesDoNotTellTheirPlaces) {
+  Scan scan = MakeScan();
+  std::vector<std::string> names;
+  const auto is_wrong = [](int image) { return image >= 3 && image < 8; };
+  for (int image = 3; image < 8; ++image) names.push_back(scan.features.images[image].name);
+  for (ImagePairMatches& pair : scan.features.raw_pairs) {
+    if (!is_wrong(pair.image1) && !is_wrong(pair.image2)) continue;
+    for (size_t m = 0; m < pair.matches.size() / 2; ++m) {
+      std::swap(pair.matches[m].point2D_idx2, pair.matches[pair.matches.size() - 1 - m].point2D_idx2);
+    }
+  }
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_EQ(evidence.untold, names);
+  EXPECT_TRUE(evidence.misturned.empty());
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
 }
 
 TEST(ScanEvidence, StepsThatAreTooLongDoNotClose) {
