@@ -13,6 +13,7 @@
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/turntable/align_scene.h"
 #include "sfm_split/turntable/circular_scene.h"
+#include "sfm_split/turntable/rigged_circle_scene.h"
 #include "sfm_split/turntable/single_axis_scene.h"
 
 namespace s2gs {
@@ -41,15 +42,19 @@ class Placement {
 
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
+  void RefineAgreeing(double sigma_px, ScanCandidate* candidate);
   ScanCandidate ByCircularMotion(const CircularFinding& finding, AlignedScene aligned);
   ScanCandidate BySingleAxis();
   void TryCircularMotion();
+  void TryRiggedCircle();
   void TryFreeSfm(const std::vector<ColmapModel>& objects);
   void Consider(ScanCandidate candidate, const char* name);
   void PlaceMissing(const ReadDescriptors& read_descriptors);
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
+  // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos.
+  bool IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const;
   bool IsEnough(const ScanCandidate& candidate) const {
     return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
                                       options_.enough_share * static_cast<double>(features_.images.size());
@@ -86,23 +91,28 @@ ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel*
   return candidate;
 }
 
-ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
-  ScanCandidate candidate;
-  candidate.aligned = std::move(aligned);
-  const size_t found = candidate.aligned.scene.views.size();
-  // With the matches that agree with it alone: it needs no others, and where texture is poor most verified
-  // pairs follow highlights. Twice, as the adjusted poses know better which agree.
-  const double bound_px = std::max(kAgreeingSigmas * finding.motion.sigma_px, kLeastAgreeingPx);
+// With the matches that agree with a circle alone: it needs no others, and where texture is poor most
+// verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
+void Placement::RefineAgreeing(double sigma_px, ScanCandidate* candidate) {
+  const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
   RefineOptions refine = options_.refine;
   refine.max_error_px = std::min(refine.max_error_px, bound_px);
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
-    agreeing.object_pairs = AgreeingMatches(features_, candidate.aligned, bound_px);
+    agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
     agreeing.raw_pairs.clear();
-    candidate.aligned.object.points3D.clear();
-    candidate.refined = RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate.aligned);
+    candidate->aligned.object.points3D.clear();
+    candidate->refined =
+        RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate->aligned);
   }
-  candidate.is_usable = true;
+  candidate->is_usable = true;
+}
+
+ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
+  ScanCandidate candidate;
+  candidate.aligned = std::move(aligned);
+  const size_t found = candidate.aligned.scene.views.size();
+  RefineAgreeing(finding.motion.sigma_px, &candidate);
   const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
                                     [](const CircularStationFit& fit) { return fit.found && fit.closes; });
   candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +
@@ -110,6 +120,15 @@ ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, Aligne
                       " of which close a turn, " + std::to_string(candidate.aligned.scene.views.size()) +
                       " after mending";
   return candidate;
+}
+
+bool Placement::IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const {
+  if (!IsEnough(result_.best)) return true;
+  const double here = LikelihoodOfMatches(features_, aligned, inside_stations).gain;
+  const double best = LikelihoodOfMatches(features_, result_.best.aligned, inside_stations).gain;
+  reporter_.Debug("log-likelihood of the matches" + std::string(inside_stations ? " inside stations" : "") +
+                  ": " + std::to_string(best) + ", by " + how + " " + std::to_string(here));
+  return here > best + kCertain;
 }
 
 // Alone, or where free SfM is not enough or explains the matches inside stations less well.
@@ -122,17 +141,34 @@ void Placement::TryCircularMotion() {
     Consider(std::move(none), "circular_motion");
     return;
   }
-  if (options_.path == PlacementPath::kAuto && IsEnough(result_.best)) {
-    const double here = LikelihoodOfMatches(features_, aligned, true).gain;
-    const double best = LikelihoodOfMatches(features_, result_.best.aligned, true).gain;
-    reporter_.Debug("log-likelihood of the matches inside stations: " + std::to_string(best) +
-                    ", by circular motion " + std::to_string(here));
-    if (here <= best + kCertain) {
-      result_.durations.emplace_back("circular_motion", watch_.Lap());
-      return;
-    }
+  if (options_.path == PlacementPath::kAuto && !IsWorthAdjusting(aligned, true, "circular motion")) {
+    result_.durations.emplace_back("circular_motion", watch_.Lap());
+    return;
   }
   Consider(ByCircularMotion(finding, std::move(aligned)), "circular_motion");
+}
+
+// Where the background tells how the stations' cameras stand, all their matches together tell one axis.
+void Placement::TryRiggedCircle() {
+  RiggedCircle circle;
+  ScanCandidate candidate;
+  candidate.aligned =
+      SceneFromRiggedCircle(features_, *background_, options_.circular.noise_px, reporter_, &circle);
+  const size_t found = candidate.aligned.scene.views.size();
+  reporter_.Debug("circle through the background's cameras: log-likelihood " + std::to_string(circle.gain) +
+                  ", better than the next by " + std::to_string(circle.margin));
+  if (found > 0 && !IsWorthAdjusting(candidate.aligned, false, "a circle through the background's cameras")) {
+    result_.durations.emplace_back("rigged_circle", watch_.Lap());
+    return;
+  }
+  if (found == 0) {
+    candidate.finding = "no circle goes with the background's cameras";
+  } else {
+    RefineAgreeing(options_.circular.noise_px, &candidate);
+    candidate.finding = "a circle through the background's cameras placed " + std::to_string(found) +
+                        " images, " + std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+  }
+  Consider(std::move(candidate), "rigged_circle");
 }
 
 ScanCandidate Placement::BySingleAxis() {
@@ -217,6 +253,7 @@ ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
   const PlacementPath path = options_.path;
   if (path == PlacementPath::kAuto || path == PlacementPath::kFreeSfm) TryFreeSfm(objects);
   if (path == PlacementPath::kAuto || path == PlacementPath::kCircular) TryCircularMotion();
+  if (path == PlacementPath::kAuto && background_ != nullptr && result_.path != "free_sfm") TryRiggedCircle();
   if (path == PlacementPath::kSingleAxis || (path == PlacementPath::kAuto && !IsEnough(result_.best))) {
     Consider(BySingleAxis(), "single_axis");
   }

@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/turntable/epipolar_gain.h"
 
 namespace s2gs {
 namespace {
@@ -14,7 +15,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr double kGrid = 1.5 * kDegree;
 constexpr double kCoarseSigmaPx = 4;  // between places of the grid
 constexpr double kDistinct = 15 * kDegree;
@@ -22,39 +22,13 @@ constexpr double kCertain = 8;  // e^-8: what is believed against chance, and ag
 constexpr size_t kCoarseMatches = 800;
 constexpr int kNumRefined = 8;
 
-double PairGain(const CrossingPair& pair, const CircularPlace& place, double sigma_px, double chance,
-                size_t stride) {
-  const Rigid3 second_from_first = CamFromObject(pair.view, place) * pair.cam_from_object.Inverse();
-  const Matrix3d e =
-      CrossMatrix<double>(second_from_first.translation) * second_from_first.rotation.toRotationMatrix();
-  const double peak = 1 / (sigma_px * kRootTwoPi * chance);
-  std::vector<double> over;
-  over.reserve(pair.rays.size() / stride + 1);
-  for (size_t m = 0; m < pair.rays.size(); m += stride) {
-    const auto& [first, second] = pair.rays[m];
-    const Vector3d line2 = e * first;
-    const Vector3d line1 = e.transpose() * second;
-    const double squared = line2.head<2>().squaredNorm() / (pair.focal_px * pair.focal_px) +
-                           line1.head<2>().squaredNorm() / (pair.placed_focal_px * pair.placed_focal_px);
-    const double error = second.dot(line2);
-    over.push_back(squared > 1e-30 ? peak * std::exp(-0.5 * error * error / (squared * sigma_px * sigma_px))
-                                   : 0);
-  }
-  double share = 0.3;
-  for (int iteration = 0; iteration < 4; ++iteration) {
-    double sum = 1;
-    for (const double o : over) sum += share * o / (share * o + 1 - share);
-    share = sum / (static_cast<double>(over.size()) + 2);
-  }
-  double gain = 0;
-  for (const double o : over) gain += std::log(1 - share + share * o);
-  return gain;
-}
-
 double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, double sigma_px,
             double chance, size_t stride) {
   double gain = 0;
-  for (const CrossingPair& pair : pairs) gain += PairGain(pair, place, sigma_px, chance, stride);
+  for (const CrossingPair& pair : pairs) {
+    gain += EpipolarGain(pair.rays, CamFromObject(pair.view, place) * pair.cam_from_object.Inverse(),
+                         pair.placed_focal_px, pair.focal_px, sigma_px, chance, stride);
+  }
   return gain;
 }
 

@@ -1,0 +1,283 @@
+#include "sfm_split/turntable/rigged_circle.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/turntable/epipolar_gain.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kCoarseSigmaPx = 4;     // between points of the grid
+constexpr double kGrid = 2 * kDegree;    // of a station's first angle
+constexpr size_t kCoarseMatches = 1500;  // that judge the grid
+constexpr size_t kNumFirst = 24;         // axes, by the matches inside stations, whose angles are searched
+constexpr size_t kNumRefined = 6;        // circles that are refined
+constexpr double kCertain = 8;           // e^-8: what is believed against chance, and against another circle
+constexpr double kDistinct = 5 * kDegree;
+
+struct Circle {
+  Vector3d direction;
+  Vector3d point;             // of the axis, in units of the cameras' distance from it
+  std::vector<double> first;  // [rad] per station
+  std::vector<int> sense;     // per station: +1 or -1
+  double gain = 0;
+};
+
+class Rig {
+ public:
+  Rig(const std::vector<RiggedStation>& stations, const std::vector<RiggedPair>& pairs, double extent_px)
+      : stations_(stations), pairs_(pairs), chance_(1 / extent_px) {
+    size_t total = 0;
+    for (const RiggedPair& pair : pairs) total += pair.rays.size();
+    num_matches_ = total;
+    stride_ = std::max<size_t>(1, total / kCoarseMatches);
+  }
+
+  size_t num_matches() const { return num_matches_; }
+  size_t stride() const { return stride_; }
+
+  double GainOf(const RiggedPair& pair, const Circle& circle, double sigma_px, size_t stride) const {
+    const RiggedStation& a = stations_[static_cast<size_t>(pair.station1)];
+    const RiggedStation& b = stations_[static_cast<size_t>(pair.station2)];
+    const double turn = Angle(circle, pair.station2, pair.photo2) - Angle(circle, pair.station1, pair.photo1);
+    const Matrix3d rotation = RotationAbout<double>(circle.direction, turn);
+    const Rigid3 turned{Eigen::Quaterniond(rotation), circle.point - rotation * circle.point};
+    return EpipolarGain(pair.rays, b.cam_from_world * turned * a.cam_from_world.Inverse(), a.focal_px,
+                        b.focal_px, sigma_px, chance_, stride);
+  }
+
+  // Of the matches inside one station, or between it and those before it.
+  double GainInside(int station, const Circle& circle, double sigma_px, size_t stride) const {
+    double gain = 0;
+    for (const RiggedPair& pair : pairs_) {
+      if (pair.station1 == station && pair.station2 == station)
+        gain += GainOf(pair, circle, sigma_px, stride);
+    }
+    return gain;
+  }
+  double GainAcross(int station, const Circle& circle, double sigma_px, size_t stride) const {
+    double gain = 0;
+    for (const RiggedPair& pair : pairs_) {
+      if (pair.station1 != pair.station2 && std::max(pair.station1, pair.station2) == station)
+        gain += GainOf(pair, circle, sigma_px, stride);
+    }
+    return gain;
+  }
+  double Gain(const Circle& circle, double sigma_px, size_t stride) const {
+    double gain = 0;
+    for (const RiggedPair& pair : pairs_) gain += GainOf(pair, circle, sigma_px, stride);
+    return gain;
+  }
+
+  double Angle(const Circle& circle, int station, int photo) const {
+    const auto s = static_cast<size_t>(station);
+    return circle.first[s] + circle.sense[s] * 2 * kPi / stations_[s].num_photos * photo;
+  }
+
+  // Which way each station's photos follow the turn, as the matches inside it say.
+  void TakeSenses(Circle* circle) const {
+    circle->first.assign(stations_.size(), 0);
+    circle->sense.assign(stations_.size(), 1);
+    circle->gain = 0;
+    for (size_t s = 0; s < stations_.size(); ++s) {
+      const double forth = GainInside(static_cast<int>(s), *circle, kCoarseSigmaPx, stride_);
+      circle->sense[s] = -1;
+      const double back = GainInside(static_cast<int>(s), *circle, kCoarseSigmaPx, stride_);
+      if (forth >= back) circle->sense[s] = 1;
+      circle->gain += std::max(forth, back);
+    }
+  }
+
+  // At which angle each station begins, and once more which way it goes.
+  void TakeFirstAngles(Circle* circle) const {
+    for (size_t s = 1; s < stations_.size(); ++s) {
+      Circle trial = *circle;
+      double best = -1e300;
+      for (const int sense : {1, -1}) {
+        trial.sense[s] = sense;
+        const double inside = GainInside(static_cast<int>(s), trial, kCoarseSigmaPx, stride_);
+        for (double angle = 0; angle < 2 * kPi; angle += kGrid) {
+          trial.first[s] = angle;
+          const double gain = inside + GainAcross(static_cast<int>(s), trial, kCoarseSigmaPx, stride_);
+          if (gain <= best) continue;
+          best = gain;
+          circle->first[s] = angle;
+          circle->sense[s] = sense;
+        }
+      }
+    }
+    circle->gain = Gain(*circle, kCoarseSigmaPx, stride_);
+  }
+
+  // Uphill along each number in turn, in steps that shrink.
+  void Climb(double sigma_px, size_t stride, double first_step, double last_step, Circle* circle) const {
+    circle->gain = Gain(*circle, sigma_px, stride);
+    for (double step = first_step; step > last_step;) {
+      bool has_improved = false;
+      for (size_t number = 0; number < 3 + stations_.size(); ++number) {
+        for (const double way : {step, -step}) {
+          Circle there = *circle;
+          if (number < 4) {
+            const Vector3d across =
+                number % 2 == 0 ? circle->direction.unitOrthogonal()
+                                : Vector3d(circle->direction.cross(circle->direction.unitOrthogonal()));
+            if (number < 2) {
+              there.direction = (circle->direction + way * across).normalized();
+            } else {
+              there.point += way * across;
+            }
+          } else {
+            there.first[number - 3] += way;
+          }
+          there.gain = Gain(there, sigma_px, stride);
+          if (there.gain <= circle->gain) continue;
+          *circle = std::move(there);
+          has_improved = true;
+        }
+      }
+      if (!has_improved) step *= 0.5;
+    }
+  }
+
+ private:
+  const std::vector<RiggedStation>& stations_;
+  const std::vector<RiggedPair>& pairs_;
+  double chance_;
+  size_t num_matches_ = 0;
+  size_t stride_ = 1;
+};
+
+// The point nearest to where all stations see what moves; nothing when they see it from one place.
+bool FindMiddle(const std::vector<RiggedStation>& stations, const std::vector<RiggedPair>& pairs,
+                Vector3d* middle, double* distance) {
+  std::vector<Vector3d> sum(stations.size(), Vector3d::Zero());
+  for (const RiggedPair& pair : pairs) {
+    for (const auto& [first, second] : pair.rays) {
+      sum[static_cast<size_t>(pair.station1)] += first;
+      sum[static_cast<size_t>(pair.station2)] += second;
+    }
+  }
+  Matrix3d normal = Matrix3d::Zero();
+  Vector3d right = Vector3d::Zero();
+  for (size_t s = 0; s < stations.size(); ++s) {
+    if (sum[s].z() <= 0) continue;
+    const Vector3d ray = (stations[s].cam_from_world.rotation.inverse() * sum[s]).normalized();
+    const Matrix3d across = Matrix3d::Identity() - ray * ray.transpose();
+    normal += across;
+    right += across * CameraCentre(stations[s].cam_from_world);
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(normal);
+  // Rays that meet at an angle a leave 1 - cos(a) along their mean: below a degree they do not meet.
+  if (!(eigen.eigenvalues()(0) > 1 - std::cos(kDegree))) return false;
+  *middle = normal.ldlt().solve(right);
+  *distance = 0;
+  for (const RiggedStation& station : stations)
+    *distance +=
+        (CameraCentre(station.cam_from_world) - *middle).norm() / static_cast<double>(stations.size());
+  return *distance > 0 && middle->allFinite();
+}
+
+// Axes through and beside the middle, as a camera upright, on its side or on its head would look down at
+// them.
+std::vector<Circle> StartingAxes(const RiggedStation& station, const Vector3d& middle) {
+  std::vector<Circle> axes;
+  for (const Vector2d& up : {Vector2d(0, -1), Vector2d(1, 0), Vector2d(-1, 0), Vector2d(0, 1)}) {
+    for (const double elevation_deg : {3.0, 10.0, 18.0, 26.0, 34.0, 42.0, 50.0, 58.0, 68.0, 80.0}) {
+      Vector3d in_camera;
+      in_camera << std::cos(elevation_deg * kDegree) * up, -std::sin(elevation_deg * kDegree);
+      Circle circle;
+      circle.direction = station.cam_from_world.rotation.inverse() * in_camera;
+      const Vector3d sideways = circle.direction.unitOrthogonal();
+      for (const double x : {-0.06, 0.0, 0.06}) {
+        for (const double y : {-0.06, 0.0, 0.06}) {
+          circle.point = middle + x * sideways + y * circle.direction.cross(sideways);
+          axes.push_back(circle);
+        }
+      }
+    }
+  }
+  return axes;
+}
+
+void KeepBest(size_t num, std::vector<Circle>* circles) {
+  std::stable_sort(circles->begin(), circles->end(),
+                   [](const Circle& a, const Circle& b) { return a.gain > b.gain; });
+  if (circles->size() > num) circles->resize(num);
+}
+
+// Whether two circles are one: the opposite axis and turn are the same.
+bool IsSame(const Circle& a, const Circle& b) {
+  const double cosine = a.direction.dot(b.direction);
+  if (std::abs(cosine) < std::cos(kDistinct)) return false;
+  const int flip = cosine > 0 ? 1 : -1;
+  for (size_t s = 0; s < a.first.size(); ++s) {
+    if (a.sense[s] != flip * b.sense[s]) return false;
+    if (std::abs(WrapAngle(a.first[s] - flip * b.first[s])) > kDistinct) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+RiggedCircle FitRiggedCircle(const std::vector<RiggedStation>& given, const std::vector<RiggedPair>& pairs,
+                             double extent_px, double sigma_px, Reporter& reporter) {
+  RiggedCircle result;
+  Vector3d middle;
+  double distance = 0;
+  if (given.size() < 2 || !FindMiddle(given, pairs, &middle, &distance)) return result;
+  // The cameras' distance from the middle is the unit of length, the middle its origin.
+  std::vector<RiggedStation> stations = given;
+  for (RiggedStation& station : stations) {
+    station.cam_from_world.translation =
+        (station.cam_from_world.translation + station.cam_from_world.rotation * middle) / distance;
+  }
+  const Rig rig(stations, pairs, extent_px);
+  std::vector<Circle> circles = StartingAxes(stations[0], Vector3d::Zero());
+  ParallelFor(static_cast<int64_t>(circles.size()), 0,
+              [&](int64_t k) { rig.TakeSenses(&circles[static_cast<size_t>(k)]); });
+  KeepBest(kNumFirst, &circles);
+  if (reporter.StopRequested()) throw Interrupted();
+  ParallelFor(static_cast<int64_t>(circles.size()), 0,
+              [&](int64_t k) { rig.TakeFirstAngles(&circles[static_cast<size_t>(k)]); });
+  KeepBest(kNumRefined, &circles);
+  if (reporter.StopRequested()) throw Interrupted();
+  ParallelFor(static_cast<int64_t>(circles.size()), 0, [&](int64_t k) {
+    Circle& circle = circles[static_cast<size_t>(k)];
+    rig.Climb(kCoarseSigmaPx, rig.stride(), 0.05, 0.003, &circle);
+    rig.Climb(2 * sigma_px, rig.stride(), 0.01, 0.001, &circle);
+    rig.Climb(sigma_px, 1, 0.005, 1e-4, &circle);
+  });
+  KeepBest(kNumRefined, &circles);
+  const Circle& best = circles[0];
+  result.gain = result.margin = best.gain;
+  for (const Circle& other : circles) {
+    if (!IsSame(best, other)) result.margin = std::min(result.margin, best.gain - other.gain);
+  }
+  result.axis.direction = best.direction;
+  result.axis.point = middle + distance * best.point;
+  for (size_t s = 0; s < stations.size(); ++s) {
+    std::vector<double>& angles = result.angle_rad.emplace_back();
+    for (int i = 0; i < stations[s].num_photos; ++i)
+      angles.push_back(rig.Angle(best, static_cast<int>(s), i) - best.first[0]);
+  }
+  const double unknowns = 3.0 + static_cast<double>(stations.size());
+  result.found =
+      result.gain >
+          0.5 * unknowns * std::log(static_cast<double>(std::max<size_t>(2, rig.num_matches()))) + kCertain &&
+      result.margin > kCertain;
+  return result;
+}
+
+}  // namespace s2gs
