@@ -7,22 +7,25 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <ostream>
 #include <set>
 #include <string>
 #include <system_error>
 #include <vector>
 
+#include "plugin/outputs/unscaled_scene.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/scale/charuco_board.h"
+#include "sfm_split/scale/disc_rim.h"
 #include "sfm_split/scale/located_marks.h"
 #include "sfm_split/scale/markers.h"
 #include "sfm_split/scale/scale_bars.h"
-#include "sfm_split/scale/scale_model.h"
 
 namespace s2gs {
 namespace {
@@ -34,6 +37,10 @@ constexpr size_t kNumProbes = 6;
 constexpr double kMetresPerMillimetre = 1e-3;
 // Two lengths that differ by more cannot both be right: what is measured with a ruler is better.
 constexpr double kContradiction = 0.01;
+// Places that somebody marks in a photo are good to the pixel.
+constexpr double kClickPx = 1;
+// What is farther from the circle was not on the rim: five times what clicking explains.
+constexpr double kMaxRimPx = 5 * kClickPx;
 
 struct Settings {
   fs::path workspace_path;
@@ -44,8 +51,16 @@ struct Settings {
   double known_length_mm = 0;
   std::vector<std::string> point_a;
   std::vector<std::string> point_b;
+  double disc_diameter_mm = 0;
+  std::vector<std::string> disc_rim;
+  CharucoBoard board;
 
+  bool HasBoard() const { return board.columns > 0 || board.rows > 0 || board.square_mm > 0; }
   OptionCheck Check() const {
+    if (!(disc_diameter_mm >= 0) || !(disc_diameter_mm <= 1e6)) {
+      return OptionFault{"disc_diameter_mm", fmt::format("{}", disc_diameter_mm),
+                         "0 <= disc_diameter_mm <= 1000000"};
+    }
     if (!(marker_size_mm >= 0) || !(marker_size_mm <= 1e5)) {
       return OptionFault{"marker_size_mm", fmt::format("{}", marker_size_mm),
                          "0 <= marker_size_mm <= 100000"};
@@ -112,9 +127,15 @@ std::string FindDictionary(const Settings& settings, const std::vector<std::stri
   return best;
 }
 
-// "NAME:X:Y" of each photo that shows the point.
-void AddPoint(const std::vector<std::string>& texts, const std::string& option, int mark,
-              MarkSightings* sightings) {
+// A place in a photo: "NAME:X:Y".
+struct PhotoPlace {
+  std::string name;
+  Eigen::Vector2d xy;
+};
+
+std::vector<PhotoPlace> ParsePlaces(const std::vector<std::string>& texts, const std::string& option,
+                                    const std::vector<std::string>& names, const fs::path& workspace) {
+  std::vector<PhotoPlace> places;
   for (const std::string& text : texts) {
     const size_t last = text.rfind(':');
     const size_t middle = last == std::string::npos || last == 0 ? last : text.rfind(':', last - 1);
@@ -124,27 +145,30 @@ void AddPoint(const std::vector<std::string>& texts, const std::string& option, 
       size_t end_y = 0;
       const std::string x = text.substr(middle + 1, last - middle - 1);
       const std::string y = text.substr(last + 1);
-      (*sightings)[text.substr(0, middle)][mark] = {std::stod(x, &end_x), std::stod(y, &end_y)};
+      places.push_back({text.substr(0, middle), {std::stod(x, &end_x), std::stod(y, &end_y)}});
       if (end_x != x.size() || end_y != y.size()) throw std::invalid_argument(text);
     } catch (const std::exception&) {
       throw CommandLineError(
           fmt::format("--{}: \"{}\" is not NAME:X:Y, a photo's name and pixels in it.", option, text));
     }
+    if (!std::binary_search(names.begin(), names.end(), places.back().name)) {
+      throw UserError(workspace, "its model has no photo \"" + places.back().name + "\" of --" + option,
+                      "Name photos that have a place in sparse/0");
+    }
   }
+  return places;
 }
 
 ScaleBar MarkedLength(const Settings& settings, const ColmapModel& model) {
   MarkSightings sightings;
-  AddPoint(settings.point_a, "point_a", 0, &sightings);
-  AddPoint(settings.point_b, "point_b", 1, &sightings);
   const std::vector<std::string> names = NamesOf(model);
-  for (const auto& [name, marks] : sightings) {
-    if (!std::binary_search(names.begin(), names.end(), name)) {
-      throw UserError(settings.workspace_path,
-                      "its model has no photo \"" + name + "\" of --point_a or --point_b",
-                      "Name photos that have a place in sparse/0");
+  const auto add = [&](const std::vector<std::string>& texts, const std::string& option, int mark) {
+    for (const PhotoPlace& place : ParsePlaces(texts, option, names, settings.workspace_path)) {
+      sightings[place.name][mark] = place.xy;
     }
-  }
+  };
+  add(settings.point_a, "point_a", 0);
+  add(settings.point_b, "point_b", 1);
   const std::map<int, LocatedMark> marks = LocateMarks(model, sightings);
   for (const int mark : {0, 1}) {
     if (marks.count(mark) > 0) continue;
@@ -155,6 +179,53 @@ ScaleBar MarkedLength(const Settings& settings, const ColmapModel& model) {
   }
   return {"marked length", kMetresPerMillimetre * settings.known_length_mm,
           (marks.at(0).x - marks.at(1).x).norm(), 0};
+}
+
+ScaleBar DiscDiameter(const Settings& settings, const UnscaledScene& scene) {
+  std::vector<RimSighting> sightings;
+  std::map<std::string, const ColmapImage*> images;
+  for (const auto& [id, image] : scene.object.images) images[image.name] = &image;
+  std::map<std::string, const TurntableImage*> turns;
+  for (const TurntableImage& image : scene.table.images) turns[image.name] = &image;
+  for (const PhotoPlace& place :
+       ParsePlaces(settings.disc_rim, "disc_rim", NamesOf(scene.object), settings.workspace_path)) {
+    const ColmapImage& image = *images.at(place.name);
+    const auto turn = turns.find(place.name);
+    if (turn == turns.end()) continue;
+    sightings.push_back({&scene.object.cameras.at(image.camera_id),
+                         image.cam_from_world * turn->second->world_from_object.Inverse(), place.xy});
+  }
+  const std::optional<DiscRim> rim = FitDiscRim(scene.table.axis, sightings, kClickPx);
+  if (!rim) {
+    throw UserError(settings.workspace_path, "the places of --disc_rim do not tell how large the disc is",
+                    "Give places on the rim's near side and on its far side, three or more");
+  }
+  if (rim->rms_px > kMaxRimPx) {
+    throw UserError(settings.workspace_path,
+                    fmt::format("the places of --disc_rim are {:.1f} px off a circle about the table's axis",
+                                rim->rms_px),
+                    "Give places on the rim of a round disc that turns about its middle, to the pixel");
+  }
+  return {"disc's diameter", kMetresPerMillimetre * settings.disc_diameter_mm, 2 * rim->radius,
+          2 * rim->sigma};
+}
+
+std::vector<ScaleBar> BoardLengths(const Settings& settings, const CharucoBoard& board,
+                                   const ColmapModel& model) {
+  const std::vector<std::string> names = NamesOf(model);
+  std::vector<std::map<int, Eigen::Vector2d>> found(names.size());
+  ParallelFor(static_cast<int64_t>(names.size()), 0, [&](int64_t i) {
+    const Image8 photo = ReadImage(settings.image_path / names[i], 1);
+    found[i] = DetectBoardCorners(photo.pixels, photo.width, photo.height, board);
+  });
+  MarkSightings sightings;
+  for (size_t i = 0; i < names.size(); ++i) sightings[names[i]] = std::move(found[i]);
+  std::vector<ScaleBar> bars = BarsOfBoard(board, LocateMarks(model, sightings));
+  if (bars.empty()) {
+    throw UserError(settings.image_path, "no two corners of the ChArUco board are seen in two photos or more",
+                    "Check --charuco_columns, --charuco_rows and --marker_dictionary");
+  }
+  return bars;
 }
 
 // The markers of the body that they are seen to stand on.
@@ -173,53 +244,6 @@ std::vector<LocatedMarker> LocateOnEither(const ColmapModel& object, const Colma
   for (const auto& [id, marker] : best) markers.push_back(marker);
   return markers;
 }
-
-// What is scaled, as turntable_mapper left it. A run that was killed may have scaled the models and not yet
-// turntable.json, which is written last: then the copy counts.
-class UnscaledScene {
- public:
-  explicit UnscaledScene(const Workspace& workspace)
-      : workspace_(workspace), copy_(workspace.SplitLabels().parent_path() / "unscaled") {
-    const std::string turntable = Read(workspace.Turntable());
-    std::error_code ec;
-    if (!fs::exists(copy_ / "turntable.json", ec) || Read(copy_ / "turntable.json") != turntable) {
-      fs::remove_all(copy_, ec);
-      CreateFolder(copy_);
-      WriteColmapModel(copy_ / "0", ReadColmapModel(workspace.ObjectModel()), ColmapFormat::kBinary);
-      if (fs::exists(workspace.StaticModel(), ec)) {
-        WriteColmapModel(copy_ / "static", ReadColmapModel(workspace.StaticModel()), ColmapFormat::kBinary);
-      }
-      WriteFileAtomically(copy_ / "turntable.json", [&](std::ostream& out) { out << turntable; });
-    }
-    object = ReadColmapModel(copy_ / "0");
-    if (fs::exists(copy_ / "static", ec)) background = ReadColmapModel(copy_ / "static");
-    table = ReadTurntableFile(copy_ / "turntable.json");
-  }
-
-  void WriteInMetres(double metres_per_unit) {
-    ScaleModel(metres_per_unit, &object);
-    WriteColmapModel(workspace_.ObjectModel(), object, ColmapFormat::kBinary);
-    if (!background.images.empty()) {
-      ScaleModel(metres_per_unit, &background);
-      WriteColmapModel(workspace_.StaticModel(), background, ColmapFormat::kBinary);
-    }
-    ScaleTurntableToMetres(metres_per_unit, &table);
-    WriteTurntableFile(workspace_.Turntable(), table);
-    std::error_code ec;
-    fs::remove_all(copy_, ec);
-  }
-
-  ColmapModel object;
-  ColmapModel background;
-  TurntableFile table;
-
- private:
-  static std::string Read(const fs::path& path) {
-    return ReadWholeFile(path, uint64_t{1} << 30, "Run `s2gs turntable_mapper` first");
-  }
-  const Workspace& workspace_;
-  fs::path copy_;
-};
 
 nlohmann::json ToJson(const ScaleEstimate& estimate, const std::vector<LocatedMarker>& markers,
                       const std::string& dictionary) {
@@ -257,13 +281,71 @@ void Print(const ScaleEstimate& estimate, const Workspace& workspace, std::ostre
       << '\n';
 }
 
+std::vector<ScaleBar> MarkerSides(const Settings& settings, const std::vector<LocatedMarker>& markers,
+                                  const std::string& dictionary) {
+  if (settings.marker_size_mm <= 0) {
+    std::string list;
+    for (const LocatedMarker& marker : markers)
+      list += (list.empty() ? "" : ", ") + std::to_string(marker.id);
+    throw UserError(settings.image_path,
+                    fmt::format("shows the {} markers {}, but not how large they are", dictionary, list),
+                    "State the side of their black squares as --marker_size_mm");
+  }
+  std::vector<LocatedMarker> used;
+  const std::set<int32_t> wanted(settings.marker_ids.begin(), settings.marker_ids.end());
+  for (const LocatedMarker& marker : markers) {
+    if (wanted.empty() || wanted.count(marker.id) > 0) used.push_back(marker);
+  }
+  if (used.empty()) {
+    throw UserError(settings.image_path, "no marker is seen well enough in two photos or more",
+                    "Take photos with the markers in sight, or state --known_length_mm");
+  }
+  return BarsOfMarkers(used, kMetresPerMillimetre * settings.marker_size_mm);
+}
+
+// Lengths of two kinds that cannot both be right have no mean.
+void RequireAgreement(const std::vector<ScaleBar>& bars, const std::vector<ScaleBar>& more,
+                      const fs::path& workspace) {
+  if (bars.empty()) return;
+  const double one = EstimateScale(bars).metres_per_unit;
+  const double other = EstimateScale(more).metres_per_unit;
+  // Ink makes small markers wrong by more.
+  const double printed = std::max(bars.front().common_rel, more.front().common_rel);
+  if (std::abs(one / other - 1) <= kContradiction + 2 * printed) return;
+  const ScaleBar& first = bars.back();
+  const ScaleBar& second = more.front();
+  throw UserError(workspace,
+                  fmt::format("the lengths contradict each other: by the {} the {} is {:.2f} mm, not {:.2f}, "
+                              "and the other way round the {} is {:.3f} mm, not {:.3f}",
+                              first.name, second.name, 1000 * one * second.measured, 1000 * second.known_m,
+                              first.name, 1000 * other * first.measured, 1000 * first.known_m),
+                  "Measure both again, or state only one");
+}
+
 void Scale(const Settings& settings, const Workspace& workspace, Reporter& reporter, std::ostream& out) {
   UnscaledScene scene(workspace);
   std::vector<ScaleBar> bars;
   std::vector<LocatedMarker> markers;
   std::string dictionary;
   const bool has_length = settings.known_length_mm > 0;
-  if (settings.marker_size_mm > 0 || !has_length) {
+  const bool has_disc = settings.disc_diameter_mm > 0;
+  const auto add = [&](const std::vector<ScaleBar>& more) {
+    RequireAgreement(bars, more, settings.workspace_path);
+    bars.insert(bars.end(), more.begin(), more.end());
+  };
+  if (settings.HasBoard()) {
+    const std::vector<std::string> names = NamesOf(scene.object);
+    CharucoBoard board = settings.board;
+    board.marker_mm = settings.marker_size_mm;
+    dictionary = board.dictionary = FindDictionary(settings, names);
+    // Markers that are not those of such a board yield corners all the same; their sides tell.
+    const std::vector<LocatedMarker> seen =
+        LocateMarkers(scene.object, Detect(settings.image_path, names, dictionary));
+    if (!seen.empty()) bars = BarsOfMarkers(seen, kMetresPerMillimetre * board.marker_mm);
+    const std::vector<ScaleBar> lengths = BoardLengths(settings, board, scene.object);
+    RequireAgreement(bars, lengths, settings.workspace_path);
+    bars = lengths;
+  } else if (settings.marker_size_mm > 0 || (!has_length && !has_disc)) {
     const std::vector<std::string> names = NamesOf(scene.object);
     dictionary = FindDictionary(settings, names);
     const Sightings sightings = Detect(settings.image_path, names, dictionary);
@@ -271,42 +353,10 @@ void Scale(const Settings& settings, const Workspace& workspace, Reporter& repor
     markers = LocateOnEither(scene.object, scene.table.scale_observable ? scene.background : ColmapModel(),
                              sightings);
     reporter.Info(fmt::format("{} markers of the dictionary {} were located", markers.size(), dictionary));
-    if (settings.marker_size_mm <= 0) {
-      std::string list;
-      for (const LocatedMarker& marker : markers)
-        list += (list.empty() ? "" : ", ") + std::to_string(marker.id);
-      throw UserError(settings.image_path,
-                      fmt::format("shows the {} markers {}, but not how large they are", dictionary, list),
-                      "State the side of their black squares as --marker_size_mm");
-    }
-    std::vector<LocatedMarker> used;
-    const std::set<int32_t> wanted(settings.marker_ids.begin(), settings.marker_ids.end());
-    for (const LocatedMarker& marker : markers) {
-      if (wanted.empty() || wanted.count(marker.id) > 0) used.push_back(marker);
-    }
-    if (used.empty()) {
-      throw UserError(settings.image_path, "no marker is seen well enough in two photos or more",
-                      "Take photos with the markers in sight, or state --known_length_mm");
-    }
-    bars = BarsOfMarkers(used, kMetresPerMillimetre * settings.marker_size_mm);
+    add(MarkerSides(settings, markers, dictionary));
   }
-  if (has_length) {
-    const ScaleBar length = MarkedLength(settings, scene.object);
-    if (!bars.empty()) {
-      const double by_markers = EstimateScale(bars).metres_per_unit;
-      const double by_length = length.known_m / length.measured;
-      if (std::abs(by_markers / by_length - 1) > kContradiction) {
-        throw UserError(
-            settings.workspace_path,
-            fmt::format("the lengths contradict each other: by the markers the marked length is {:.2f} mm, "
-                        "not {:.2f}, and by that length their sides are {:.3f} mm, not {:.3f}",
-                        1000 * by_markers * length.measured, settings.known_length_mm,
-                        settings.marker_size_mm * by_length / by_markers, settings.marker_size_mm),
-            "Measure both again, or state only one");
-      }
-    }
-    bars.push_back(length);
-  }
+  if (has_length) add({MarkedLength(settings, scene.object)});
+  if (has_disc) add({DiscDiameter(settings, scene)});
   const ScaleEstimate estimate = EstimateScale(bars);
   scene.WriteInMetres(estimate.metres_per_unit);
   WriteFileAtomically(workspace.ScaleReport(), [&](std::ostream& stream) {
@@ -322,8 +372,9 @@ void RunModelScaler(CommandContext& context) {
   Options& options = context.Declare(
       "Makes the scene metric: sparse/0, sparse/static and turntable.json in metres, and so all that is made "
       "from them. The scale comes from printed markers (ArUco, AprilTag) of stated size that the photos "
-      "show, on the table or in the background, or from a length between two points that are marked in "
-      "photos. The residual of each length, in mm, is printed and written to split/scale.json.",
+      "show, on the table or in the background, from a ChArUco board on the table, from a length between two "
+      "points that are marked in photos, or from the diameter of the table's disc. The residual of each "
+      "length, in mm, is printed and written to split/scale.json.",
       "--workspace_path scan --image_path photos --marker_size_mm 33");
   options.Add("workspace_path", &settings.workspace_path, "the workspace, with sparse/0 and turntable.json")
       .Required();
@@ -341,9 +392,33 @@ void RunModelScaler(CommandContext& context) {
   options.Add("point_a", &settings.point_a,
               "the first point where photos show it: NAME:X:Y in pixels, two or more");
   options.Add("point_b", &settings.point_b, "the second point, in the same way");
+  own.Add("disc_diameter_mm", &Settings::disc_diameter_mm,
+          "diameter of a round disc that turns about its middle; 0: not known")
+      .Unit("mm");
+  options.Add(
+      "disc_rim", &settings.disc_rim,
+      "places on that disc's rim, NAME:X:Y in pixels, three or more, of its near and of its far side; "
+      "in which photos does not matter");
+  options.Add("charuco_columns", &settings.board.columns,
+              "squares across of a ChArUco board; 0: there is none");
+  options.Add("charuco_rows", &settings.board.rows, "squares down");
+  options
+      .Add("charuco_square_mm", &settings.board.square_mm,
+           "side of its squares; --marker_size_mm is that of its markers, which are numbered from 0")
+      .Unit("mm");
   Reporter& reporter = context.Parse();
   if ((settings.known_length_mm > 0) != (!settings.point_a.empty() && !settings.point_b.empty())) {
     throw CommandLineError("--known_length_mm, --point_a and --point_b belong together.");
+  }
+  if ((settings.disc_diameter_mm > 0) != !settings.disc_rim.empty()) {
+    throw CommandLineError("--disc_diameter_mm and --disc_rim belong together.");
+  }
+  if (settings.HasBoard()) {
+    CharucoBoard board = settings.board;
+    board.marker_mm = settings.marker_size_mm;
+    if (const OptionCheck fault = board.Check()) {
+      throw CommandLineError(fmt::format("--{} {}: {}.", fault->field, fault->value, fault->bound));
+    }
   }
   const Workspace workspace{settings.workspace_path};
   if (settings.image_path.empty()) settings.image_path = workspace.Images();
@@ -353,6 +428,7 @@ void RunModelScaler(CommandContext& context) {
   stage.inputs = {settings.image_path};
   stage.options = ValuesWithout(options, {"workspace_path", "image_path"});
   stage.outputs = {workspace.ScaleReport(), workspace.ObjectModel(), workspace.Turntable()};
+  stage.also_writes = {workspace.StaticModel(), workspace.TurntableMapper()};
   stage.depends_on = {"turntable_mapper"};
   if (!runner.Run(stage, [&] { Scale(settings, workspace, reporter, context.out()); })) {
     context.out() << "up to date       " << workspace.ScaleReport().string() << '\n';

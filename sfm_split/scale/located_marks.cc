@@ -15,6 +15,10 @@ namespace {
 constexpr double kMaxErrorShare = 1.0 / 400;  // of the photo's longer side
 constexpr double kLeastMaxErrorPx = 2;
 
+// Ink spreads: an edge of what is printed is where it should be to a dot of 600 to the inch. All markers of
+// a sheet are alike in that, on both sides.
+constexpr double kPrintedEdgeM = 25.4e-3 / 600;
+
 }  // namespace
 
 std::map<int, LocatedMark> LocateMarks(const ColmapModel& model, const MarkSightings& sightings) {
@@ -108,8 +112,8 @@ std::vector<ScaleBar> BarsOfMarkers(const std::vector<LocatedMarker>& markers, d
   bars.reserve(markers.size());
   for (const LocatedMarker& marker : markers) {
     // The mean of four sides, each as much off as the worst of them or less.
-    bars.push_back(
-        {"marker " + std::to_string(marker.id), side_m, marker.side, marker.bend * marker.side / 2});
+    bars.push_back({"marker " + std::to_string(marker.id), side_m, marker.side, marker.bend * marker.side / 2,
+                    2 * kPrintedEdgeM / side_m});
   }
   return bars;
 }

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/scale/aruco_dictionary.h"
 
 namespace s2gs {
 namespace {
@@ -26,7 +27,9 @@ const Names& Known() {
   return names;
 }
 
-cv::Ptr<cv::aruco::Dictionary> DictionaryOf(const std::string& name) {
+}  // namespace
+
+cv::Ptr<cv::aruco::Dictionary> ArucoDictionary(const std::string& name) {
   for (const auto& [known, number] : Known()) {
     if (known == name) return cv::aruco::getPredefinedDictionary(number);
   }
@@ -34,8 +37,6 @@ cv::Ptr<cv::aruco::Dictionary> DictionaryOf(const std::string& name) {
   for (const auto& [known, number] : Known()) list += (list.empty() ? "" : ", ") + known;
   throw UserError("there is no dictionary of markers named \"" + name + "\", but " + list);
 }
-
-}  // namespace
 
 const std::vector<std::string>& MarkerDictionaries() {
   static const std::vector<std::string> names = [] {
@@ -55,7 +56,7 @@ std::vector<MarkerSighting> DetectMarkers(const std::vector<uint8_t>& grey, int 
   parameters->cornerRefinementMethod = cv::aruco::CORNER_REFINE_SUBPIX;
   std::vector<std::vector<cv::Point2f>> corners;
   std::vector<int> ids;
-  cv::aruco::detectMarkers(picture, DictionaryOf(dictionary), corners, ids, parameters);
+  cv::aruco::detectMarkers(picture, ArucoDictionary(dictionary), corners, ids, parameters);
   std::vector<MarkerSighting> sightings;
   std::set<int> seen;
   for (size_t i = 0; i < ids.size(); ++i) {
@@ -72,7 +73,7 @@ std::vector<MarkerSighting> DetectMarkers(const std::vector<uint8_t>& grey, int 
 }
 
 MarkerCells CellsOfMarker(const std::string& dictionary, int id) {
-  const cv::Ptr<cv::aruco::Dictionary> codes = DictionaryOf(dictionary);
+  const cv::Ptr<cv::aruco::Dictionary> codes = ArucoDictionary(dictionary);
   if (id < 0 || id >= codes->bytesList.rows) {
     throw UserError("the dictionary " + dictionary + " has the markers 0 to " +
                     std::to_string(codes->bytesList.rows - 1) + ", and no " + std::to_string(id));

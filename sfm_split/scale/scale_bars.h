@@ -11,6 +11,9 @@ struct ScaleBar {
   double known_m = 0;   ///< [m], positive.
   double measured = 0;  ///< in the scene's unit, positive.
   double sigma = 0;     ///< standard deviation of `measured`; 0: unknown, as good as the other bars.
+  /// Standard deviation, as a share, of an error that all bars of its kind have alike; no number of them
+  /// averages it away.
+  double common_rel = 0;
 };
 
 struct JudgedBar {
@@ -21,8 +24,9 @@ struct JudgedBar {
 
 struct ScaleEstimate {
   double metres_per_unit = 0;
-  double sigma_rel =
-      0;  ///< standard deviation of the scale, as a share; from how much the bars differ. NaN: one bar.
+  /// Standard deviation of the scale, as a share: from how much the bars differ and from what they have in
+  /// common. NaN: one bar, of which nothing is known.
+  double sigma_rel = 0;
   std::vector<JudgedBar> bars;
   int num_used = 0;
 };

@@ -116,6 +116,24 @@ TEST(ScaleBars, TwoThatDifferAreBothUsed) {
   EXPECT_TRUE(std::isnan(EstimateScale({{"a", 0.1, 1, 0}}).sigma_rel));
 }
 
+TEST(ScaleBars, OneOfUnknownErrorCountsLikeTheOthers) {
+  // Three bars that are good to a thousandth, and one of which nothing is known.
+  const ScaleEstimate estimate =
+      EstimateScale({{"a", 1, 1, 1e-3}, {"b", 1, 1, 1e-3}, {"c", 1, 1, 1e-3}, {"d", 1.002, 1, 0}});
+  EXPECT_EQ(estimate.num_used, 4);
+  EXPECT_NEAR(estimate.metres_per_unit, 1.0005, 1e-9);
+}
+
+TEST(ScaleBars, WhatAllHaveInCommonIsNotAveragedAway) {
+  std::vector<ScaleBar> bars;
+  for (int i = 0; i < 400; ++i) bars.push_back({"marker", 0.033, 1 + 1e-4 * (i % 3), 0, 2.5e-3});
+  EXPECT_NEAR(EstimateScale(bars).sigma_rel, 2.5e-3, 1e-5);
+  // A marker of 33 mm whose edges are off by a printer's dot each, .0423 mm.
+  LocatedMarker marker;
+  marker.side = 0.1;
+  EXPECT_NEAR(BarsOfMarkers({marker}, 0.033)[0].common_rel, 0.0847 / 33, 1e-5);
+}
+
 TEST(ScaleModel, ProjectionsStay) {
   ColmapModel model = MakeModel(3);
   model.points3D[5] = {5, {0.1, -0.2, 0.3}, {}, 0, {}};
