@@ -155,7 +155,8 @@ TEST(PlaceScan, AWrongBackgroundDoesNotTakeTheObjectAlong) {
   const ScanPlacement placement = scan.Place();
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
   EXPECT_EQ(placement.best.aligned.scene.views.size(), 12U) << placement.findings;
-  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "circular_motion", "place_missing"}))
+  EXPECT_EQ(Tried(placement),
+            Names({"free_sfm", "free_sfm_object", "circular_motion", "rigged_circle", "place_missing"}))
       << placement.findings;
   EXPECT_EQ(placement.path, "free_sfm_object");
   EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
@@ -178,8 +179,8 @@ TEST(PlaceScan, PhotosWithoutMatchesComeByWhatThePointsLookLike) {
   scan.Lose({4, 17});
   const ScanPlacement placement = scan.Place();
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
-  EXPECT_EQ(Tried(placement),
-            Names({"free_sfm", "free_sfm_object", "circular_motion", "single_axis", "place_missing"}));
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "circular_motion", "rigged_circle",
+                                     "single_axis", "place_missing"}));
   EXPECT_GT(scan.reads, 0);
   EXPECT_EQ(placement.best.aligned.scene.views.size(), 24U);
   std::set<std::string> names;
