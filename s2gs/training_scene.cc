@@ -212,8 +212,7 @@ struct Loader {
         .first->second;
   }
 
-  static Image8 Read(const fs::path& path, const Camera& camera, int channels) {
-    Image8 image = ReadImage(path, channels);
+  static void RequireSize(const fs::path& path, const Image8& image, const Camera& camera) {
     if (static_cast<uint64_t>(image.width) != camera.width ||
         static_cast<uint64_t>(image.height) != camera.height) {
       const bool turned = static_cast<uint64_t>(image.width) == camera.height &&
@@ -225,7 +224,6 @@ struct Loader {
           turned ? "It seems to be turned by its EXIF orientation: give the photos as COLMAP saw them"
                  : "Give the photos that the model was made from");
     }
-    return image;
   }
 
   Image8 Undistort(const Image8& image, const Camera& camera) {
@@ -234,7 +232,10 @@ struct Loader {
   }
 
   void Load(const Camera& camera, bool with_mask, bool needs_mask, ScenePhoto* photo) {
-    const Image8 image = Undistort(Read(paths.images / photo->name, camera, 3), camera);
+    const fs::path path = paths.images / photo->name;
+    Image8 image = ReadImage(path, 3);
+    RequireSize(path, image, camera);
+    image = Undistort(image, camera);
     const Rigid3 cam_from_world = photo->view.cam_from_world;
     const Rigid3 cam_from_object = photo->view.cam_from_object;
     PinholeView view = ViewOfPinhole(Plan(camera).pinhole);
@@ -262,7 +263,8 @@ struct Loader {
     fs::path path = FindMask(folder, photo.name);
     if (path.empty() && !is_needed) return {};
     if (path.empty()) path = folder / (photo.name + ".png");  // whose absence is the fault
-    Image8 mask = Read(path, camera, 1);
+    Image8 mask = ReadMask(path);
+    RequireSize(path, mask, camera);
     // Before pixels are mixed with their neighbours: 128 counts as much as 255.
     Binarise(&mask);
     mask = Undistort(mask, camera);

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "plugin/cli/option_value.h"
-#include "plugin/colmap/exif_focal.h"
+#include "s2gs/image/exif.h"
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photo_folder.h"
 #include "sfm_split/base/file_io.h"
@@ -29,25 +29,26 @@ constexpr uint64_t kMinFreeBytes = uint64_t{16} << 20;
 struct Look {
   int width = 0;
   int height = 0;
-  std::optional<ExifFocal> focal;
+  std::optional<ExifTags> lens;  // where EXIF says something of it
 };
 
 // Photos without EXIF go with any.
 bool MayShare(const Look& a, const Look& b) {
   if (a.width != b.width || a.height != b.height) return false;
-  return !a.focal || !b.focal || *a.focal == *b.focal;
+  return !a.lens || !b.lens || a.lens->HasLensOf(*b.lens);
 }
 
 bool HaveOneLook(const std::vector<Look>& looks) {
-  const auto with_focal =
-      std::find_if(looks.begin(), looks.end(), [](const Look& look) { return look.focal.has_value(); });
-  const Look& reference = with_focal == looks.end() ? looks.front() : *with_focal;
+  const auto with_lens =
+      std::find_if(looks.begin(), looks.end(), [](const Look& look) { return look.lens.has_value(); });
+  const Look& reference = with_lens == looks.end() ? looks.front() : *with_lens;
   return std::all_of(looks.begin(), looks.end(), [&](const Look& look) { return MayShare(reference, look); });
 }
 
 // Strictly, so that groups do not depend on their order.
 bool IsSameLook(const Look& a, const Look& b) {
-  return a.width == b.width && a.height == b.height && a.focal == b.focal;
+  if (a.width != b.width || a.height != b.height || a.lens.has_value() != b.lens.has_value()) return false;
+  return !a.lens || a.lens->HasLensOf(*b.lens);
 }
 
 std::vector<Look> ReadAppearance(const fs::path& image_path, const std::vector<fs::path>& photos) {
@@ -56,7 +57,8 @@ std::vector<Look> ReadAppearance(const fs::path& image_path, const std::vector<f
   ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
     try {
       const Image8 image = ReadImage(photos[i], 1);
-      looks[i] = {image.width, image.height, ReadExifFocal(photos[i])};
+      looks[i] = {image.width, image.height, ReadExif(photos[i])};
+      if (looks[i].lens && !looks[i].lens->SaysOfLens()) looks[i].lens.reset();
     } catch (const UserError& error) {
       problems[i] = error.what();
     }
@@ -165,6 +167,14 @@ PhotoSet ReadPhotoSet(const fs::path& image_path) {
   set.photos.reserve(inspected.photos.size());
   for (const PhotoFile& photo : inspected.photos) set.photos.push_back(photo.path);
   const std::vector<Look> looks = ReadAppearance(image_path, set.photos);
+  for (size_t i = 0; i < looks.size(); ++i) {
+    if (!looks[i].lens) continue;
+    const ImageSize size{looks[i].width, looks[i].height};
+    const bool is_png = inspected.photos[i].is_png;
+    if (!is_png && !IsCut(*looks[i].lens, size)) continue;
+    const std::optional<double> focal = FocalPixels(*looks[i].lens, size);
+    if (focal) set.focal_px[inspected.photos[i].name] = *focal;
+  }
   if (HaveOneLook(looks)) return set;
   std::map<fs::path, std::vector<size_t>> folders;
   for (size_t i = 0; i < set.photos.size(); ++i) folders[set.photos[i].parent_path()].push_back(i);
@@ -254,6 +264,7 @@ void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap,
                            [&](ColmapDatabase& database) {
                              database.NumberImagesByName();
                              database.ShareCameras(set.cameras);
+                             database.SetFocalPriors(set.focal_px);
                            });
 }
 

@@ -56,6 +56,9 @@ struct PhotoSet {
   CameraSharing sharing = CameraSharing::kOne;
   /// For kPerLook: names, relative to the folder, of the photos of each camera.
   std::vector<std::vector<std::string>> cameras;
+  /// Focal lengths by EXIF [px], by name, of photos whose EXIF COLMAP does not read (PNG) or misreads, for
+  /// they were cut.
+  std::map<std::string, double> focal_px;
 };
 
 /// Reads all photos of a folder and its folders, so that damage is known before hours of work. Throws

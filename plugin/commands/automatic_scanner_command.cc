@@ -16,6 +16,7 @@
 #include "plugin/cli/shell_quote.h"
 #include "plugin/commands/quality.h"
 #include "plugin/commands/scan_preflight.h"
+#include "plugin/photos/photo_import.h"
 #include "plugin/plan/plan_parts.h"
 #include "plugin/plan/scan_plan.h"
 #include "plugin/report/scan_summary.h"
@@ -34,7 +35,12 @@ enum class Until { kSplit, kTrain, kMesh };
 
 struct Settings {
   fs::path workspace_path;
-  fs::path image_path;
+  fs::path given_path;  // the photos as they came: a folder or a video
+  fs::path image_path;  // what the commands read: the same, or what was imported
+  std::optional<ImportPlan> import;
+  bool is_video = false;
+  int video_frames = 120;
+  fs::path ffmpeg_path;
   fs::path mask_path;
   fs::path colmap_path;
   Quality quality = Quality::kAuto;
@@ -48,6 +54,8 @@ struct Settings {
   double marker_size_mm = 0;
   std::vector<std::string> force;  // as given
   std::set<std::string> forced;    // parts of the plan
+
+  bool Imports() const { return is_video || import.has_value(); }
 };
 
 // Features per photo. Fewer would leave out small scales, which is where objects have theirs.
@@ -106,6 +114,14 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
     return arguments;
   };
 
+  if (settings.Imports()) {
+    std::vector<std::string> arguments = {"--workspace_path", root, "--image_path",
+                                          settings.given_path.string()};
+    if (settings.is_video)
+      arguments = with(arguments, "--video_frames", std::to_string(settings.video_frames));
+    add("photo_importer", "Photos that COLMAP reads",
+        with(arguments, "--ffmpeg_path", settings.ffmpeg_path.string()));
+  }
   add("motion_splitter", "What stands still and what turns",
       with(with({"--database_path", workspace.Database().string(), "--image_path", images,
                  "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
@@ -151,7 +167,10 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
 ScanRequest RequestOf(const Settings& settings, const std::vector<Step>& steps) {
   ScanRequest request;
   request.workspace = Workspace{settings.workspace_path};
-  request.image_path = settings.image_path;
+  request.image_path = settings.given_path;
+  request.import = settings.import;
+  request.is_video = settings.is_video;
+  request.ffmpeg_path = settings.ffmpeg_path;
   request.mask_path = settings.mask_path;
   request.colmap_path = settings.colmap_path;
   request.use_gpu = settings.use_gpu;
@@ -245,6 +264,27 @@ ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::os
   return result;
 }
 
+// Whether the photos can be used where they are.
+void FindPhotos(const Workspace& workspace, Settings* settings) {
+  if (settings->given_path.empty()) settings->given_path = workspace.Images();
+  settings->image_path = settings->given_path;
+  std::error_code ec;
+  settings->is_video = fs::is_regular_file(settings->given_path, ec);
+  if (!settings->is_video) {
+    if (!fs::is_directory(settings->given_path, ec)) {
+      throw UserError(
+          settings->given_path, "there is no such folder of photos",
+          "Give the photos' folder as --image_path, or put them into " + workspace.Images().string());
+    }
+    ImportPlan plan = PlanImport(settings->given_path);
+    if (!plan.is_needed) return;
+    settings->import = std::move(plan);
+  }
+  settings->image_path = workspace.Imported();
+  // Photos with alpha are their own masks.
+  if (settings->mask_path == settings->given_path) settings->mask_path = settings->image_path;
+}
+
 }  // namespace
 
 void RunAutomaticScanner(CommandContext& context) {
@@ -252,7 +292,9 @@ void RunAutomaticScanner(CommandContext& context) {
   Options& options = context.Declare(
       "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
       "model, object masks and a textured mesh. Runs the other commands one after another; what is done is "
-      "skipped, and a run that was stopped goes on where it was. Options, photos, masks, disk, memory and "
+      "skipped, and a run that was stopped goes on where it was. Photos that COLMAP cannot read, and the "
+      "frames of "
+      "a video, are imported into the workspace first. Options, photos, masks, disk, memory and "
       "colmap are checked first, and all that is wrong is listed at once. The plan is printed before "
       "anything long runs: what runs, what is left out and why; decisions that need a stage's measurements "
       "follow it. Each step's own command line is printed: run it by hand to change more of it. Ends with "
@@ -260,7 +302,13 @@ void RunAutomaticScanner(CommandContext& context) {
       "--workspace_path scan --image_path photos --quality medium");
   options.Add("workspace_path", &settings.workspace_path, "the workspace; created when it does not exist")
       .Required();
-  options.Add("image_path", &settings.image_path, "the photos; empty: images in the workspace");
+  options.Add(
+      "image_path", &settings.given_path,
+      "the photos, in whatever format and in folders, or a video file; empty: images in the workspace");
+  options.Add("video_frames", &settings.video_frames,
+              "frames taken of a video: the sharpest of so many intervals");
+  options.Add("ffmpeg_path", &settings.ffmpeg_path,
+              "the ffmpeg executable or its folder, for videos; empty: searched for on PATH");
   options.Add("mask_path", &settings.mask_path,
               "masks of the rotating part, if there are any (COLMAP's: a.jpg.png for a.jpg); empty: none");
   options.AddEnum("quality", &settings.quality, kQualityNames,
@@ -294,19 +342,19 @@ void RunAutomaticScanner(CommandContext& context) {
   settings.forced = ForcedParts(settings.force);
 
   const Workspace workspace{settings.workspace_path};
-  if (settings.image_path.empty()) settings.image_path = workspace.Images();
-  std::error_code ec;
-  if (!fs::is_directory(settings.image_path, ec)) {
-    throw UserError(
-        settings.image_path, "there is no such folder of photos",
-        "Give the photos' folder as --image_path, or put them into " + workspace.Images().string());
-  }
+  FindPhotos(workspace, &settings);
   const std::vector<Step> steps = MakeSteps(settings, options);
   RequireSoundScan(RequestOf(settings, steps), reporter);
   CreateFolder(workspace.Own());
   // Each command locks the workspace for itself; another scan may not come between them.
   const WorkspaceLock lock(workspace, workspace.ScanLockFile(), reporter);
 
+  ScanSummary summary;
+  size_t first = 0;
+  if (settings.Imports()) {
+    summary.steps.push_back(RunStep(steps[0], 1, steps.size() + 1, context.out()));
+    first = 1;
+  }
   ScanPlan plan = MakeScanPlan(PlanOf(settings), reporter);
   PrintScanPlan(plan, context.out());
   WriteScanPlan(workspace.Plan(), plan);
@@ -317,7 +365,6 @@ void RunAutomaticScanner(CommandContext& context) {
     WriteScanPlan(workspace.Plan(), now);
     plan = now;
   };
-  ScanSummary summary;
   const auto finish = [&] {
     WriteScanRecord(workspace.ScanRecord(), summary);
     const Step report = ReportStep(settings, options);
@@ -325,7 +372,7 @@ void RunAutomaticScanner(CommandContext& context) {
     CollectFigures(workspace, &summary);
     PrintScanSummary(summary, context.out());
   };
-  for (size_t i = 0; i < steps.size(); ++i) {
+  for (size_t i = first; i < steps.size(); ++i) {
     if (reporter.StopRequested()) throw Interrupted();
     const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
     ScanSummary::Step step;

@@ -3,6 +3,7 @@
 #include "plugin/commands/gaussian_renderer_command.h"
 #include "plugin/commands/gaussian_trainer_command.h"
 #include "plugin/commands/mesh_texturer_command.h"
+#include "plugin/commands/photo_importer_command.h"
 #include "plugin/commands/report_command.h"
 #include "plugin/commands/scan_batch_command.h"
 #include "plugin/commands/scan_evaluator_command.h"
@@ -49,6 +50,9 @@ std::vector<Command> MakeCommands() {
   commands.push_back({"mesh_texturer",
                       "gives the mesh the colours of the photos: .obj, .glb and .ply with texture",
                       RunMeshTexturer});
+  commands.push_back({"photo_importer",
+                      "HEIC, RAW, TIFF, EXR and more, or a video, to photos that COLMAP reads",
+                      RunPhotoImporter});
   commands.push_back(
       {"report", "report.html and report.json: what a scan did, how good it is, what to do next", RunReport});
   commands.push_back(

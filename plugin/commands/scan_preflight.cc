@@ -14,6 +14,7 @@
 
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/commands/backend_choice.h"
+#include "plugin/photos/video_frames.h"
 #include "plugin/stage/fingerprint.h"
 #include "plugin/stage/stage.h"
 #include "s2gs/image/photo_folder.h"
@@ -86,8 +87,12 @@ class Preflight {
     CheckOptions();
     CheckStagesDone();
     CheckPlaces();
-    photos_ = InspectPhotoFolder(request_.image_path);
-    CheckPhotos();
+    if (request_.is_video) {
+      CheckVideo();
+    } else {
+      photos_ = request_.import ? PhotosOf(*request_.import) : InspectPhotoFolder(request_.image_path);
+      CheckPhotos();
+    }
     if (!request_.mask_path.empty()) CheckMasks();
     CheckSpace();
     CheckColmap();
@@ -212,6 +217,27 @@ class Preflight {
     }
   }
 
+  // As they will be after the import.
+  static PhotoFolder PhotosOf(const ImportPlan& import) {
+    PhotoFolder folder;
+    folder.faults = import.faults;
+    folder.notes = import.notes;
+    for (const PhotoToImport& photo : import.photos) {
+      folder.photos.push_back(photo.file);
+      folder.photos.back().name = photo.name;
+    }
+    return folder;
+  }
+
+  void CheckVideo() {
+    if (IsDone("photo_importer")) return;
+    try {
+      FindFfmpeg(request_.ffmpeg_path);
+    } catch (const UserError& error) {
+      Fault(error.what());
+    }
+  }
+
   void CheckPhotos() {
     check_.faults.insert(check_.faults.end(), photos_.faults.begin(), photos_.faults.end());
     check_.notes = photos_.notes;
@@ -269,9 +295,18 @@ class Preflight {
       Fault(folder.string() + ": there is no such folder of masks. Check --mask_path");
       return;
     }
-    if (fs::equivalent(folder, request_.image_path, ec)) {
-      Fault(folder.string() + ": holds the photos. Keep the masks in a folder of their own");
+    if (fs::equivalent(folder, request_.image_path, ec) || folder == request_.workspace.Imported()) {
+      CheckAlpha();
       return;
+    }
+    if (request_.import) {
+      for (const PhotoToImport& photo : request_.import->photos) {
+        if (!photo.is_mirrored) continue;
+        Fault(photo.file.name +
+              ": is mirrored by its EXIF, and its mask would not fit. Turn the photo and its mask "
+              "upright, or leave --mask_path out");
+        return;
+      }
     }
     size_t num_missing = 0;
     std::string example;
@@ -297,6 +332,24 @@ class Preflight {
           "sub/a.jpg is sub/a.jpg.png; give one for each photo, or leave --mask_path out",
           folder.string(), num_missing, photos_.photos.size(), example));
     }
+  }
+
+  // Photos that were cut out are their own masks.
+  void CheckAlpha() {
+    for (const PhotoFile& photo : photos_.photos) {
+      const bool may_have =
+          photo.is_png ? photo.png.has_alpha : photo.size.width > 0 && IsForeign(photo.name);
+      if (may_have) continue;
+      Fault(request_.mask_path.string() + ": holds the photos, and " + photo.name +
+            " has no alpha channel to be its mask. Keep masks in a folder of their own");
+      return;
+    }
+  }
+  bool IsForeign(const std::string& name) const {
+    if (!request_.import) return false;
+    const std::vector<PhotoToImport>& photos = request_.import->photos;
+    return std::any_of(photos.begin(), photos.end(),
+                       [&](const PhotoToImport& photo) { return photo.name == name && photo.is_foreign; });
   }
 
   // Estimates from below: what is refused here would have failed.

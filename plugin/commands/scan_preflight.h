@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "plugin/cli/command.h"
+#include "plugin/photos/photo_import.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/reporter.h"
 
@@ -15,7 +16,10 @@ namespace s2gs {
 /// A scan as far as it can be checked before any of its work.
 struct ScanRequest {
   Workspace workspace;
-  std::filesystem::path image_path;
+  std::filesystem::path image_path;  ///< the photos as they came: a folder or, when is_video, a file.
+  std::optional<ImportPlan> import;  ///< when they have to be imported.
+  bool is_video = false;
+  std::filesystem::path ffmpeg_path;  ///< empty: searched for on PATH.
   std::filesystem::path mask_path;    ///< empty: none.
   std::filesystem::path colmap_path;  ///< empty: searched for on PATH.
   std::string use_gpu = "auto";

@@ -146,7 +146,7 @@ void ApplyMasks(const fs::path& mask_path, SplitFeatures* features, Reporter& re
       image.given_labels.assign(image.keypoints.size(), KeypointLabel::kUnknown);
       continue;
     }
-    const Image8 mask = ReadImage(path, 1);
+    const Image8 mask = ReadMask(path);
     if (mask.width != image.size.x() || mask.height != image.size.y()) {
       throw UserError(path,
                       "is " + std::to_string(mask.width) + " x " + std::to_string(mask.height) +

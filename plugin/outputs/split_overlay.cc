@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "s2gs/image/exif.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/image_name.h"
@@ -78,6 +79,7 @@ int WriteSplitOverlays(const fs::path& folder, const fs::path& image_path, const
         }
       }
       const std::string suffix = fs::path(of_image.name).extension() == ".jpg" ? "" : ".jpg";
+      image = TurnUpright(image, ReadOrientation(image_path / of_image.name));
       WriteImage(outputs.Make(folder, ImageName(of_image.name, image_path), suffix), image, 88);
       ++num_written;
     } catch (const UserError& error) {

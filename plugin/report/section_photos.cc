@@ -11,6 +11,7 @@
 #include "plugin/report/photo_quality.h"
 #include "plugin/report/residuals.h"
 #include "plugin/report/sections.h"
+#include "s2gs/image/exif.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
@@ -77,7 +78,8 @@ void LookAt(const ReportInput& input, int side, Photo* photo) {
   std::optional<Image8> mask;
   if (fs::exists(mask_path, ec)) mask = ReadImage(mask_path, 1);
   photo->quality = MeasurePhoto(grey, mask ? &*mask : nullptr);
-  photo->thumbnail = JpegDataUri(Thumbnail(image, side), kThumbnailQuality);
+  const int orientation = ReadOrientation(input.image_path / photo->name);
+  photo->thumbnail = JpegDataUri(TurnUpright(Thumbnail(image, side), orientation), kThumbnailQuality);
 }
 
 std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {

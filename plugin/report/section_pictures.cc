@@ -7,6 +7,7 @@
 
 #include "plugin/report/data_uri.h"
 #include "plugin/report/sections.h"
+#include "s2gs/image/exif.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/render_pictures.h"
 #include "sfm_split/base/error.h"
@@ -139,7 +140,9 @@ void WriteComparison(const ReportInput& input, Reporter& reporter, ReportSection
     const size_t row = i / kNumPanels;
     const size_t panel = i % kNumPanels;
     static constexpr const char* kNames[kNumPanels] = {"photo", "rendering", "error", "mask"};
-    HtmlAttributes attributes = {{"src", JpegDataUri(Thumbnail(panels[i], kPanelSide), kQuality)},
+    const Image8 small = Thumbnail(panels[i], kPanelSide);
+    const int orientation = ReadOrientation(input.image_path / names[row]);
+    HtmlAttributes attributes = {{"src", JpegDataUri(TurnUpright(small, orientation), kQuality)},
                                  {"alt", fmt::format("{}: {}", names[row], kNames[panel])},
                                  {"data-row", std::to_string(row)},
                                  {"data-panel", std::to_string(panel)}};

@@ -67,6 +67,7 @@ std::vector<StandardStage> StandardStages(const Workspace& w) {
 std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace& w) {
   return {
       {w.Images(), "photos"},
+      {w.Imported(), "photos and frames that came in other formats, as PNG"},
       {w.Database(), "features and matches"},
       {w.ObjectDatabase(), "two-view geometries of the rotating part"},
       {w.StaticDatabase(), "two-view geometries of the background"},

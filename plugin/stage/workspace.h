@@ -17,6 +17,8 @@ struct Workspace {
   Path root;
 
   Path Images() const { return root / "images"; }
+  /// What photo_importer made of photos that came as something else.
+  Path Imported() const { return root / "imported"; }
   Path Database() const { return root / "database.db"; }  ///< COLMAP's, untouched by the split.
 
   // The database with the two_view_geometries of one motion; keypoint indices are those of Database().
@@ -66,8 +68,9 @@ struct Workspace {
   Path Checkpoints() const { return Own() / "checkpoints"; }
   Path Plan() const { return Own() / "plan.json"; }
   Path Log() const { return Own() / "log.jsonl"; }
-  Path MeshLog() const { return Own() / "mesh_log.jsonl"; }  ///< error over time of the mesh.
-  Path ScanRecord() const { return Own() / "scan.json"; }    ///< the scanner's last run.
+  Path MeshLog() const { return Own() / "mesh_log.jsonl"; }      ///< error over time of the mesh.
+  Path ScanRecord() const { return Own() / "scan.json"; }        ///< the scanner's last run.
+  Path ImportRecord() const { return Own() / "imported.json"; }  ///< the names that it wrote.
   Path Stages() const { return Own() / "stages"; }
   Path StageStamp(const std::string& stage) const { return Stages() / (stage + ".json"); }
   Path LockFile() const { return Own() / "lock"; }           ///< of the command that works in it.

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cctype>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "s2gs/image/image_codec.h"
 #include "s2gs/image/image_header.h"
@@ -60,6 +62,17 @@ Image8 ReadImage(const std::filesystem::path& path, int channels) {
   return DecodeImage(ReadWholeFile(path, kMaxImageBytes), path, channels);
 }
 
+Image8 ReadMask(const std::filesystem::path& path) {
+  const std::string bytes = ReadWholeFile(path, kMaxImageBytes);
+  if (KindOf(bytes, path) == Kind::kPng) {
+    std::optional<Image8> alpha = DecodePngAlpha(bytes, path);
+    const auto is_opaque = [](uint8_t value) { return value == 255; };
+    if (alpha && !std::all_of(alpha->pixels.begin(), alpha->pixels.end(), is_opaque))
+      return *std::move(alpha);
+  }
+  return DecodeImage(bytes, path, 1);
+}
+
 ImageHeader ReadImageHeader(const std::filesystem::path& path) {
   std::ifstream stream = OpenForReading(path);
   std::string begin(kPngBegin.size(), '\0');
@@ -71,15 +84,26 @@ ImageHeader ReadImageHeader(const std::filesystem::path& path) {
   ImageHeader header;
   header.is_jpeg = kind == Kind::kJpeg;
   const uint64_t num_bytes = reader.remaining();
-  header.size = header.is_jpeg ? ReadJpegSize(reader) : ReadPngSize(reader);
+  header.size = header.is_jpeg ? ReadJpegSize(reader) : ReadPngSize(reader, &header.png);
   header.num_bytes = num_bytes - reader.remaining();
   return header;
 }
 
 ImageSize ReadImageSize(const std::filesystem::path& path) { return ReadImageHeader(path).size; }
 
+bool HasAlphaChannel(const std::filesystem::path& path) { return ReadImageHeader(path).png.has_alpha; }
+
+void WritePng(const std::filesystem::path& path, const Image8& image, std::string_view exif) {
+  CheckImageSize(static_cast<uint64_t>(image.width), static_cast<uint64_t>(image.height), path);
+  S2GS_INVARIANT(image.pixels.size() == static_cast<size_t>(image.width) * image.height * image.channels);
+  const std::string bytes = EncodePng(image, path, exif);
+  WriteFileAtomically(path, [&](std::ostream& stream) {
+    stream.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  });
+}
+
 void WriteImage(const std::filesystem::path& path, const Image8& image, int jpeg_quality) {
-  S2GS_INVARIANT(image.channels == 1 || image.channels == 3);
+  S2GS_INVARIANT(image.channels == 1 || image.channels == 3 || image.channels == 4);
   S2GS_INVARIANT(jpeg_quality >= 1 && jpeg_quality <= 100);
   CheckImageSize(static_cast<uint64_t>(image.width), static_cast<uint64_t>(image.height), path);
   S2GS_INVARIANT(image.pixels.size() == static_cast<size_t>(image.width) * image.height * image.channels);
@@ -87,7 +111,7 @@ void WriteImage(const std::filesystem::path& path, const Image8& image, int jpeg
   std::string bytes;
   if (extension == ".png") {
     bytes = EncodePng(image, path);
-  } else if (extension == ".jpg" || extension == ".jpeg") {
+  } else if (image.channels < 4 && (extension == ".jpg" || extension == ".jpeg")) {
     bytes = EncodeJpeg(image, path, jpeg_quality);
   } else {
     throw UserError(path, "cannot be written as an image: '" + extension + "' is no known extension",

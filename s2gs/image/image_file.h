@@ -11,7 +11,7 @@ namespace s2gs {
 struct Image8 {
   int width = 0;                ///< [px]
   int height = 0;               ///< [px]
-  int channels = 0;             ///< 1 grey, 3 RGB.
+  int channels = 0;             ///< 1 grey, 3 RGB, 4 RGB and alpha (only to write as PNG).
   std::vector<uint8_t> pixels;  ///< height * width * channels values.
 
   const uint8_t* Pixel(int x, int y) const {
@@ -42,6 +42,13 @@ Image8 ReadImage(const std::filesystem::path& path, int channels);
 /// The same for a file in memory. \param path  for messages only.
 Image8 DecodeImage(std::string_view bytes, const std::filesystem::path& path, int channels);
 
+/// The mask that a JPEG or PNG file holds, in one channel: its alpha channel where it has one that is not
+/// opaque all over (a photo that was cut out), else ReadImage in grey. Throws like ReadImage.
+Image8 ReadMask(const std::filesystem::path& path);
+
+/// Whether a file is a PNG whose header says that it has an alpha channel. Throws like ReadImageSize.
+bool HasAlphaChannel(const std::filesystem::path& path);
+
 /// Width and height from the header of a JPEG or PNG file; the pixels may still turn out damaged.
 /// Throws UserError like ReadImage.
 ImageSize ReadImageSize(const std::filesystem::path& path);
@@ -51,6 +58,10 @@ ImageSize ReadImageSize(const std::filesystem::path& path);
 /// \param jpeg_quality  1 to 100.
 /// Throws UserError for other extensions and for images over the bounds above.
 void WriteImage(const std::filesystem::path& path, const Image8& image, int jpeg_quality = 95);
+
+/// Encodes as PNG whatever the extension, atomically, with EXIF as MakeExif (exif.h) gives it.
+/// Throws UserError for images over the bounds above.
+void WritePng(const std::filesystem::path& path, const Image8& image, std::string_view exif);
 
 /// Rec. 601, rounded: .299 R + .587 G + .114 B.
 inline uint8_t GreyFromRgb(const uint8_t* rgb) {

@@ -31,10 +31,12 @@ constexpr int64_t kManyPixels = int64_t{1} << 26;
 constexpr int64_t kMaxPixelsPerByte = 100;
 
 constexpr std::array<std::string_view, 3> kPhotoExtensions = {".jpg", ".jpeg", ".png"};
-constexpr std::array<std::string_view, 26> kForeignExtensions = {
-    ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".avif", ".jxl", ".jp2",
-    ".gif", ".ppm",  ".pgm", ".psd",  ".exr",  ".dng",  ".cr2",  ".cr3", ".nef",
-    ".arw", ".raf",  ".orf", ".rw2",  ".pef",  ".srw",  ".jpe",  ".jfif"};
+constexpr std::array<std::string_view, 23> kRawExtensions = {
+    ".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw", ".arw", ".sr2", ".raf", ".orf", ".rw2", ".rwl",
+    ".pef", ".srw", ".erf", ".dcr", ".kdc", ".3fr", ".fff", ".iiq", ".mef", ".mrw", ".x3f"};
+constexpr std::array<std::string_view, 20> kForeignExtensions = {
+    ".tif", ".tiff", ".bmp", ".webp", ".heic", ".heif", ".avif", ".jxl", ".jp2", ".j2k",
+    ".gif", ".ppm",  ".pgm", ".psd",  ".exr",  ".hdr",  ".tga",  ".dib", ".jpe", ".jfif"};
 
 template <typename List>
 bool Contains(const List& list, std::string_view word) {
@@ -49,13 +51,13 @@ std::string LowerCase(std::string text) {
 
 std::string HowToConvert(const std::string& extension) {
   if (extension == ".jpe" || extension == ".jfif") return "rename it to .jpg";
-  if (extension == ".heic" || extension == ".heif") return "convert it to JPEG or PNG: heif-convert";
-  if (Contains(std::array<std::string_view, 10>{".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf",
-                                                ".rw2", ".pef", ".srw"},
-               extension)) {
-    return "develop it to JPEG or PNG: darktable-cli";
+  if (extension == ".heic" || extension == ".heif") {
+    return "convert it to JPEG or PNG: s2gs photo_importer, or heif-convert";
   }
-  return "convert it to JPEG or PNG: mogrify -format png";
+  if (Contains(kRawExtensions, extension)) {
+    return "develop it to JPEG or PNG: s2gs photo_importer, or darktable-cli";
+  }
+  return "convert it to JPEG or PNG: s2gs photo_importer, or mogrify -format png";
 }
 
 // Whether `mark` stands in the file at `begin` or after it; the end is looked at first.
@@ -88,6 +90,8 @@ std::string FaultOf(PhotoFile* photo) {
     if (photo->num_bytes == 0) return "is empty: copy it again, or remove it";
     const ImageHeader header = ReadImageHeader(photo->path);
     photo->size = header.size;
+    photo->is_png = !header.is_jpeg;
+    photo->png = header.png;
     const int64_t pixels = int64_t{header.size.width} * header.size.height;
     const std::string size =
         std::to_string(header.size.width) + " x " + std::to_string(header.size.height) + " pixels";
@@ -135,7 +139,8 @@ Listing List(const fs::path& folder) {
     } else if (is_hidden || !(Contains(kPhotoExtensions, extension))) {
       listing.has_other_files = true;
       if (is_hidden && Contains(kPhotoExtensions, extension)) ++listing.num_hidden_photos;
-      if (!is_hidden && Contains(kForeignExtensions, extension)) listing.foreign.push_back(entry->path());
+      if (!is_hidden && (Contains(kForeignExtensions, extension) || Contains(kRawExtensions, extension)))
+        listing.foreign.push_back(entry->path());
     } else {
       listing.photos.push_back(entry->path());
     }
@@ -154,7 +159,7 @@ std::string StemOf(const std::string& name) { return LowerCase(name.substr(0, na
 
 }  // namespace
 
-PhotoFolder InspectPhotoFolder(const fs::path& folder) {
+PhotoFolder InspectPhotoFolder(const fs::path& folder, ForeignPhotos foreign) {
   const Listing listing = List(folder);
   PhotoFolder result;
   result.has_other_files = listing.has_other_files;
@@ -191,6 +196,12 @@ PhotoFolder InspectPhotoFolder(const fs::path& folder) {
     }
     const std::string extension = LowerCase(path.extension().string());
     const std::optional<std::string> fault = ImageName::FindFault(name);
+    if (foreign == ForeignPhotos::kListed && !fault) {
+      PhotoFile& photo = result.foreign.emplace_back();
+      photo.name = name;
+      photo.path = path;
+      continue;
+    }
     result.faults.push_back((fault ? DescribeNameFault(name, "") : name + ": ") +
                             "is neither JPEG nor PNG, which photos must be: " + HowToConvert(extension) +
                             ", or take it out of the folder");
@@ -216,10 +227,29 @@ std::string ListFaults(const std::string& heading, const std::vector<std::string
 
 fs::path FindMask(const fs::path& folder, const std::string& image_name) {
   std::error_code ec;
-  fs::path path = folder / (image_name + ".png");
-  if (fs::exists(path, ec)) return path;
-  path = (folder / image_name).replace_extension(".png");
-  return fs::exists(path, ec) ? path : fs::path();
+  const std::string stem = (folder / image_name).replace_extension().string();
+  for (const std::string& path :
+       {(folder / image_name).string() + ".png", (folder / image_name).string() + ".mask.png", stem + ".png",
+        stem + ".mask.png"}) {
+    if (fs::exists(path, ec)) return path;
+  }
+  const auto of_former = [&](const auto& extensions) -> fs::path {
+    for (const std::string_view extension : extensions) {
+      std::string upper(extension);
+      std::transform(upper.begin(), upper.end(), upper.begin(),
+                     [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+      for (const std::string& former : {std::string(extension), upper}) {
+        for (const char* suffix : {".png", ".mask.png"}) {
+          std::string path = stem;
+          path.append(former).append(suffix);
+          if (fs::exists(path, ec)) return path;
+        }
+      }
+    }
+    return {};
+  };
+  const fs::path path = of_former(kForeignExtensions);
+  return path.empty() ? of_former(kRawExtensions) : path;
 }
 
 }  // namespace s2gs

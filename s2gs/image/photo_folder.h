@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "s2gs/image/image_file.h"
+#include "s2gs/image/image_header.h"
 
 namespace s2gs {
 
@@ -15,6 +16,8 @@ struct PhotoFile {
   std::filesystem::path path;
   ImageSize size;  ///< zero where the header cannot be read.
   uint64_t num_bytes = 0;
+  bool is_png = false;  ///< by its content; else JPEG.
+  PngPixels png;        ///< of a PNG.
 };
 
 /// What a folder of photos and the folders below it hold.
@@ -23,19 +26,28 @@ struct PhotoFolder {
   std::vector<std::string> faults;  ///< one for each file that has to be mended, without the folder's path.
   std::vector<std::string> notes;   ///< what is left alone although it looks like a photo.
   bool has_other_files = false;     ///< any that are no photos, hidden ones too.
+  std::vector<PhotoFile> foreign;   ///< photos of other formats by their extension; name and path alone.
+};
+
+/// What photos of other formats than JPEG and PNG are.
+enum class ForeignPhotos {
+  kFaults,  ///< each is a fault.
+  kListed,  ///< whoever asks converts them.
 };
 
 /// Looks at names and headers only, a few kilobytes of each photo: at what is not JPEG or PNG (unless a photo
 /// of the same name stands beside it, as of cameras that write raw files besides), names that cannot be used,
 /// names that differ in case alone, empty and cut-off files, sizes out of bounds. Hidden files are left
 /// alone, like the "._" files of macOS. Throws UserError when the folder cannot be listed.
-PhotoFolder InspectPhotoFolder(const std::filesystem::path& folder);
+PhotoFolder InspectPhotoFolder(const std::filesystem::path& folder,
+                               ForeignPhotos foreign = ForeignPhotos::kFaults);
 
 /// "HEADING:" and the faults, ten at most, one a line.
 std::string ListFaults(const std::string& heading, const std::vector<std::string>& faults);
 
-/// The mask of an image below a folder: COLMAP's NAME.png ("a.jpg.png"), else the image's name with the
-/// extension replaced ("a.png"). Empty when there is neither.
+/// The mask of an image below a folder, by the names that programs give it: COLMAP's ("a.jpg.png"),
+/// RealityScan's ("a.jpg.mask.png"), LichtFeld's ("a.png"), then "a.mask.png". Those of a photo "a.png" that
+/// was imported from another format have its former name, "a.heic.png". Empty when there is none.
 std::filesystem::path FindMask(const std::filesystem::path& folder, const std::string& image_name);
 
 }  // namespace s2gs

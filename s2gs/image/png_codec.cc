@@ -6,6 +6,7 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -70,13 +71,14 @@ bool ReadHeader(Decoder& decoder) {
   return true;
 }
 
-bool ReadPixels(Decoder& decoder, bool want_rgb, png_bytepp rows) {
+// \param channels  1 grey, 3 RGB, 4 RGB and alpha, which the file must have.
+bool ReadPixels(Decoder& decoder, int channels, png_bytepp rows) {
   png_structp png = decoder.png;
   if (setjmp(png_jmpbuf(png)) != 0) return false;
   png_set_expand(png);
   png_set_scale_16(png);
-  png_set_strip_alpha(png);
-  if (want_rgb) png_set_gray_to_rgb(png);
+  if (channels < 4) png_set_strip_alpha(png);
+  if (channels > 1) png_set_gray_to_rgb(png);
   png_set_interlace_handling(png);
   png_read_update_info(png, decoder.info);
   const size_t expected_bytes =
@@ -107,7 +109,7 @@ void OnWrite(png_structp png, png_bytep bytes, size_t count) {
 
 void OnFlush(png_structp /*png*/) {}
 
-bool Encode(Encoder& encoder, const Image8& image) {
+bool Encode(Encoder& encoder, const Image8& image, std::string_view exif) {
   encoder.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &encoder.errors, OnError, OnWarning);
   if (encoder.png == nullptr) return false;
   png_structp png = encoder.png;
@@ -115,7 +117,9 @@ bool Encode(Encoder& encoder, const Image8& image) {
   encoder.info = png_create_info_struct(png);
   if (encoder.info == nullptr) return false;
   png_set_write_fn(png, &encoder, OnWrite, OnFlush);
-  const int color_type = image.channels == 1 ? PNG_COLOR_TYPE_GRAY : PNG_COLOR_TYPE_RGB;
+  const int color_type = image.channels == 1   ? PNG_COLOR_TYPE_GRAY
+                         : image.channels == 3 ? PNG_COLOR_TYPE_RGB
+                                               : PNG_COLOR_TYPE_RGB_ALPHA;
   png_set_IHDR(png, encoder.info, static_cast<png_uint_32>(image.width),
                static_cast<png_uint_32>(image.height), 8, color_type, PNG_INTERLACE_NONE,
                PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
@@ -123,6 +127,10 @@ bool Encode(Encoder& encoder, const Image8& image) {
   png_set_compression_level(png, kCompressionLevel);
   png_set_filter(png, PNG_FILTER_TYPE_BASE, PNG_FILTER_SUB);
   png_write_info(png, encoder.info);
+  if (!exif.empty()) {
+    png_write_chunk(png, reinterpret_cast<png_const_bytep>("eXIf"),
+                    reinterpret_cast<png_const_bytep>(exif.data()), exif.size());
+  }
   for (int y = 0; y < image.height; ++y) png_write_row(png, image.Pixel(0, y));
   png_write_end(png, nullptr);
   return true;
@@ -130,42 +138,74 @@ bool Encode(Encoder& encoder, const Image8& image) {
 
 }  // namespace
 
-Image8 DecodePng(std::string_view bytes, const std::filesystem::path& path, int channels) {
-  Decoder decoder;
-  decoder.unread = bytes;
-  if (!ReadHeader(decoder)) {
-    ThrowDamagedImage(path, std::string("is no valid PNG file: ") + decoder.errors.message.data());
+// --- Decoding, continued -----------------------------------------------------------------------------------
+
+namespace {
+
+// The header, and no more pixels than the file can hold.
+ImageSize BeginDecoding(std::string_view bytes, const std::filesystem::path& path, Decoder* decoder) {
+  decoder->unread = bytes;
+  if (!ReadHeader(*decoder)) {
+    ThrowDamagedImage(path, std::string("is no valid PNG file: ") + decoder->errors.message.data());
   }
-  const uint64_t width = png_get_image_width(decoder.png, decoder.info);
-  const uint64_t height = png_get_image_height(decoder.png, decoder.info);
+  const uint64_t width = png_get_image_width(decoder->png, decoder->info);
+  const uint64_t height = png_get_image_height(decoder->png, decoder->info);
   CheckImageSize(width, height, path);
   // Deflate cannot expand by more than 1032.
   constexpr uint64_t kMaxExpansion = 1032;
-  const uint64_t packed_bytes = height * png_get_rowbytes(decoder.png, decoder.info);
+  const uint64_t packed_bytes = height * png_get_rowbytes(decoder->png, decoder->info);
   if (packed_bytes / kMaxExpansion > bytes.size()) {
     ThrowDamagedImage(path, "is too short (" + std::to_string(bytes.size()) + " bytes) for its " +
                                 std::to_string(width) + " x " + std::to_string(height) + " pixels");
   }
-  const bool is_grey = (png_get_color_type(decoder.png, decoder.info) & PNG_COLOR_MASK_COLOR) == 0;
-  const size_t decoded_channels = is_grey && channels == 1 ? 1 : 3;
-  Image8 image;
-  image.width = static_cast<int>(width);
-  image.height = static_cast<int>(height);
-  image.channels = channels;
-  image.pixels.resize(width * height * decoded_channels);
-  std::vector<png_bytep> rows(height);
-  for (uint64_t y = 0; y < height; ++y) rows[y] = image.pixels.data() + y * width * decoded_channels;
-  if (!ReadPixels(decoder, decoded_channels == 3, rows.data())) {
-    ThrowDamagedImage(path, std::string("cannot be decoded as PNG: ") + decoder.errors.message.data());
-  }
-  if (decoded_channels == 3 && channels == 1) {
-    for (size_t i = 0; i < width * height; ++i) image.pixels[i] = GreyFromRgb(image.pixels.data() + 3 * i);
-    image.pixels.resize(width * height);
+  return {static_cast<int>(width), static_cast<int>(height)};
+}
+
+Image8 FinishDecoding(const std::filesystem::path& path, const ImageSize& size, int channels,
+                      Decoder* decoder) {
+  Image8 image{size.width, size.height, channels, {}};
+  const size_t row_bytes = static_cast<size_t>(size.width) * channels;
+  image.pixels.resize(row_bytes * size.height);
+  std::vector<png_bytep> rows(size.height);
+  for (int y = 0; y < size.height; ++y) rows[y] = image.pixels.data() + y * row_bytes;
+  if (!ReadPixels(*decoder, channels, rows.data())) {
+    ThrowDamagedImage(path, std::string("cannot be decoded as PNG: ") + decoder->errors.message.data());
   }
   return image;
 }
 
-ImageSize ReadPngSize(ByteReader& reader) {
+}  // namespace
+
+Image8 DecodePng(std::string_view bytes, const std::filesystem::path& path, int channels) {
+  Decoder decoder;
+  const ImageSize size = BeginDecoding(bytes, path, &decoder);
+  const bool is_grey = (png_get_color_type(decoder.png, decoder.info) & PNG_COLOR_MASK_COLOR) == 0;
+  const int decoded_channels = is_grey && channels == 1 ? 1 : 3;
+  Image8 image = FinishDecoding(path, size, decoded_channels, &decoder);
+  if (decoded_channels == 3 && channels == 1) {
+    const size_t num_pixels = image.pixels.size() / 3;
+    for (size_t i = 0; i < num_pixels; ++i) image.pixels[i] = GreyFromRgb(image.pixels.data() + 3 * i);
+    image.pixels.resize(num_pixels);
+  }
+  image.channels = channels;
+  return image;
+}
+
+std::optional<Image8> DecodePngAlpha(std::string_view bytes, const std::filesystem::path& path) {
+  Decoder decoder;
+  const ImageSize size = BeginDecoding(bytes, path, &decoder);
+  const bool has_alpha = (png_get_color_type(decoder.png, decoder.info) & PNG_COLOR_MASK_ALPHA) != 0 ||
+                         png_get_valid(decoder.png, decoder.info, PNG_INFO_tRNS) != 0;
+  if (!has_alpha) return std::nullopt;
+  Image8 image = FinishDecoding(path, size, 4, &decoder);
+  const size_t num_pixels = image.pixels.size() / 4;
+  for (size_t i = 0; i < num_pixels; ++i) image.pixels[i] = image.pixels[4 * i + 3];
+  image.pixels.resize(num_pixels);
+  image.channels = 1;
+  return image;
+}
+
+ImageSize ReadPngSize(ByteReader& reader, PngPixels* pixels) {
   // Signature, then the first chunk: length, type, width, height, five bytes more, checksum from the type on.
   std::array<uint8_t, 33> header{};
   reader.ReadBytes(header.data(), header.size(), "the PNG header");
@@ -178,12 +218,14 @@ ImageSize ReadPngSize(ByteReader& reader) {
   }
   if (crc32(0, header.data() + 12, 17) != number(29)) reader.Fail("the PNG header's checksum is wrong");
   CheckImageSize(number(16), number(20), reader.path());
+  // Bits of a channel, then the colour type: 4 adds alpha to grey and to colours.
+  if (pixels != nullptr) *pixels = {header[24], (header[25] & PNG_COLOR_MASK_ALPHA) != 0};
   return {static_cast<int>(number(16)), static_cast<int>(number(20))};
 }
 
-std::string EncodePng(const Image8& image, const std::filesystem::path& path) {
+std::string EncodePng(const Image8& image, const std::filesystem::path& path, std::string_view exif) {
   Encoder encoder;
-  if (!Encode(encoder, image)) {
+  if (!Encode(encoder, image, exif)) {
     throw UserError(path, std::string("cannot be encoded as PNG: ") + encoder.errors.message.data(), "");
   }
   return std::move(encoder.bytes);

@@ -307,4 +307,30 @@ void ColmapDatabase::ShareCameras(const std::vector<std::vector<std::string>>& g
   });
 }
 
+void ColmapDatabase::SetFocalPriors(const std::map<std::string, double>& focal_px) {
+  std::map<std::string, uint32_t> camera_of_name;
+  for (const DatabaseImage& image : ReadImages()) camera_of_name[image.name] = image.camera_id;
+  std::map<uint32_t, double> focal_of_camera;
+  for (const auto& [name, focal] : focal_px) {
+    const auto found = camera_of_name.find(name);
+    if (found != camera_of_name.end()) focal_of_camera.emplace(found->second, focal);
+  }
+  const std::vector<DatabaseCamera> cameras = ReadCameras();
+  InTransaction([&] {
+    for (const DatabaseCamera& row : cameras) {
+      const auto focal = focal_of_camera.find(row.camera.camera_id);
+      const size_t num_focal = InfoOf(row.camera.model).num_focal_params;
+      if (focal == focal_of_camera.end() || num_focal == 0) continue;
+      std::vector<double> params = row.camera.params;
+      std::fill_n(params.begin(), num_focal, focal->second);
+      SqliteStatement statement(*connection_,
+                                "UPDATE cameras SET params = ?, prior_focal_length = 1 WHERE camera_id = ?",
+                                "table cameras");
+      statement.BindBlob(0, params.data(), params.size() * sizeof(double));
+      statement.BindInteger(1, row.camera.camera_id);
+      statement.Run();
+    }
+  });
+}
+
 }  // namespace s2gs

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -169,6 +170,11 @@ class ColmapDatabase {
   /// whose cameras belong to rigs, stay as they are. \param groups  names of images; those that the database
   /// does not have are passed over.
   void ShareCameras(const std::vector<std::vector<std::string>>& groups);
+
+  /// Gives the cameras of these images the focal length that is known of them [px], on both axes, and marks
+  /// it as known. Of images that share a camera the first by name counts; images that the database does not
+  /// have are passed over, and so are camera models without a focal length.
+  void SetFocalPriors(const std::map<std::string, double>& focal_px);
 
   /// Nothing when the pair has none.
   std::optional<TwoViewGeometry> ReadTwoViewGeometry(uint32_t image_id1, uint32_t image_id2) const;

@@ -1,0 +1,297 @@
+#include <OpenImageIO/imageio.h>
+#include <lcms2.h>
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <string_view>
+#include <vector>
+
+#include "plugin/photos/foreign_photo.h"
+#include "plugin/photos/whole_file.h"
+#include "s2gs/image/image_codec.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+using OIIO::ImageInput;
+using OIIO::ImageSpec;
+using OIIO::TypeDesc;
+
+constexpr uint64_t kMaxFileBytes = uint64_t{1} << 32;
+constexpr size_t kMaxExifBytes = size_t{1} << 16;
+
+std::string LowerCaseExtension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return extension;
+}
+
+bool IsHeif(const fs::path& path) {
+  const std::string extension = LowerCaseExtension(path);
+  return extension == ".heic" || extension == ".heif" || extension == ".avif";
+}
+
+std::string WhatReads(const fs::path& path) {
+  const std::string extension = LowerCaseExtension(path);
+  if (IsHeif(path)) return "If heif-convert reads it, give its JPEG";
+  if (extension == ".jxl") return "Convert it with djxl";
+  if (extension == ".cr3") return "Develop it with darktable-cli, or with the camera's own program";
+  return "Copy it again; if another program opens it, save it there as JPEG or PNG";
+}
+
+[[noreturn]] void Fail(const fs::path& path, const std::string& problem) {
+  std::string line = problem.substr(0, problem.find('\n'));
+  std::replace_if(
+      line.begin(), line.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
+  throw UserError(path, "cannot be read as a photo" + (line.empty() ? "" : " (" + line + ")"),
+                  WhatReads(path));
+}
+
+// Libraries below OpenImageIO trust lengths in files: no more is asked of them than the file can hold.
+std::unique_ptr<ImageInput> Open(const fs::path& path, ImageSpec* spec) {
+  std::error_code ec;
+  if (!fs::is_regular_file(path, ec)) throw UserError(path, "is no regular file", "Remove it");
+  const uint64_t num_bytes = fs::file_size(path, ec);
+  if (num_bytes == 0) throw UserError(path, "is empty", "Copy it again, or remove it");
+  if (num_bytes > kMaxFileBytes) throw UserError(path, "has more than 4 GB", "Reduce the photo");
+  if (EndsTooEarly(path)) throw UserError(path, "ends before its pixels do", "Copy it again, or remove it");
+  ImageSpec config;
+  config.attribute("oiio:UnassociatedAlpha", 1);  // colours as they are, not multiplied by alpha
+  std::unique_ptr<ImageInput> input;
+  try {
+    input = ImageInput::open(path.string(), &config);
+  } catch (const std::exception& error) {  // of the libraries below it
+    Fail(path, error.what());
+  }
+  if (!input) Fail(path, OIIO::geterror());
+  *spec = input->spec();
+  if (spec->width <= 0 || spec->height <= 0 || spec->depth > 1 || spec->nchannels < 1 || spec->deep) {
+    Fail(path, "it holds no plain picture");
+  }
+  CheckImageSize(static_cast<uint64_t>(spec->width), static_cast<uint64_t>(spec->height), path);
+  return input;
+}
+
+// Which channels are red, green, blue and alpha; -1 for no alpha. One grey channel is all three.
+std::array<int, 4> FindChannels(const ImageSpec& spec) {
+  const auto named = [&](const char* name) {
+    const auto found = std::find(spec.channelnames.begin(), spec.channelnames.end(), name);
+    return found == spec.channelnames.end() ? -1 : static_cast<int>(found - spec.channelnames.begin());
+  };
+  std::array<int, 4> channels = {named("R"), named("G"), named("B"), spec.alpha_channel};
+  if (channels[0] < 0 || channels[1] < 0 || channels[2] < 0) {
+    if (spec.nchannels >= 3) {
+      std::copy_n(std::array<int, 3>{0, 1, 2}.begin(), 3, channels.begin());
+    } else {
+      std::fill_n(channels.begin(), 3, std::max(named("Y"), 0));
+    }
+  }
+  return channels;
+}
+
+// The sRGB curve (IEC 61966-2-1).
+uint8_t EncodeLight(float value) {
+  if (!(value > 0)) return 0;  // NaN, too
+  const double light = std::min<double>(value, 1);
+  const double encoded = light <= 0.0031308 ? 12.92 * light : 1.055 * std::pow(light, 1 / 2.4) - 0.055;
+  return static_cast<uint8_t>(std::lround(255 * encoded));
+}
+
+bool IsProportionalToLight(const ImageSpec& spec) {
+  const OIIO::string_view space = spec.get_string_attribute("oiio:ColorSpace");
+  const bool is_float = spec.format.is_floating_point();
+  return is_float && space != "sRGB" && space != "Rec709";
+}
+
+// Reads all pixels as T, and puts them through `convert(channels of the pixel, alpha?)`.
+template <typename T>
+std::vector<T> ReadPixels(ImageInput& input, const ImageSpec& spec, TypeDesc type, const fs::path& path) {
+  std::vector<T> pixels(static_cast<size_t>(spec.width) * spec.height * spec.nchannels);
+  bool is_read = false;
+  try {
+    is_read = input.read_image(0, 0, 0, spec.nchannels, type, pixels.data());
+  } catch (const std::exception& error) {
+    Fail(path, error.what());
+  }
+  if (!is_read) Fail(path, input.geterror());
+  // Some readers only warn of missing data.
+  if (input.has_error()) Fail(path, input.geterror());
+  return pixels;
+}
+
+template <typename T, typename Convert>
+Image8 Pick(const std::vector<T>& pixels, const ImageSpec& spec, const Convert& convert) {
+  const std::array<int, 4> from = FindChannels(spec);
+  const int channels = from[3] >= 0 ? 4 : 3;
+  Image8 image{spec.width, spec.height, channels, {}};
+  const size_t count = static_cast<size_t>(spec.width) * spec.height;
+  image.pixels.resize(count * channels);
+  for (size_t i = 0; i < count; ++i) {
+    for (int c = 0; c < channels; ++c) {
+      image.pixels[i * channels + c] = convert(pixels[i * spec.nchannels + from[c]], c == 3);
+    }
+  }
+  return image;
+}
+
+void DropOpaqueAlpha(Image8* image) {
+  if (image->channels != 4) return;
+  const size_t count = image->pixels.size() / 4;
+  for (size_t i = 0; i < count; ++i) {
+    if (image->pixels[4 * i + 3] != 255) return;
+  }
+  for (size_t i = 0; i < count; ++i) std::memmove(&image->pixels[3 * i], &image->pixels[4 * i], 3);
+  image->pixels.resize(3 * count);
+  image->channels = 3;
+}
+
+struct ProfileCloser {
+  void operator()(void* profile) const { cmsCloseProfile(profile); }
+};
+struct TransformDeleter {
+  void operator()(void* transform) const { cmsDeleteTransform(transform); }
+};
+using Profile = std::unique_ptr<void, ProfileCloser>;
+using Transform = std::unique_ptr<void, TransformDeleter>;
+
+std::string NameOf(const Profile& profile) {
+  std::array<char, 128> name{};
+  cmsGetProfileInfoASCII(profile.get(), cmsInfoDescription, "en", "US", name.data(), name.size() - 1);
+  std::string text = name.data();
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < 32 || c > 126; }, '?');
+  return text;
+}
+
+// Converts the colours from the profile that the file carries; says so. Profiles that cannot be used are
+// passed over, as by all programs that know none.
+std::string ConvertProfile(const ImageSpec& spec, Image8* image) {
+  const OIIO::ParamValue* icc = spec.find_attribute("ICCProfile");
+  if (icc == nullptr || icc->datasize() <= 0) return "";
+  const Profile source(cmsOpenProfileFromMem(icc->data(), static_cast<cmsUInt32Number>(icc->datasize())));
+  if (!source) return "its colour profile is damaged and was passed over";
+  const std::string name = NameOf(source);
+  if (name.find("sRGB") != std::string::npos) return "";
+  const bool is_grey = cmsGetColorSpace(source.get()) == cmsSigGrayData;
+  if (!is_grey && cmsGetColorSpace(source.get()) != cmsSigRgbData) return "";
+  const Profile target(cmsCreate_sRGBProfile());
+  const size_t count = static_cast<size_t>(image->width) * image->height;
+  const Transform transform(cmsCreateTransform(source.get(), is_grey ? TYPE_GRAY_8 : TYPE_RGB_8, target.get(),
+                                               TYPE_RGB_8, INTENT_RELATIVE_COLORIMETRIC,
+                                               cmsFLAGS_BLACKPOINTCOMPENSATION));
+  if (!transform) return "its colour profile \"" + name + "\" cannot be used and was passed over";
+  std::vector<uint8_t> row(static_cast<size_t>(image->width) * 3);
+  std::vector<uint8_t> converted(row.size());
+  const size_t channels = static_cast<size_t>(image->channels);
+  for (size_t begin = 0; begin < count; begin += static_cast<size_t>(image->width)) {
+    const size_t in_channels = is_grey ? 1 : 3;
+    for (size_t x = 0; x < static_cast<size_t>(image->width); ++x) {
+      for (size_t c = 0; c < in_channels; ++c)
+        row[x * in_channels + c] = image->pixels[(begin + x) * channels + c];
+    }
+    cmsDoTransform(transform.get(), row.data(), converted.data(), static_cast<cmsUInt32Number>(image->width));
+    for (size_t x = 0; x < static_cast<size_t>(image->width); ++x) {
+      for (size_t c = 0; c < 3; ++c) image->pixels[(begin + x) * channels + c] = converted[x * 3 + c];
+    }
+  }
+  return "colours from \"" + name + "\" to sRGB";
+}
+
+// --- EXIF --------------------------------------------------------------------------------------------------
+
+// By OpenImageIO's names, where its reader knows the format's EXIF.
+ExifTags TagsOf(const ImageSpec& spec) {
+  ExifTags tags;
+  const auto number = [&](const char* name) {
+    const OIIO::ParamValue* value = spec.find_attribute(name);
+    if (value == nullptr) return 0.0;
+    const double as_float = value->get_float();
+    return as_float != 0 ? as_float : value->get_int();  // which alone knows short integers
+  };
+  tags.focal_mm = number("Exif:FocalLength");
+  tags.focal_35mm_mm = number("Exif:FocalLengthIn35mmFilm");
+  tags.digital_zoom = number("Exif:DigitalZoomRatio");
+  const double unit = number("Exif:FocalPlaneResolutionUnit");
+  const double unit_mm = unit == 3 ? 10 : 25.4;
+  tags.plane_px_per_mm = number("Exif:FocalPlaneXResolution") / unit_mm;
+  tags.taken = {spec.get_int_attribute("Exif:PixelXDimension", 0),
+                spec.get_int_attribute("Exif:PixelYDimension", 0)};
+  const int orientation = spec.get_int_attribute("Orientation", 1);
+  if (orientation >= 1 && orientation <= 8) tags.orientation = orientation;
+  return tags;
+}
+
+// The block of EXIF wherever a HEIC, AVIF or WebP file keeps it.
+std::optional<ExifTags> SearchExif(const fs::path& path) {
+  constexpr uint64_t kMaxSearched = uint64_t{1} << 28;
+  const std::string bytes = ReadWholeFile(path, kMaxSearched);
+  // HEIC: the length of what stands before the TIFF header, "Exif" and two zeros or nothing, and that header.
+  constexpr std::array<std::string_view, 4> kMarks = {
+      std::string_view("\0\0\0\6Exif\0\0II*\0", 14), std::string_view("\0\0\0\6Exif\0\0MM\0*", 14),
+      std::string_view("\0\0\0\0II*\0\x08\0\0\0", 12), std::string_view("\0\0\0\0MM\0*\0\0\0\x08", 12)};
+  for (const std::string_view mark : kMarks) {
+    const size_t found = IsHeif(path) ? bytes.find(mark) : std::string::npos;
+    if (found != std::string::npos)
+      return ParseExif(std::string_view(bytes).substr(found + 4, kMaxExifBytes));
+  }
+  // WebP: a chunk of its own, its length, then TIFF.
+  const size_t at = bytes.compare(0, 4, "RIFF") == 0 ? bytes.find("EXIF") : std::string::npos;
+  if (at == std::string::npos || bytes.size() - at < 8) return std::nullopt;
+  return ParseExif(std::string_view(bytes).substr(at + 8, kMaxExifBytes));
+}
+
+}  // namespace
+
+std::optional<std::string> WhyNoForeignPhotos() { return std::nullopt; }
+
+ImageSize ReadForeignSize(const fs::path& path) {
+  ImageSpec spec;
+  Open(path, &spec);
+  return {spec.width, spec.height};
+}
+
+ForeignPhoto ReadForeignPhoto(const fs::path& path) {
+  ImageSpec spec;
+  const std::unique_ptr<ImageInput> input = Open(path, &spec);
+  ForeignPhoto photo;
+  if (IsProportionalToLight(spec)) {
+    const std::vector<float> pixels = ReadPixels<float>(*input, spec, TypeDesc::FLOAT, path);
+    photo.image = Pick(pixels, spec, [](float value, bool is_alpha) {
+      return is_alpha ? static_cast<uint8_t>(std::lround(255 * std::clamp(value, 0.0F, 1.0F)))
+                      : EncodeLight(value);
+    });
+    photo.color = "proportional to light, 1 is white";
+  } else if (spec.format == TypeDesc::UINT8) {
+    const std::vector<uint8_t> pixels = ReadPixels<uint8_t>(*input, spec, TypeDesc::UINT8, path);
+    photo.image = Pick(pixels, spec, [](uint8_t value, bool /*is_alpha*/) { return value; });
+  } else {
+    const std::vector<uint16_t> pixels = ReadPixels<uint16_t>(*input, spec, TypeDesc::UINT16, path);
+    photo.image = Pick(pixels, spec, [](uint16_t value, bool /*is_alpha*/) {
+      return static_cast<uint8_t>((uint32_t{value} * 255U + 32767U) / 65535U);
+    });
+  }
+  if (photo.color.empty()) photo.color = ConvertProfile(spec, &photo.image);
+  DropOpaqueAlpha(&photo.image);
+  photo.tags = TagsOf(spec);
+  if (!photo.tags.SaysOfLens() && photo.tags.orientation == 1) {
+    const std::string extension = LowerCaseExtension(path);
+    const std::optional<ExifTags> found = IsHeif(path) || extension == ".webp" ? SearchExif(path)
+                                          : extension == ".png"                ? ReadExif(path)
+                                                                               : std::nullopt;
+    if (found) photo.tags = *found;
+  }
+  // Their files say by themselves how to turn the pixels, and the decoder does.
+  if (IsHeif(path)) photo.tags.orientation = 1;
+  return photo;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,172 @@
+#include "plugin/photos/video_frames.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstdlib>
+#include <string_view>
+#include <system_error>
+#include <utility>
+
+#include "plugin/colmap/child_process.h"
+#include "plugin/photos/photo_import.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr char kInstallRemedy[] =
+    "Install ffmpeg (on Debian: apt install ffmpeg), or name its executable with --ffmpeg_path";
+constexpr size_t kMinFrames = 3;
+constexpr char kSharpnessMark[] = "lavfi.signalstats.YAVG=";
+
+bool IsExecutableFile(const fs::path& path) {
+  std::error_code ec;
+  return fs::is_regular_file(path, ec) && ::access(path.c_str(), X_OK) == 0;
+}
+
+// Runs ffmpeg; what it says last is the reason should it fail.
+void Run(const fs::path& ffmpeg, std::vector<std::string> arguments, const fs::path& video,
+         const std::function<void(std::string_view)>& on_line, Reporter& reporter) {
+  ChildCommand command;
+  command.arguments = {ffmpeg.string(), "-hide_banner", "-nostdin", "-nostats", "-loglevel", "error", "-y"};
+  command.arguments.insert(command.arguments.end(), std::make_move_iterator(arguments.begin()),
+                           std::make_move_iterator(arguments.end()));
+  std::string last;
+  const ChildExit exit = RunChild(
+      command, StopGrace{},
+      [&](const ChildOutput& output) {
+        if (!output.is_complete) return;
+        on_line(output.line);
+        // Values of frames stand on lines of their own kind.
+        const bool is_value = output.line.substr(0, 6) == "frame:" || output.line.substr(0, 6) == "lavfi.";
+        if (!is_value && !output.line.empty()) last = std::string(output.line);
+      },
+      [&] { return reporter.StopRequested(); });
+  if (exit.Succeeded()) return;
+  std::replace_if(
+      last.begin(), last.end(), [](unsigned char c) { return c < 32 || c == 127; }, ' ');
+  throw UserError(video, "cannot be read by ffmpeg" + (last.empty() ? "" : " (" + last + ")"),
+                  "Check that it is a whole video file, or give a folder of photos");
+}
+
+std::string InputOf(const fs::path& video) { return "file:" + video.string(); }
+
+std::string FrameName(size_t frame) {
+  constexpr size_t kDigits = 6;
+  std::string number = std::to_string(frame);
+  number.insert(0, number.size() < kDigits ? kDigits - number.size() : 0, '0');
+  return "frame_" + number + ".png";
+}
+
+}  // namespace
+
+fs::path FindFfmpeg(const fs::path& ffmpeg_path) {
+  std::error_code ec;
+  if (!ffmpeg_path.empty()) {
+    const fs::path path = fs::is_directory(ffmpeg_path, ec) ? ffmpeg_path / "ffmpeg" : ffmpeg_path;
+    if (IsExecutableFile(path)) return fs::absolute(path);
+    throw UserError(path, fs::exists(path, ec) ? "is not an executable file" : "no such file",
+                    kInstallRemedy);
+  }
+  const char* search_path = std::getenv("PATH");
+  std::string_view rest = search_path != nullptr ? search_path : "";
+  while (!rest.empty()) {
+    const size_t end = std::min(rest.find(':'), rest.size());
+    const fs::path folder(rest.substr(0, end));
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    if (!folder.empty() && IsExecutableFile(folder / "ffmpeg")) return fs::absolute(folder / "ffmpeg");
+  }
+  throw UserError("ffmpeg", "is not on PATH, and reads videos", kInstallRemedy);
+}
+
+std::vector<size_t> SharpestOfIntervals(const std::vector<double>& sharpness, size_t num_frames) {
+  const size_t count = std::min(num_frames, sharpness.size());
+  std::vector<size_t> frames;
+  frames.reserve(count);
+  for (size_t i = 0; i < count; ++i) {
+    const auto begin = static_cast<std::ptrdiff_t>(i * sharpness.size() / count);
+    const auto end = static_cast<std::ptrdiff_t>((i + 1) * sharpness.size() / count);
+    const auto best = std::max_element(sharpness.begin() + begin, sharpness.begin() + end);
+    frames.push_back(static_cast<size_t>(best - sharpness.begin()));
+  }
+  return frames;
+}
+
+std::vector<double> MeasureSharpness(const fs::path& ffmpeg, const fs::path& video, Reporter& reporter) {
+  std::vector<double> sharpness;
+  const std::string filter =
+      "format=gray,convolution=0m='0 -1 0 -1 4 -1 0 -1 0',signalstats,"
+      "metadata=mode=print:key=lavfi.signalstats.YAVG:file='pipe\\:1'";
+  Run(
+      ffmpeg, {"-i", InputOf(video), "-map", "0:v:0", "-vf", filter, "-f", "null", "-"}, video,
+      [&](std::string_view line) {
+        const size_t at = line.find(kSharpnessMark);
+        if (at == std::string_view::npos) return;
+        line.remove_prefix(at + sizeof(kSharpnessMark) - 1);
+        double value = 0;
+        std::from_chars(line.data(), line.data() + line.size(), value);
+        sharpness.push_back(value);
+        constexpr size_t kReportEvery = 64;
+        if (sharpness.size() % kReportEvery == 0) {
+          reporter.Progress("look at the video", static_cast<int64_t>(sharpness.size()), 0);
+        }
+      },
+      reporter);
+  return sharpness;
+}
+
+void ImportVideo(const fs::path& ffmpeg, const fs::path& video, int num_frames, const Workspace& workspace,
+                 Reporter& reporter) {
+  const std::vector<double> sharpness = MeasureSharpness(ffmpeg, video, reporter);
+  if (sharpness.size() < kMinFrames) {
+    throw UserError(video, "has " + std::to_string(sharpness.size()) + " frames",
+                    "Give a longer video, or photos");
+  }
+  const std::vector<size_t> frames = SharpestOfIntervals(sharpness, static_cast<size_t>(num_frames));
+  ImportedFolder folder(workspace, "video");
+  std::vector<std::string> names;
+  names.reserve(frames.size());
+  std::string select;
+  for (const size_t frame : frames) {
+    names.push_back(FrameName(frame));
+    select += (select.empty() ? "eq(n," : "+eq(n,") + std::to_string(frame) + ")";
+  }
+  folder.Expect(names);
+  // Under other names until all are there: ffmpeg counts from 1 and writes them one after another.
+  const fs::path scratch = workspace.Own() / "frames";
+  std::error_code ec;
+  fs::remove_all(scratch, ec);
+  CreateFolder(scratch);
+  const auto remove_scratch = [&] { fs::remove_all(scratch, ec); };
+  try {
+    Run(
+        ffmpeg,
+        {"-i", InputOf(video), "-map", "0:v:0", "-vf", "select='" + select + "'", "-vsync", "passthrough",
+         "-pix_fmt", "rgb24", "-compression_level", "2", "-f", "image2", (scratch / "%06d.png").string()},
+        video, [](std::string_view /*line*/) {}, reporter);
+    for (size_t i = 0; i < names.size(); ++i) {
+      std::string number = std::to_string(i + 1);
+      number.insert(0, 6 - std::min<size_t>(6, number.size()), '0');
+      const fs::path from = scratch / (number + ".png");
+      if (!Exists(from)) {
+        throw UserError(video, "ffmpeg read fewer frames the second time",
+                        "Copy the video again, or give photos");
+      }
+      fs::rename(from, folder.Make(names[i]));
+    }
+  } catch (...) {
+    remove_scratch();
+    throw;
+  }
+  remove_scratch();
+  reporter.Info(std::to_string(frames.size()) + " of " + std::to_string(sharpness.size()) +
+                " frames of the video, the sharpest of each interval: " + workspace.Imported().string());
+}
+
+}  // namespace s2gs
