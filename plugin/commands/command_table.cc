@@ -3,6 +3,7 @@
 #include "plugin/commands/gaussian_renderer_command.h"
 #include "plugin/commands/gaussian_trainer_command.h"
 #include "plugin/commands/mesh_texturer_command.h"
+#include "plugin/commands/model_exporter_command.h"
 #include "plugin/commands/photo_importer_command.h"
 #include "plugin/commands/report_command.h"
 #include "plugin/commands/scan_batch_command.h"
@@ -50,6 +51,10 @@ std::vector<Command> MakeCommands() {
   commands.push_back({"mesh_texturer",
                       "gives the mesh the colours of the photos: .obj, .glb and .ply with texture",
                       RunMeshTexturer});
+  commands.push_back(
+      {"model_exporter",
+       "writes cameras, masks and splats in the files of other programs: NeRF, Metashape, glTF",
+       RunModelExporter});
   commands.push_back({"photo_importer",
                       "HEIC, RAW, TIFF, EXR and more, or a video, to photos that COLMAP reads",
                       RunPhotoImporter});

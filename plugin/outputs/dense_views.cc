@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "s2gs/image/photo_folder.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/scene/io/colmap_maps.h"
@@ -73,7 +74,7 @@ std::vector<DenseViewFiles> FindDenseViews(const Workspace& workspace, const Den
     files.depth = path_if_there(workspace.DepthMaps() / (name + suffix));
     if (request.use_normals) files.normal = path_if_there(workspace.NormalMaps() / (name + suffix));
     files.image = path_if_there(workspace.DenseImages() / name);
-    if (!masks.empty()) files.mask = path_if_there(masks / (name + ".png"));
+    if (!masks.empty()) files.mask = FindMask(masks, name);
     views.push_back(std::move(files));
   }
   return views;
@@ -107,7 +108,7 @@ std::shared_ptr<const DepthView> WorkspaceDepthViews::Load(int index) const {
     view.normals = std::move(normals.values);
   }
   if (!files.image.empty()) view.colors = ReadImage(files.image, 3);
-  if (!files.mask.empty()) view.mask = ReadImage(files.mask, 1);
+  if (!files.mask.empty()) view.mask = ReadMask(files.mask);
   return loaded;
 }
 
@@ -135,7 +136,7 @@ DensePhotos::DensePhotos(const std::vector<DenseViewFiles>& files) {
 }
 
 Image8 DensePhotos::LoadMask(int index) const {
-  return masks_[index].empty() ? Image8() : ReadImage(masks_[index], 1);
+  return masks_[index].empty() ? Image8() : ReadMask(masks_[index]);
 }
 
 }  // namespace s2gs
