@@ -593,6 +593,12 @@ class Trainer {
     result.measuring_seconds = cursor_.measuring_seconds;
     result.foreground_frozen = cursor_.foreground_frozen;
     result.held_out = held_out_;
+    if (cursor_.foreground_frozen && options_.use_turn_evidence && scene_.bodies() == SceneBodies::kBoth) {
+      if (!evidence_) evidence_.emplace(scene_);
+      if (const std::optional<SightShares> shares = MeasureSights(*evidence_, backend_)) {
+        log_.AddSights(Point(), *shares);
+      }
+    }
     log_.Write();
     reporter_.Progress("train", options_.num_iterations, options_.num_iterations);
     return result;

@@ -72,6 +72,17 @@ void TrainLog::AddHeldOut(const LogPoint& point, const HeldOutErrors& errors) {
   lines_.push_back(line.dump());
 }
 
+void TrainLog::AddSights(const LogPoint& point, const SightShares& shares) {
+  Json line = Begin("sights", point);
+  line["cameras"] = shares.num_cameras;
+  line["photos"] = shares.num_photos;
+  line["other"] = Number(shares.other);
+  line["background"] = Number(shares.background);
+  line["alike"] = Number(shares.alike);
+  line["never_free"] = Number(shares.never_free);
+  lines_.push_back(line.dump());
+}
+
 void TrainLog::AddNote(const LogPoint& point, const std::string& note) {
   Json line = Begin("note", point);
   line["note"] = note;

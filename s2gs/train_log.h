@@ -7,6 +7,7 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/held_out.h"
+#include "s2gs/turn_evidence.h"
 
 namespace s2gs {
 
@@ -29,8 +30,8 @@ struct TrainDecision {
 };
 
 /// W/s2gs/log.jsonl: one JSON object a line, "stage": "train" in each. "event" is "loss" (the means of the
-/// loss terms since the line before), "held_out", "decision" or "note". Kept in memory and written as a
-/// whole, atomically.
+/// loss terms since the line before), "held_out", "sights", "decision" or "note". Kept in memory and written
+/// as a whole, atomically.
 class TrainLog {
  public:
   /// \param path       empty: nothing is written.
@@ -40,6 +41,7 @@ class TrainLog {
 
   void AddLoss(const LogPoint& point, const LossTerms& loss);
   void AddHeldOut(const LogPoint& point, const HeldOutErrors& errors);
+  void AddSights(const LogPoint& point, const SightShares& shares);
   void AddNote(const LogPoint& point, const std::string& note);
   void AddDecision(const LogPoint& point, const TrainDecision& decision);
   /// Throws UserError when the file cannot be written.

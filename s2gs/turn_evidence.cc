@@ -127,11 +127,22 @@ Likeness ComparePatches(const std::vector<float>& a, const std::vector<float>& b
   return likeness;
 }
 
+std::vector<uint32_t> RotatingOnes(const Gaussians& all) {
+  std::vector<uint32_t> rotating;
+  for (size_t i = 0; i < all.size(); ++i) {
+    const float* x = all.centre.data() + 3 * i;
+    const bool is_finite = std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
+    if (is_finite && IsForeground(all.foreground_logit[i])) rotating.push_back(static_cast<uint32_t>(i));
+  }
+  return rotating;
+}
+
 // Of what the rotating part alone looks like: which of its Gaussians each view sees, and where it may hide
 // the background.
 struct RotatingAlone {
   std::vector<std::vector<uint8_t>> is_visible;  // by view and Gaussian; empty when the backend cannot tell.
-  std::vector<std::vector<uint8_t>> covered;     // by view and pixel.
+  std::vector<std::vector<uint8_t>> covered;     // by view and pixel, with a margin.
+  std::vector<std::vector<uint8_t>> opaque;      // by view and pixel: what a mask has.
 };
 
 RotatingAlone LookAlone(const Gaussians& rotating, const std::vector<PinholeView>& views, Backend* backend) {
@@ -151,8 +162,14 @@ RotatingAlone LookAlone(const Gaussians& rotating, const std::vector<PinholeView
     request.freeze_foreground = true;
     const RenderedView rendered = backend->Render(request);
     std::vector<uint8_t> inside;
+    std::vector<uint8_t> opaque;
     inside.reserve(rendered.alpha.size());
-    for (const float alpha : rendered.alpha) inside.push_back(alpha > kMinWeight ? 1 : 0);
+    opaque.reserve(rendered.alpha.size());
+    for (const float alpha : rendered.alpha) {
+      inside.push_back(alpha > kMinWeight ? 1 : 0);
+      opaque.push_back(alpha > 0.5F ? 1 : 0);
+    }
+    alone.opaque.push_back(std::move(opaque));
     alone.covered.push_back(Widened(inside, view.width, view.height, kCoverMargin));
   }
   return alone;
@@ -232,12 +249,13 @@ std::vector<std::vector<PixelSight>> TurnEvidence::Look(
     }
     const std::vector<float> behind = GreyOf(background);
     for (size_t i = camera.first; i < camera.end; ++i) {
-      sights[i].assign(count, PixelSight::kUnknown);
+      sights[i].assign(count, PixelSight::kNeverFree);
       const std::vector<float> grey = GreyOf(pictures_[i]);
       for (int y = kPatchRadius; y < height - kPatchRadius; ++y) {
         for (int x = kPatchRadius; x < width - kPatchRadius; ++x) {
           const size_t p = static_cast<size_t>(y) * width + x;
           if (is_seen[p] == 0) continue;
+          sights[i][p] = PixelSight::kAlike;
           const float slope = (MostDifferent(background.Pixel(x - 1, y), background.Pixel(x + 1, y)) +
                                MostDifferent(background.Pixel(x, y - 1), background.Pixel(x, y + 1))) /
                               2;
@@ -257,16 +275,41 @@ std::vector<std::vector<PixelSight>> TurnEvidence::Look(
   return sights;
 }
 
+std::optional<SightShares> MeasureSights(const TurnEvidence& evidence, Backend* backend) {
+  SightShares shares;
+  if (!evidence.IsAvailable()) return shares;
+  const TrainState state = backend->GetState();
+  const std::vector<uint32_t> rotating = RotatingOnes(state.gaussians);
+  if (rotating.empty()) return std::nullopt;
+  const RotatingAlone look = LookAlone(SelectGaussians(state.gaussians, rotating), evidence.views(), backend);
+  backend->SetState(state);
+  if (look.covered.empty()) return std::nullopt;
+  const std::vector<std::vector<PixelSight>> sights = evidence.Look(look.covered);
+  int64_t count = 0;
+  for (size_t v = 0; v < sights.size(); ++v) {
+    for (size_t p = 0; p < sights[v].size(); ++p) {
+      if (look.opaque[v][p] == 0) continue;
+      ++count;
+      shares.other += sights[v][p] == PixelSight::kOther ? 1 : 0;
+      shares.background += sights[v][p] == PixelSight::kBackground ? 1 : 0;
+      shares.alike += sights[v][p] == PixelSight::kAlike ? 1 : 0;
+      shares.never_free += sights[v][p] == PixelSight::kNeverFree ? 1 : 0;
+    }
+  }
+  if (count == 0) return std::nullopt;
+  shares.num_cameras = evidence.num_cameras();
+  shares.num_photos = static_cast<int>(evidence.views().size());
+  for (double* share : {&shares.other, &shares.background, &shares.alike, &shares.never_free}) {
+    *share /= static_cast<double>(count);
+  }
+  return shares;
+}
+
 std::vector<uint32_t> FindStandingGaussians(const TurnEvidence& evidence, Backend* backend) {
   if (!evidence.IsAvailable()) return {};
   const TrainState state = backend->GetState();
   const Gaussians& all = state.gaussians;
-  std::vector<uint32_t> rotating;
-  for (size_t i = 0; i < all.size(); ++i) {
-    const float* x = all.centre.data() + 3 * i;
-    const bool is_finite = std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
-    if (is_finite && IsForeground(all.foreground_logit[i])) rotating.push_back(static_cast<uint32_t>(i));
-  }
+  const std::vector<uint32_t> rotating = RotatingOnes(all);
   if (rotating.empty()) return {};
   const Gaussians alone = SelectGaussians(all, rotating);
   const std::vector<PinholeView>& views = evidence.views();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "s2gs/backend/backend.h"
@@ -11,7 +12,8 @@ namespace s2gs {
 
 /// What a pixel of a photo shows of what stands behind the rotating part.
 enum class PixelSight : uint8_t {
-  kUnknown,     ///< the background is plain there, or no photo shows it.
+  kNeverFree,   ///< no photo shows the background there.
+  kAlike,       ///< it looks no different, but is plain: a plain thing may be before it.
   kBackground,  ///< the background's own texture: nothing that turns is there.
   kOther,       ///< not the background.
 };
@@ -37,6 +39,7 @@ class TurnEvidence {
 
   /// Whether any camera stood still long enough.
   bool IsAvailable() const { return !views_.empty(); }
+  int num_cameras() const { return static_cast<int>(cameras_.size()); }
   /// Of the photos that count, camera by camera, reduced in size.
   const std::vector<PinholeView>& views() const { return views_; }
 
@@ -56,6 +59,19 @@ class TurnEvidence {
   std::vector<Image8> pictures_;  // RGB
   std::vector<Camera> cameras_;
 };
+
+/// What the photos tell of the pixels that the rotating part covers, as shares of them that add up to 1.
+struct SightShares {
+  int num_cameras = 0;  ///< that stood still. 0: nothing is told, and the shares are 0.
+  int num_photos = 0;
+  double other = 0;       ///< something else than the background is there: they are not its.
+  double background = 0;  ///< they are the background's, against the model.
+  double alike = 0;       ///< cannot be told from a plain background.
+  double never_free = 0;  ///< nothing to compare them with: the model alone says whose they are.
+};
+
+/// Of the backend's model, which is left as it was. Nothing when the backend cannot tell.
+std::optional<SightShares> MeasureSights(const TurnEvidence& evidence, Backend* backend);
 
 /// Which Gaussians of the rotating part the photos show to be background: those where the photos that see
 /// them and their nearest neighbours vote so. The backend's model is the one to be judged; it is left as it

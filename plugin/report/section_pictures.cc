@@ -161,6 +161,37 @@ void WriteComparison(const ReportInput& input, Reporter& reporter, ReportSection
   section->numbers["compared"] = names;
 }
 
+// What the photos say of the pixels that the rotating part covers; the last line of the log counts.
+void WriteSights(const ReportInput& input, ReportSection* section) {
+  const nlohmann::json* sights = nullptr;
+  for (const nlohmann::json& line : input.log) {
+    if (line.is_object() && line.value("event", nlohmann::json()) == "sights") sights = &line;
+  }
+  if (sights == nullptr) return;
+  const double cameras = NumberOr(*sights, "cameras");
+  if (!(cameras > 0)) {
+    section->html.Element(
+        "p",
+        "No camera stood still for ten photos: what stands behind the rotating part was not "
+        "compared with the photos in which it is hidden.");
+    section->numbers["sights"] = nullptr;
+    return;
+  }
+  nlohmann::ordered_json numbers;
+  for (const char* name : {"cameras", "photos", "other", "background", "alike", "never_free"}) {
+    const double value = NumberOr(*sights, name);
+    numbers[name] = std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+  }
+  section->numbers["sights"] = numbers;
+  const auto percent = [&](const char* name) { return Significant(100 * NumberOr(*sights, name), 2) + " %"; };
+  section->html.Element(
+      "p",
+      fmt::format("Of the pixels that the rotating part covers, {} show something else than what stands "
+                  "behind it. {} look like a plain background: photos cannot tell whose they are. {} are "
+                  "never free, so that the model alone says whose they are, and {} show the background.",
+                  percent("other"), percent("alike"), percent("never_free"), percent("background")));
+}
+
 }  // namespace
 
 ReportSection PicturesSection(const ReportInput& input, Reporter& reporter) {
@@ -168,6 +199,7 @@ ReportSection PicturesSection(const ReportInput& input, Reporter& reporter) {
   section.numbers = nlohmann::ordered_json::object();
   WriteOverlays(input, reporter, &section);
   WriteComparison(input, reporter, &section);
+  WriteSights(input, &section);
   return section;
 }
 

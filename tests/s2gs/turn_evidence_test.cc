@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
@@ -192,7 +193,7 @@ TEST(TurnEvidence, SeesTheCardTheGroundAndWhatIsNeverFree) {
       const double y = -(row + 0.5 - kSize / 2.0) / 20;
       const PixelSight sight = sights[0][static_cast<size_t>(row) * kSize + column];
       if (std::hypot(x, y) < 0.25) {
-        EXPECT_EQ(sight, PixelSight::kUnknown);
+        EXPECT_EQ(sight, PixelSight::kNeverFree);
       } else if (IsOnCard(x, y)) {
         ++on_card;
         other_on_card += sight == PixelSight::kOther ? 1 : 0;
@@ -207,6 +208,43 @@ TEST(TurnEvidence, SeesTheCardTheGroundAndWhatIsNeverFree) {
   // 71 % of 196 pixels measured: the others have nearly the ground's own grey level.
   EXPECT_GT(other_on_card, 6 * on_card / 10);
   EXPECT_GT(background_on_ground, 95 * on_ground / 100);  // all 4,390 measured.
+}
+
+// A model of the card alone, and one in which the ground about it turns along.
+TEST(TurnEvidence, MeasuresWhatPhotosTell) {
+  const auto measure = [](Ground ground, double reach) {
+    std::vector<ReferenceGaussian> splats;
+    for (double x = -reach; x <= reach; x += 0.05) {
+      for (double y = -reach; y <= reach; y += 0.05) splats.push_back(Splat(kArm + x, y, true));
+    }
+    const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+    TrainState state;
+    state.gaussians = FromReference(splats, 0);
+    backend->SetState(state);
+    return MeasureSights(TurnEvidence(CardOnGround(ground, 24)), backend.get());
+  };
+  const std::optional<SightShares> card = measure(Ground::kTextured, kCard);
+  const std::optional<SightShares> wide = measure(Ground::kTextured, 2 * kCard);
+  const std::optional<SightShares> plain = measure(Ground::kPlain, 2 * kCard);
+  ASSERT_TRUE(card && wide && plain);
+  EXPECT_EQ(card->num_cameras, 1);
+  EXPECT_EQ(card->num_photos, 24);
+  for (const SightShares& shares : {*card, *wide, *plain}) {
+    EXPECT_NEAR(shares.other + shares.background + shares.alike + shares.never_free, 1, 1e-12);
+    EXPECT_EQ(shares.never_free, 0);
+  }
+  // Three quarters of the wide square are ground, less what is within some pixels of the card or of its grey
+  // level.
+  EXPECT_LT(card->background, 0.05);
+  EXPECT_GT(card->other, 0.5);
+  EXPECT_GT(wide->background, 0.4);
+  EXPECT_EQ(plain->background, 0);
+  EXPECT_GT(plain->alike, 0.6);
+  const TurnEvidence nothing(CardOnGround(Ground::kTextured, 9));
+  const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+  const std::optional<SightShares> unavailable = MeasureSights(nothing, backend.get());
+  ASSERT_TRUE(unavailable);
+  EXPECT_EQ(unavailable->num_cameras, 0);
 }
 
 TEST(TurnEvidence, SignTestPassesByChanceOnceInAThousand) {

@@ -8,6 +8,7 @@
 #include "mesh/surface/triangle_mesh.h"
 #include "plugin/report/scan_summary.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/file_io.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/temporary_folder.h"
 
@@ -60,6 +61,33 @@ TEST(ScanReport, OfAnEmptyWorkspaceSaysWhatIsMissing) {
        {"No photos are known yet", "There is no mesh yet", "There are no sparse models yet"}) {
     EXPECT_THAT(report.page, HasSubstr(missing));
   }
+}
+
+TEST(ScanReport, SaysWhatPhotosCannotTellOfTheRotatingPart) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  std::filesystem::create_directories(workspace.Own());
+  const auto make = [&](const std::string& log) {
+    WriteFileAtomically(workspace.Log(), [&](std::ostream& out) { out << log; });
+    return Make(workspace);
+  };
+  const auto sights = [](const json& cameras, double alike) {
+    const json line = {{"stage", "train"},   {"event", "sights"}, {"iteration", 9},
+                       {"cameras", cameras}, {"photos", 40},      {"other", 0.5},
+                       {"background", 0.0},  {"alike", alike},    {"never_free", 0.5 - alike}};
+    return line.dump() + "\n";
+  };
+  // The last line counts.
+  const Report told = make(sights(1, 0.4) + sights(2, 0.25));
+  const json numbers = told.numbers.at("report").at("pictures").at("sights");
+  EXPECT_EQ(numbers.at("cameras"), 2);
+  EXPECT_EQ(numbers.at("alike"), 0.25);
+  EXPECT_THAT(told.page, HasSubstr("25 % look like a plain background"));
+  const Report untold = make(sights(0, 0));
+  EXPECT_TRUE(untold.numbers.at("report").at("pictures").at("sights").is_null());
+  EXPECT_THAT(untold.page, HasSubstr("No camera stood still"));
+  EXPECT_FALSE(make("").numbers.at("report").at("pictures").contains("sights"));
+  ExpectSelfContained(make(sights("two", 0)).page);
 }
 
 TEST(ScanReport, NamesOfPhotosStayText) {
