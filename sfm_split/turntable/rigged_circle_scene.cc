@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 
+#include "sfm_split/turntable/axis_sense.h"
 #include "sfm_split/turntable/background_cameras.h"
 
 namespace s2gs {
@@ -79,6 +80,15 @@ AlignedScene SceneFromRiggedCircle(const ScanFeatures& features, const ColmapMod
   const double spread_px = std::sqrt(std::max(1.0, (squares / num - (sum / num).cwiseAbs2()).mean()));
   *circle = FitRiggedCircle(stations, pairs, kUniformWidth * spread_px, sigma_px, reporter);
   if (!circle->found) return {};
+  std::vector<Eigen::Matrix3d> cam_from_world;
+  for (const RiggedStation& station : stations)
+    cam_from_world.push_back(station.cam_from_world.rotation.toRotationMatrix());
+  if (AxisUpSign(circle->axis.direction, cam_from_world) < 0) {
+    circle->axis.direction *= -1;
+    for (std::vector<double>& angles : circle->angle_rad) {
+      for (double& angle : angles) angle = -angle;
+    }
+  }
 
   std::vector<PhotoOnTurn> photos;
   size_t reference = 0;

@@ -85,20 +85,15 @@ Fit FitScan(const SyntheticTurntableOptions& options, bool shuffled = false) {
   return fit;
 }
 
-// The largest error of the turn between a photo and the first [degrees]; the axis may point either way.
+// The largest error of the turn between a photo and the first [degrees], about the axis that points up.
 double WorstTurnDeg(const Fit& fit) {
-  double worst = 360;
-  for (const int flip : {1, -1}) {
-    double largest = 0;
-    std::vector<size_t> next(fit.circle.angle_rad.size(), 0);
-    const double first = fit.turntable.scene.views.front().angle_deg;
-    for (const View& view : fit.turntable.scene.views) {
-      const auto s = static_cast<size_t>(view.station);
-      const double found = fit.circle.angle_rad[s][next[s]++] / kDegree;
-      const double error = WrapAngle((flip * found - (view.angle_deg - first)) * kDegree) / kDegree;
-      largest = std::max(largest, std::abs(error));
-    }
-    worst = std::min(worst, largest);
+  double worst = 0;
+  std::vector<size_t> next(fit.circle.angle_rad.size(), 0);
+  const double first = fit.turntable.scene.views.front().angle_deg;
+  for (const View& view : fit.turntable.scene.views) {
+    const auto s = static_cast<size_t>(view.station);
+    const double found = fit.circle.angle_rad[s][next[s]++];
+    worst = std::max(worst, std::abs(WrapAngle(found - (view.angle_deg - first) * kDegree)) / kDegree);
   }
   return worst;
 }
