@@ -52,6 +52,8 @@ struct Settings {
   bool keep_disc = true;
   bool texture = true;
   double marker_size_mm = 0;
+  fs::path angles_path;
+  double step_deg = 0;
   std::vector<std::string> force;  // as given
   std::set<std::string> forced;    // parts of the plan
 
@@ -128,8 +130,10 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
                 "--mask_path", settings.forced.count("motion") > 0 ? "" : settings.mask_path.string()),
            "--colmap_path", settings.colmap_path.string()));
   add("turntable_mapper", "Cameras, table, and both sparse models",
-      with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
-           settings.colmap_path.string()));
+      with(with(with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
+                     settings.colmap_path.string()),
+                "--angles_path", settings.angles_path.string()),
+           "--step_deg", settings.step_deg != 0 ? FormatValue(settings.step_deg) : ""));
   if (settings.marker_size_mm > 0) {
     add("model_scaler", "Millimetres",
         {"--workspace_path", root, "--image_path", images, "--marker_size_mm",
@@ -330,6 +334,12 @@ void RunAutomaticScanner(CommandContext& context) {
            "side of the black squares of the printed markers (ArUco, AprilTag) that lie on the table or "
            "stand in the background: everything comes out in metres; 0: there are none")
       .Unit("mm");
+  options.Add("angles_path", &settings.angles_path,
+              "table angles that are known: a CSV file of NAME,ANGLE in degrees; used where the photos bear "
+              "them out; "
+              "empty: none");
+  options.Add("step_deg", &settings.step_deg, "the table's step from photo to photo by name; 0: unknown")
+      .Unit("degrees");
   options.Add("texture", &settings.texture,
               "give the mesh the colours of the photos: dense/0/textured-tsdf.glb, .obj and .ply");
   options.Add("force", &settings.force,

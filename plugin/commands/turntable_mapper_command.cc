@@ -1,5 +1,6 @@
 #include "plugin/commands/turntable_mapper_command.h"
 
+#include <fmt/format.h>
 #include <glog/logging.h>
 
 #include <algorithm>
@@ -18,10 +19,12 @@
 #include "plugin/commands/mapping_failure.h"
 #include "plugin/outputs/turntable_report.h"
 #include "plugin/report/verdict_json.h"
+#include "plugin/stage/angle_list.h"
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/adjust/scan_evidence.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/stopwatch.h"
@@ -42,6 +45,8 @@ struct Settings {
   fs::path colmap_path;
   int max_attempts = 3;
   std::vector<std::string> mapper_options;
+  fs::path angles_path;
+  double step_deg = 0;
   PlacementOptions placement;
 };
 
@@ -64,6 +69,14 @@ void AddOptions(Options& options, Settings* settings) {
               "runs of `colmap mapper` for one body, each more tolerant");
   options.Add("mapper_options", &settings->mapper_options,
               "options for `colmap mapper` in its own spelling, like Mapper.ba_global_max_refinements=2");
+  options.Add("angles_path", &settings->angles_path,
+              "table angles that are known: a CSV file of NAME,ANGLE in degrees; compared with the photos' "
+              "and, where "
+              "these bear them out, a prior of the adjustment; empty: none");
+  options
+      .Add("step_deg", &settings->step_deg,
+           "the table's step from photo to photo by name, within each station; as --angles_path; 0: unknown")
+      .Unit("degrees");
   auto joint = options.Group("Joint", &settings->placement.joint);
   joint.AddEnum("model", &JointOptions::model,
                 {{"auto", JointModel::kAuto},
@@ -146,6 +159,8 @@ class TurntableMapper {
   fs::path ReportPath() const { return split_ / "turntable_mapper.json"; }
 
   void ReadInput() { input_ = ReadScanInput(workspace_); }
+  /// What is stated of the table's angles goes into the options of the adjustment.
+  void ReadStatedAngles(Settings* settings) const;
   const ScanInput& input() const { return input_; }
   bool HasBackground() const {
     return input_.capture_case == CaptureCase::kTurntable && CountImages(input_.features.static_pairs) >= 2;
@@ -168,6 +183,24 @@ class TurntableMapper {
   ScanInput input_;
   json seconds_ = json::object();
 };
+
+void TurntableMapper::ReadStatedAngles(Settings* settings) const {
+  std::map<std::string, double>& stated = settings->placement.refine.stated_angles_deg;
+  if (settings->step_deg != 0) {
+    std::map<int, int> num_of_station;
+    for (const ScanImage& image : input_.features.images) {
+      stated[image.name] = settings->step_deg * num_of_station[image.station]++;
+    }
+  }
+  if (settings->angles_path.empty()) return;
+  std::vector<std::string> names;
+  for (const ScanImage& image : input_.features.images) names.push_back(image.name);
+  std::vector<std::string> unknown;
+  stated = AnglesOfPhotos(ReadAngleList(settings->angles_path), names, settings->angles_path, &unknown);
+  if (unknown.empty()) return;
+  reporter_.Warn(settings->angles_path.string() + ": " + std::to_string(unknown.size()) +
+                 " names are none of the photos': " + unknown[0] + ", for example");
+}
 
 void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
   BodyMapping mapping = of_object ? ObjectMapping() : BackgroundMapping();
@@ -211,6 +244,12 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   const RefineReport& refined = candidate->refined;
   const ScanEvidence evidence = GatherEvidence(input_.features, aligned, refined.joint, refined.held_back,
                                                settings_.placement.refine.max_error_px);
+  for (const std::string& said : refined.angle_contradictions) reporter_.Warn(said);
+  for (const KnownAngles& angles : refined.known_angles) {
+    if (!angles.is_believed) continue;
+    reporter_.Info(fmt::format("station {}: {} stated angles hold to {:.3f} degrees", angles.station,
+                               angles.prior.places.size(), angles.scatter_rad / kDegree));
+  }
   report["verdict"] = ToJson(JudgeScan(evidence), evidence);
   seconds_["write"] = watch.Lap();
   report["seconds"] = seconds_;
@@ -354,6 +393,7 @@ void RunTurntableMapper(CommandContext& context) {
   if (settings.image_path.empty()) settings.image_path = workspace.Images();
   TurntableMapper mapper(settings, workspace, reporter);
   mapper.ReadInput();
+  mapper.ReadStatedAngles(&settings);
   if (!mapper.input().reason.empty()) {
     reporter.Info(std::string("the split found: ") + CaptureCaseName(mapper.input().capture_case) + " (" +
                   mapper.input().reason + ")");
@@ -394,9 +434,11 @@ void RunTurntableMapper(CommandContext& context) {
                [&] { map(false); });
     before.emplace_back("background_mapper");
   }
+  std::vector<fs::path> inputs = {workspace.ObjectDatabase(), workspace.StaticDatabase()};
+  if (!settings.angles_path.empty()) inputs.push_back(settings.angles_path);
   runner.Run({"turntable_mapper",
-              {workspace.ObjectDatabase(), workspace.StaticDatabase()},
-              options.Values(),
+              inputs,
+              ValuesWithout(options, {"angles_path"}),
               {workspace.ObjectModel(), workspace.Turntable(), mapper.ReportPath()},
               before,
               {workspace.StaticModel(), mapper.ReportPath().parent_path()}},

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "plugin/report/verdict_json.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/printable.h"
@@ -162,6 +163,19 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
                              {"null_directions", observability.null_directions}};
   report["joint_model"] = {{"chosen", JointModelName(refined.model)}, {"tests", json::array()}};
   for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
+  if (!refined.known_angles.empty()) {
+    report["stated_angles"] = {{"contradictions", refined.angle_contradictions}, {"stations", json::array()}};
+    for (const KnownAngles& angles : refined.known_angles) {
+      report["stated_angles"]["stations"].push_back({{"station", angles.station},
+                                                     {"believed", angles.is_believed},
+                                                     {"photos", angles.prior.places.size()},
+                                                     {"contradict", angles.contradicts.size()},
+                                                     {"scatter_deg", angles.scatter_rad / kDegree},
+                                                     {"prior_sigma_deg", angles.prior.sigma_rad / kDegree},
+                                                     {"factor", angles.factor},
+                                                     {"factor_sigma", angles.factor_sigma}});
+    }
+  }
   report["rounds"] = json::array();
   for (const RefineRound& round : refined.rounds) {
     report["rounds"].push_back({{"images", round.images},

@@ -23,18 +23,6 @@ constexpr double kWidthFactor = 1.05;  // between widths that are tried
 constexpr double kLeastWidthRad = 1e-6;
 constexpr double kHalfStep = 0.5;  // scatter beyond it is no scatter about steps
 
-// Column of each image's angle in the covariances, -1 where it is held.
-std::vector<int> AngleColumns(const JointProblem& problem, const JointReport& report) {
-  // As JointSystem counts: poses, cameras, the axis, angles.
-  const auto first = static_cast<int>(problem.cam_from_world.size() + problem.cameras.size() + 1);
-  std::vector<int> columns(problem.images.size(), -1);
-  for (size_t k = 0; k < report.observability.parameters.size(); ++k) {
-    const int image = report.observability.parameters[k].first - first;
-    if (image >= 0 && image < static_cast<int>(columns.size())) columns[image] = static_cast<int>(k);
-  }
-  return columns;
-}
-
 // Places of images that stand about equal steps in the order of their angles, from after the widest gap on;
 // none where two share a place. A gap of several steps is so many places.
 std::vector<std::pair<int, int>> PlacesByAngle(const std::vector<std::pair<int, int>>& order,
@@ -147,6 +135,17 @@ double LogLikelihood(const std::vector<Station>& stations, double width_rad) {
 }
 
 }  // namespace
+
+std::vector<int> AngleColumns(const JointProblem& problem, const JointReport& report) {
+  // As JointSystem counts: poses, cameras, the axis, angles.
+  const auto first = static_cast<int>(problem.cam_from_world.size() + problem.cameras.size() + 1);
+  std::vector<int> columns(problem.images.size(), -1);
+  for (size_t k = 0; k < report.observability.parameters.size(); ++k) {
+    const int image = report.observability.parameters[k].first - first;
+    if (image >= 0 && image < static_cast<int>(columns.size())) columns[image] = static_cast<int>(k);
+  }
+  return columns;
+}
 
 std::vector<EqualStepsPrior> FindEqualSteps(const JointProblem& problem,
                                             const std::vector<CapturePlace>& places,

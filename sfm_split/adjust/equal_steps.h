@@ -26,6 +26,9 @@ std::vector<EqualStepsPrior> FindEqualSteps(const JointProblem& problem,
                                             const std::vector<CapturePlace>& places,
                                             const JointReport& report);
 
+/// Column of each image's table angle in the report's covariances; -1 where it is held.
+std::vector<int> AngleColumns(const JointProblem& problem, const JointReport& report);
+
 /// How much larger the angles' variances are than those of independent keypoint errors (median); at least 1.
 double DataInflation(const JointProblem& problem, const JointReport& report);
 

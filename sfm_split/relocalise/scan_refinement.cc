@@ -324,6 +324,32 @@ std::vector<CapturePlace> ScanRefiner::CapturePlaces(const JointProblem& problem
   return places;
 }
 
+// Stated angles that the photos bear out stand for equal steps of their stations.
+void ScanRefiner::PreferKnownAngles(const JointReport& report, JointProblem* problem) {
+  if (options_.stated_angles_deg.empty()) return;
+  std::vector<int> stations;
+  std::vector<std::optional<double>> stated;
+  for (const JointImage& image : problem->images) {
+    stations.push_back(StationOf(image_of_name_.at(image.name)));
+    const auto found = options_.stated_angles_deg.find(image.name);
+    stated.emplace_back();
+    if (found != options_.stated_angles_deg.end()) stated.back() = found->second * kDegree;
+  }
+  report_.known_angles = CompareKnownAngles(*problem, stations, stated, report);
+  report_.angle_contradictions.clear();
+  for (const KnownAngles& angles : report_.known_angles) {
+    if (const auto said = DescribeContradiction(angles, *problem))
+      report_.angle_contradictions.push_back(*said);
+    if (!angles.is_believed) continue;
+    std::vector<EqualStepsPrior>& turns = problem->priors.turns;
+    const auto of_station = [&](const EqualStepsPrior& turn) {
+      return !turn.places.empty() && stations[static_cast<size_t>(turn.places[0].image)] == angles.station;
+    };
+    turns.erase(std::remove_if(turns.begin(), turns.end(), of_station), turns.end());
+    turns.push_back(angles.prior);
+  }
+}
+
 JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   if (options.loss_scale_px == 0 && noise_px_ > 0) options.loss_scale_px = LossScalePx(noise_px_);
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
@@ -335,6 +361,7 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   if (options.compute_covariance && report.model == JointModel::kSharedStations) {
     // What the scan itself says of its steps, now that their errors are known; and how much the data count.
     problem.priors.turns = FindEqualSteps(problem, CapturePlaces(problem), report);
+    PreferKnownAngles(report, &problem);
     problem.priors.data_inflation = DataInflation(problem, report);
     if (!problem.priors.turns.empty()) {
       reporter_.Debug("table angles lie about equal steps to " +

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
 #include "sfm_split/adjust/held_back.h"
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/known_angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/scan_features.h"
@@ -20,6 +22,9 @@ struct RefineOptions {
   double min_mend_share = 0.25;            ///< their share of those that could.
   int max_adjusted_observations = 150000;  ///< of the object; more are left out of the adjustment.
   int max_adjusted_background = 1200;      ///< background points in the adjustment.
+  /// Table angles that are stated, by image [degrees], but for a constant and the sense of each station: a
+  /// prior where the photos bear them out (CompareKnownAngles).
+  std::map<std::string, double> stated_angles_deg;
 
   OptionCheck Check() const;
 };
@@ -43,8 +48,10 @@ struct RefineRound {
 };
 
 struct RefineReport {
-  JointReport joint;                   ///< of the last round.
-  std::vector<ModelTest> model_tests;  ///< of the round that chose the model.
+  JointReport joint;                              ///< of the last round.
+  std::vector<KnownAngles> known_angles;          ///< stations whose angles are stated, of the last round.
+  std::vector<std::string> angle_contradictions;  ///< what the user has to know of them.
+  std::vector<ModelTest> model_tests;             ///< of the round that chose the model.
   JointModel model = JointModel::kSharedStations;
   std::vector<RelocalisedImage> mended;
   std::vector<RelocalisedImage>

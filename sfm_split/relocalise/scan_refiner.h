@@ -94,6 +94,7 @@ class ScanRefiner {
                          bool of_object) const;
   std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
   JointReport Adjust(JointModel model, bool covariance);
+  void PreferKnownAngles(const JointReport& report, JointProblem* problem);
   JointReport AdjustWith(JointOptions options, bool is_rough);
   std::vector<LensPrior> LensPriors(const JointProblem& problem) const;
   std::vector<CapturePlace> CapturePlaces(const JointProblem& problem) const;

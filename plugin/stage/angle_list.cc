@@ -1,0 +1,103 @@
+#include "plugin/stage/angle_list.h"
+
+#include <charconv>
+#include <cmath>
+#include <fstream>
+#include <optional>
+#include <set>
+#include <string_view>
+
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/file_io.h"
+#include "sfm_split/base/image_name.h"
+
+namespace s2gs {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr size_t kMaxLines = 1000000;
+constexpr size_t kMaxLineLength = 4096;
+constexpr double kMaxAngleDeg = 1e6;
+
+std::string_view Trimmed(std::string_view text) {
+  const size_t begin = text.find_first_not_of(" \t\r\"");
+  if (begin == std::string_view::npos) return {};
+  return text.substr(begin, text.find_last_not_of(" \t\r\"") - begin + 1);
+}
+
+std::optional<double> Number(std::string_view text) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  if (!std::isfinite(value) || std::abs(value) > kMaxAngleDeg) return std::nullopt;
+  return value;
+}
+
+std::string WithoutExtension(const std::string& name) {
+  return fs::path(name).replace_extension().generic_string();
+}
+
+}  // namespace
+
+std::map<std::string, double> ReadAngleList(std::istream& stream, const fs::path& path) {
+  const auto fail = [&](size_t line, const std::string& problem) {
+    throw UserError(path, "line " + std::to_string(line) + ": " + problem,
+                    "Give one NAME,ANGLE a line, in degrees");
+  };
+  std::map<std::string, double> angles;
+  std::string text;
+  bool may_be_heading = true;
+  for (size_t line = 1; std::getline(stream, text); ++line) {
+    if (line > kMaxLines || text.size() > kMaxLineLength) fail(line, "the file is no list of angles");
+    const std::string_view content = Trimmed(text);
+    if (content.empty() || content[0] == '#') continue;
+    const size_t split = content.find_last_of(",;\t");
+    if (split == std::string_view::npos) fail(line, "has no comma, semicolon or tab");
+    const std::string name(Trimmed(content.substr(0, split)));
+    const std::optional<double> angle = Number(Trimmed(content.substr(split + 1)));
+    const bool is_heading = may_be_heading && !angle;
+    may_be_heading = false;
+    if (is_heading) continue;
+    if (const std::optional<std::string> fault = ImageName::FindFault(name)) {
+      fail(line, "the name " + DescribeNameFault(name, *fault));
+    }
+    if (!angle) fail(line, "the angle of " + name + " is no number of degrees");
+    if (!angles.emplace(name, *angle).second) fail(line, name + " stands there twice");
+  }
+  if (angles.empty()) throw UserError(path, "lists no angles", "Give one NAME,ANGLE a line, in degrees");
+  return angles;
+}
+
+std::map<std::string, double> ReadAngleList(const fs::path& path) {
+  std::ifstream stream = OpenForReading(path, "Check --angles_path");
+  return ReadAngleList(stream, path);
+}
+
+std::map<std::string, double> AnglesOfPhotos(const std::map<std::string, double>& listed,
+                                             const std::vector<std::string>& photos, const fs::path& path,
+                                             std::vector<std::string>* unknown) {
+  const std::set<std::string> names(photos.begin(), photos.end());
+  std::map<std::string, std::vector<std::string>> by_stem;
+  for (const std::string& name : photos) by_stem[WithoutExtension(name)].push_back(name);
+  std::map<std::string, double> angles;
+  for (const auto& [name, angle] : listed) {
+    if (names.count(name) > 0) {
+      angles[name] = angle;
+      continue;
+    }
+    const auto found = by_stem.find(WithoutExtension(name));
+    if (found != by_stem.end() && found->second.size() == 1) {
+      angles.emplace(found->second[0], angle);
+    } else {
+      unknown->push_back(name);
+    }
+  }
+  if (angles.empty()) {
+    throw UserError(path, "names none of the photos: " + listed.begin()->first + ", for example",
+                    "Give names relative to the photos' folder");
+  }
+  return angles;
+}
+
+}  // namespace s2gs

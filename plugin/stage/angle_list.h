@@ -1,0 +1,26 @@
+#pragma once
+
+#include <filesystem>
+#include <istream>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace s2gs {
+
+/// Table angles by the photos' names [degrees], of a CSV file: one "NAME,ANGLE" a line, separated by comma,
+/// semicolon or tab; a first line without a number is a heading, lines that begin with '#' and empty ones
+/// do not count. Throws UserError that names the line of a name that cannot be one or occurs twice, and of an
+/// angle that is no number. \param path  for messages.
+std::map<std::string, double> ReadAngleList(std::istream& stream, const std::filesystem::path& path);
+std::map<std::string, double> ReadAngleList(const std::filesystem::path& path);
+
+/// The listed angles under the names of a scan's photos: the same name, or the same but for the extension
+/// where one photo alone has that (photos that were imported have another). Throws UserError when no name is
+/// a photo's. \param unknown  gets the names that are none's.
+std::map<std::string, double> AnglesOfPhotos(const std::map<std::string, double>& listed,
+                                             const std::vector<std::string>& photos,
+                                             const std::filesystem::path& path,
+                                             std::vector<std::string>* unknown);
+
+}  // namespace s2gs

@@ -1,0 +1,57 @@
+#include "plugin/stage/angle_list.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/base/error.h"
+#include "tests/support/bad_input.h"
+
+namespace s2gs {
+namespace {
+
+using testing::ElementsAre;
+using testing::Pair;
+
+std::map<std::string, double> Read(const std::string& text) {
+  std::istringstream stream(text);
+  return ReadAngleList(stream, "angles.csv");
+}
+
+TEST(AngleList, HeadingsCommentsAndSeparators) {
+  EXPECT_THAT(
+      Read("photo,angle\r\n# turn 1\r\nsub/a.jpg, 0\r\nb.jpg;18.5\n\n\"c, d.jpg\",\"-1e1\"\ne.jpg\t350"),
+      ElementsAre(Pair("b.jpg", 18.5), Pair("c, d.jpg", -10), Pair("e.jpg", 350), Pair("sub/a.jpg", 0)));
+}
+
+TEST(AngleList, FaultsNameTheirLine) {
+  ExpectUserError([] { Read("a.jpg,0\nb.jpg,x\n"); }, {"angles.csv", "line 2", "b.jpg"});
+  ExpectUserError([] { Read("a.jpg,0\na.jpg,1\n"); }, {"line 2", "twice"});
+  ExpectUserError([] { Read("a.jpg,0\n../b.jpg,1\n"); }, {"line 2"});
+  ExpectUserError([] { Read("a.jpg 0\n"); }, {"line 1", "comma"});
+  ExpectUserError([] { Read("a.jpg,nan\nb.jpg,inf\n"); }, {"line 2"});
+  ExpectUserError([] { Read(""); }, {"lists no angles"});
+}
+
+TEST(AngleList, PhotosThatWereImportedHaveAnotherExtension) {
+  std::vector<std::string> unknown;
+  const auto angles = AnglesOfPhotos({{"a.heic", 1}, {"b.jpg", 2}, {"c.tif", 3}, {"x.jpg", 4}},
+                                     {"a.png", "b.jpg", "b.png", "c.png", "c.jpg"}, "angles.csv", &unknown);
+  EXPECT_THAT(angles, ElementsAre(Pair("a.png", 1), Pair("b.jpg", 2)));
+  EXPECT_THAT(unknown, ElementsAre("c.tif", "x.jpg"));
+  EXPECT_THROW(AnglesOfPhotos({{"x.jpg", 1}}, {"a.jpg"}, "angles.csv", &unknown), UserError);
+}
+
+TEST(AngleListBadInput, AnyDamageIsReadOrNamed) {
+  ForEachDamage("name,angle\na.jpg,0\nb.jpg,18.25\n",
+                [](const std::string& damaged, const std::string& what) {
+                  ExpectOkOrUserError([&] { Read(damaged); }, "angles.csv", what);
+                });
+}
+
+}  // namespace
+}  // namespace s2gs
