@@ -4,6 +4,8 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "sfm_split/turntable/axis_sense.h"
 #include "sfm_split/turntable/background_cameras.h"
@@ -19,86 +21,121 @@ constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its
 constexpr int kLeastPhotos = 4;           // of a station that can be a turn
 
 struct Place {
-  int station = -1;
+  int station = -1;  // index into Rig::stations; -1: the background does not know it
   int photo = 0;
 };
+
+struct Rig {
+  std::vector<RiggedStation> stations;
+  std::vector<Place> places;  // per image of the features
+  std::vector<RiggedPair> pairs;
+  double extent_px = 0;  // of what the matches lie on
+};
+
+class RigCollector {
+ public:
+  RigCollector(const ScanFeatures& features, const ColmapModel& background)
+      : features_(features),
+        cameras_(CamerasBeside(features, &background)),
+        poses_(StationPoses(features, &background)) {
+    for (const auto& [id, camera] : features.cameras) camera_of_id_.emplace(id, camera_of_id_.size());
+  }
+
+  Rig Collect() const {
+    Rig rig;
+    PlaceStations(&rig);
+    if (rig.stations.size() >= 2) CollectPairs(&rig);
+    return rig;
+  }
+
+ private:
+  const Camera& CameraOf(size_t image) const {
+    return cameras_[camera_of_id_.at(features_.images[image].camera_id)];
+  }
+
+  void PlaceStations(Rig* rig) const {
+    std::map<int, int> num_photos;
+    for (const ScanImage& image : features_.images) ++num_photos[image.station];
+    std::map<int, int> index_of;
+    rig->places.resize(features_.images.size());
+    for (size_t i = 0; i < features_.images.size(); ++i) {
+      const int station = features_.images[i].station;
+      const auto pose = poses_.find(station);
+      if (pose == poses_.end() || num_photos[station] < kLeastPhotos) continue;
+      const auto [entry, is_new] = index_of.emplace(station, static_cast<int>(rig->stations.size()));
+      if (is_new) rig->stations.push_back({pose->second, FocalLengths(CameraOf(i)).mean(), 0});
+      rig->places[i] = {entry->second, rig->stations[static_cast<size_t>(entry->second)].num_photos++};
+    }
+  }
+
+  void CollectPairs(Rig* rig) const {
+    Vector2d sum = Vector2d::Zero();
+    Vector2d squares = Vector2d::Zero();
+    double num = 0;
+    for (const ImagePairMatches& given : AllPairs(features_)) {
+      const auto i = static_cast<size_t>(given.image1);
+      const auto j = static_cast<size_t>(given.image2);
+      const Place& first = rig->places[i];
+      const Place& second = rig->places[j];
+      if (first.station < 0 || second.station < 0) continue;
+      RiggedPair pair{first.station, first.photo, second.station, second.photo, {}};
+      const FeatureMatches matches = PossibleObjectMatches(features_, given);
+      const size_t stride = matches.size() / kMaxMatches + 1;
+      for (size_t m = 0; m < matches.size(); m += stride) {
+        const Vector2d xy1 = features_.images[i].keypoints[matches[m].point2D_idx1].cast<double>();
+        const Vector2d xy2 = features_.images[j].keypoints[matches[m].point2D_idx2].cast<double>();
+        const std::optional<Vector3d> ray1 = UnprojectFromImage(CameraOf(i), xy1);
+        const std::optional<Vector3d> ray2 = UnprojectFromImage(CameraOf(j), xy2);
+        if (!ray1 || !ray2) continue;
+        pair.rays.emplace_back(*ray1, *ray2);
+        sum += xy1;
+        squares += xy1.cwiseAbs2();
+        num += 1;
+      }
+      if (!pair.rays.empty()) rig->pairs.push_back(std::move(pair));
+    }
+    if (num == 0) return;
+    rig->extent_px =
+        kUniformWidth * std::sqrt(std::max(1.0, (squares / num - (sum / num).cwiseAbs2()).mean()));
+  }
+
+  const ScanFeatures& features_;
+  std::vector<Camera> cameras_;
+  std::map<uint32_t, size_t> camera_of_id_;
+  std::map<int, Rigid3> poses_;
+};
+
+// About the axis that points to where the cameras look down from.
+void PointAxisUp(const std::vector<RiggedStation>& stations, RiggedCircle* circle) {
+  std::vector<Eigen::Matrix3d> cam_from_world;
+  cam_from_world.reserve(stations.size());
+  for (const RiggedStation& station : stations)
+    cam_from_world.push_back(station.cam_from_world.rotation.toRotationMatrix());
+  if (AxisUpSign(circle->axis.direction, cam_from_world) > 0) return;
+  circle->axis.direction *= -1;
+  for (std::vector<double>& angles : circle->angle_rad) {
+    for (double& angle : angles) angle = -angle;
+  }
+}
 
 }  // namespace
 
 AlignedScene SceneFromRiggedCircle(const ScanFeatures& features, const ColmapModel& background,
                                    double sigma_px, Reporter& reporter, RiggedCircle* circle) {
-  std::map<int, int> num_photos;
-  for (const ScanImage& image : features.images) ++num_photos[image.station];
-  const std::vector<Camera> cameras = CamerasBeside(features, &background);
-  std::map<uint32_t, size_t> camera_of_id;
-  for (const auto& [id, camera] : features.cameras) camera_of_id.emplace(id, camera_of_id.size());
-  const std::map<int, Rigid3> poses = StationPoses(features, &background);
-
-  std::vector<RiggedStation> stations;
-  std::map<int, int> index_of;
-  std::vector<Place> places(features.images.size());
-  for (size_t i = 0; i < features.images.size(); ++i) {
-    const ScanImage& image = features.images[i];
-    const auto pose = poses.find(image.station);
-    if (pose == poses.end() || num_photos[image.station] < kLeastPhotos) continue;
-    const auto [entry, is_new] = index_of.emplace(image.station, static_cast<int>(stations.size()));
-    if (is_new) {
-      stations.push_back({pose->second, FocalLengths(cameras[camera_of_id.at(image.camera_id)]).mean(), 0});
-    }
-    places[i] = {entry->second, stations[static_cast<size_t>(entry->second)].num_photos++};
-  }
-  if (stations.size() < 2) return {};
-
-  std::vector<RiggedPair> pairs;
-  Vector2d sum = Vector2d::Zero();
-  Vector2d squares = Vector2d::Zero();
-  double num = 0;
-  const auto ray_of = [&](size_t i, uint32_t keypoint) {
-    const Camera& camera = cameras[camera_of_id.at(features.images[i].camera_id)];
-    return UnprojectFromImage(camera, features.images[i].keypoints[keypoint].cast<double>());
-  };
-  for (const ImagePairMatches& given : AllPairs(features)) {
-    const auto i = static_cast<size_t>(given.image1);
-    const auto j = static_cast<size_t>(given.image2);
-    if (places[i].station < 0 || places[j].station < 0) continue;
-    RiggedPair pair{places[i].station, places[i].photo, places[j].station, places[j].photo, {}};
-    const FeatureMatches matches = PossibleObjectMatches(features, given);
-    const size_t stride = matches.size() / kMaxMatches + 1;
-    for (size_t m = 0; m < matches.size(); m += stride) {
-      const std::optional<Vector3d> first = ray_of(i, matches[m].point2D_idx1);
-      const std::optional<Vector3d> second = ray_of(j, matches[m].point2D_idx2);
-      if (!first || !second) continue;
-      pair.rays.emplace_back(*first, *second);
-      const Vector2d xy = features.images[i].keypoints[matches[m].point2D_idx1].cast<double>();
-      sum += xy;
-      squares += xy.cwiseAbs2();
-      num += 1;
-    }
-    if (!pair.rays.empty()) pairs.push_back(std::move(pair));
-  }
-  if (num == 0) return {};
-  const double spread_px = std::sqrt(std::max(1.0, (squares / num - (sum / num).cwiseAbs2()).mean()));
-  *circle = FitRiggedCircle(stations, pairs, kUniformWidth * spread_px, sigma_px, reporter);
+  const Rig rig = RigCollector(features, background).Collect();
+  if (rig.pairs.empty()) return {};
+  *circle = FitRiggedCircle(rig.stations, rig.pairs, rig.extent_px, sigma_px, reporter);
   if (!circle->found) return {};
-  std::vector<Eigen::Matrix3d> cam_from_world;
-  for (const RiggedStation& station : stations)
-    cam_from_world.push_back(station.cam_from_world.rotation.toRotationMatrix());
-  if (AxisUpSign(circle->axis.direction, cam_from_world) < 0) {
-    circle->axis.direction *= -1;
-    for (std::vector<double>& angles : circle->angle_rad) {
-      for (double& angle : angles) angle = -angle;
-    }
-  }
-
+  PointAxisUp(rig.stations, circle);
   std::vector<PhotoOnTurn> photos;
   size_t reference = 0;
   for (size_t i = 0; i < features.images.size(); ++i) {
-    const Place& place = places[i];
+    const Place& place = rig.places[i];
     if (place.station < 0) continue;
+    const auto s = static_cast<size_t>(place.station);
     if (place.station == 0 && place.photo == 0) reference = photos.size();
     photos.push_back(
-        {i, poses.at(features.images[i].station),
-         circle->angle_rad[static_cast<size_t>(place.station)][static_cast<size_t>(place.photo)]});
+        {i, rig.stations[s].cam_from_world, circle->angle_rad[s][static_cast<size_t>(place.photo)]});
   }
   return SceneAboutAxis(features, &background, circle->axis, photos, reference, /*scale_observable=*/true);
 }
