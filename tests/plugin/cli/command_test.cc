@@ -129,6 +129,9 @@ struct Ending {
 };
 
 TEST(RunProgramDeathTest, ExitCodes) {
+  // Libraries that read photos start threads when they are loaded, which a fork alone would not take along:
+  // whatever ends there would wait for them.
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
   const std::vector<Ending> endings = {
       {{"user_error"}, 1, "error: scan/a.bin: ends at byte 3. Restore it"},
       {{"out_of_memory"}, 1, "out of memory"},
