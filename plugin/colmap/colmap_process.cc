@@ -1,20 +1,19 @@
 #include "plugin/colmap/colmap_process.h"
 
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <chrono>
 #include <csignal>
-#include <cstdlib>
 #include <cstring>
 #include <deque>
 #include <system_error>
 #include <utility>
 
 #include "plugin/cli/shell_quote.h"
+#include "plugin/colmap/find_executable.h"
 #include "sfm_split/base/error.h"
 
 namespace s2gs {
@@ -28,30 +27,6 @@ constexpr size_t kTailLines = 20;
 constexpr size_t kMaxHelpLines = 10000;
 
 using Clock = std::chrono::steady_clock;
-
-bool IsExecutableFile(const fs::path& path) {
-  std::error_code ec;
-  return fs::is_regular_file(path, ec) && ::access(path.c_str(), X_OK) == 0;
-}
-
-fs::path FindExecutable(const fs::path& colmap_path) {
-  std::error_code ec;
-  if (!colmap_path.empty()) {
-    const fs::path path = fs::is_directory(colmap_path, ec) ? colmap_path / "colmap" : colmap_path;
-    if (IsExecutableFile(path)) return fs::absolute(path);
-    throw UserError(path, fs::exists(path, ec) ? "is not an executable file" : "no such file",
-                    kInstallRemedy);
-  }
-  const char* search_path = std::getenv("PATH");
-  std::string_view rest = search_path != nullptr ? search_path : "";
-  while (!rest.empty()) {
-    const size_t end = std::min(rest.find(':'), rest.size());
-    const fs::path folder(rest.substr(0, end));
-    rest.remove_prefix(std::min(end + 1, rest.size()));
-    if (!folder.empty() && IsExecutableFile(folder / "colmap")) return fs::absolute(folder / "colmap");
-  }
-  throw UserError("colmap", "is not on PATH", kInstallRemedy);
-}
 
 // Reads a decimal number at the front of `text` and removes it.
 std::optional<int64_t> TakeNumber(std::string_view* text) {
@@ -209,7 +184,7 @@ std::optional<ColmapProgress> ParseColmapProgress(std::string_view line) {
 
 ColmapProgram ColmapProgram::Find(const fs::path& colmap_path, Reporter& reporter,
                                   const ColmapPatience& patience) {
-  ColmapProgram program(FindExecutable(colmap_path), patience);
+  ColmapProgram program(FindExecutable("colmap", colmap_path, "", kInstallRemedy), patience);
   const Ended help = program.Ask({"help"}, reporter);
   // "COLMAP 3.8 -- Structure-from-Motion ..." or "COLMAP 4.2.1 (Commit ... with CUDA)".
   bool is_in_commands = false;

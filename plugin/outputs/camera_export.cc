@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/report/html_writer.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/ply_file.h"
@@ -64,26 +65,6 @@ std::map<std::string, const ColmapImage*> ByName(const ColmapModel& model) {
   std::map<std::string, const ColmapImage*> images;
   for (const auto& [id, image] : model.images) images[image.name] = &image;
   return images;
-}
-
-std::string Escaped(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      default:
-        escaped += c;
-    }
-  }
-  return escaped;
 }
 
 }  // namespace
@@ -158,7 +139,7 @@ void WriteMetashapeCameras(const ColmapModel& model, const fs::path& model_path,
   for (const auto& [name, image] : images) {
     stream << fmt::format(
         "      <camera id=\"{}\" sensor_id=\"{}\" label=\"{}\" enabled=\"true\">\n        <transform>", id++,
-        sensors.at(image->camera_id), Escaped(has_stems ? fs::path(name).stem().string() : name));
+        sensors.at(image->camera_id), EscapeHtml(has_stems ? fs::path(name).stem().string() : name));
     const Eigen::Matrix4d chunk_from_camera = image->cam_from_world.Inverse().Matrix();
     for (int i = 0; i < 16; ++i)
       stream << (i > 0 ? " " : "") << fmt::format("{}", chunk_from_camera(i / 4, i % 4));

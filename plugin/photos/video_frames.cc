@@ -1,16 +1,13 @@
 #include "plugin/photos/video_frames.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <charconv>
-#include <cstdlib>
 #include <string_view>
 #include <system_error>
 #include <utility>
 
 #include "plugin/colmap/child_process.h"
+#include "plugin/colmap/find_executable.h"
 #include "plugin/photos/photo_import.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -24,11 +21,6 @@ constexpr char kInstallRemedy[] =
     "Install ffmpeg (on Debian: apt install ffmpeg), or name its executable with --ffmpeg_path";
 constexpr size_t kMinFrames = 3;
 constexpr char kSharpnessMark[] = "lavfi.signalstats.YAVG=";
-
-bool IsExecutableFile(const fs::path& path) {
-  std::error_code ec;
-  return fs::is_regular_file(path, ec) && ::access(path.c_str(), X_OK) == 0;
-}
 
 // Runs ffmpeg; what it says last is the reason should it fail.
 void Run(const fs::path& ffmpeg, std::vector<std::string> arguments, const fs::path& video,
@@ -67,22 +59,7 @@ std::string FrameName(size_t frame) {
 }  // namespace
 
 fs::path FindFfmpeg(const fs::path& ffmpeg_path) {
-  std::error_code ec;
-  if (!ffmpeg_path.empty()) {
-    const fs::path path = fs::is_directory(ffmpeg_path, ec) ? ffmpeg_path / "ffmpeg" : ffmpeg_path;
-    if (IsExecutableFile(path)) return fs::absolute(path);
-    throw UserError(path, fs::exists(path, ec) ? "is not an executable file" : "no such file",
-                    kInstallRemedy);
-  }
-  const char* search_path = std::getenv("PATH");
-  std::string_view rest = search_path != nullptr ? search_path : "";
-  while (!rest.empty()) {
-    const size_t end = std::min(rest.find(':'), rest.size());
-    const fs::path folder(rest.substr(0, end));
-    rest.remove_prefix(std::min(end + 1, rest.size()));
-    if (!folder.empty() && IsExecutableFile(folder / "ffmpeg")) return fs::absolute(folder / "ffmpeg");
-  }
-  throw UserError("ffmpeg", "is not on PATH, and reads videos", kInstallRemedy);
+  return FindExecutable("ffmpeg", ffmpeg_path, ", and reads videos", kInstallRemedy);
 }
 
 std::vector<size_t> SharpestOfIntervals(const std::vector<double>& sharpness, size_t num_frames) {

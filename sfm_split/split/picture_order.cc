@@ -19,8 +19,8 @@ constexpr size_t kMinBlocks = 30;  // that change
 constexpr size_t kMinPhotos = 8;   // fewer have too few orders to tell one from chance
 constexpr size_t kMaxStarts = 12;  // photos from which a way is begun
 constexpr int kMaxPasses = 200;    // of improving one
-constexpr int kChanceOrders =
-    1000;  // a given order that is shorter than each of them is so by chance once in a thousand
+// An order that is shorter than each of so many others is so by chance once in as many scans.
+constexpr int kChanceOrders = 1000;
 
 using Distances = Eigen::MatrixXf;
 using Way = std::vector<uint32_t>;

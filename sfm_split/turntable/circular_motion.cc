@@ -13,6 +13,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_likelihood.h"
+#include "sfm_split/turntable/table_views.h"
 #include "sfm_split/turntable/wrong_matches.h"
 
 namespace s2gs {
@@ -186,8 +187,7 @@ CircularState Fitter::StateOf(const CircularMatches& station, const Vector2d& mi
   CircularState state;
   state.lenses = {{std::log(focal_px), 0}};
   CircularTurn turn;
-  Vector3d axis;
-  axis << std::cos(elevation) * up, -std::sin(elevation);
+  const Vector3d axis = AxisInCamera(up, elevation);
   const Vector2d across = middle - middle.dot(up) * up;
   Vector3d ray;
   ray << across / focal_px, 1;
@@ -233,10 +233,14 @@ double PointAxisUp(CircularTurn* turn) {
   return turned;
 }
 
+void SortByPosterior(std::vector<Start>* starts) {
+  std::stable_sort(starts->begin(), starts->end(),
+                   [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+}
+
 // So many at most of each view: which is right cannot be told before they are refined.
 std::vector<Start> BestOfEachView(std::vector<Start> starts, int num) {
-  std::stable_sort(starts.begin(), starts.end(),
-                   [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+  SortByPosterior(&starts);
   std::map<size_t, int> taken;
   std::vector<Start> kept;
   for (Start& start : starts) {
@@ -248,8 +252,7 @@ std::vector<Start> BestOfEachView(std::vector<Start> starts, int num) {
 // The best starts that have come to different optima: a station whose perspective is weak has two at least,
 // the second its mirror image, and where many starts come to the one it may be the other that is right.
 std::vector<Start> DifferentOptima(std::vector<Start> starts, size_t num) {
-  std::stable_sort(starts.begin(), starts.end(),
-                   [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+  SortByPosterior(&starts);
   std::vector<Start> kept;
   for (Start& start : starts) {
     if (kept.size() == num) break;
@@ -285,14 +288,14 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
   for (const double degrees : {1.5, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 90.0})
     steps.push_back(degrees * kDegree);
   std::vector<std::pair<Vector2d, double>> views;
-  for (const Vector2d& up : {Vector2d(0, -1), Vector2d(1, 0), Vector2d(-1, 0), Vector2d(0, 1)}) {
+  for (const Vector2d& up : UpDirections()) {
     for (const double sense : {1.0, -1.0}) views.emplace_back(up, sense);
   }
   for (const bool is_closed : {true, false}) {
     std::vector<Start> starts;
     for (const double factor : {-1.5, 0.0, 1.5}) {
       const double focal_px = priors_[lens].focal_px * std::exp(factor * priors_[lens].sigma_log);
-      for (const double elevation_deg : {3.0, 10.0, 18.0, 26.0, 34.0, 42.0, 50.0, 58.0, 68.0, 80.0}) {
+      for (const double elevation_deg : kElevationsDeg) {
         for (const double step :
              is_closed ? std::vector<double>{2 * kPi / data_[station].num_photos} : steps) {
           for (size_t view = 0; view < views.size(); ++view) {

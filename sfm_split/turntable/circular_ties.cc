@@ -2,11 +2,11 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/turntable/climb.h"
 #include "sfm_split/turntable/epipolar_gain.h"
 
 namespace s2gs {
@@ -32,25 +32,17 @@ double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, 
   return gain;
 }
 
-// Uphill along each number in turn, in steps that shrink.
-double Climb(const std::vector<CrossingPair>& pairs, double sigma_px, double chance, size_t stride,
-             double first_step, double last_step, CircularPlace* place) {
-  double best = Gain(pairs, *place, sigma_px, chance, stride);
-  for (double step = first_step; step > last_step;) {
-    bool has_improved = false;
-    for (const std::array<double, 3>& way :
-         {std::array<double, 3>{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}) {
-      const CircularPlace there{place->distance * std::exp(step * way[0]), place->height + step * way[1],
-                                place->turn_rad + step * way[2]};
-      const double gain = Gain(pairs, there, sigma_px, chance, stride);
-      if (gain <= best) continue;
-      best = gain;
-      *place = there;
-      has_improved = true;
-    }
-    if (!has_improved) step *= 0.5;
-  }
-  return best;
+// Distance, height and turn to the top of the likelihood.
+double Refine(const std::vector<CrossingPair>& pairs, double sigma_px, double chance, size_t stride,
+              double first_step, double last_step, CircularPlace* place) {
+  const auto moved = [](CircularPlace there, size_t number, double step) {
+    if (number == 0) there.distance *= std::exp(step);
+    if (number == 1) there.height += step;
+    if (number == 2) there.turn_rad += step;
+    return there;
+  };
+  const auto value = [&](const CircularPlace& there) { return Gain(pairs, there, sigma_px, chance, stride); };
+  return Climb(3, first_step, last_step, moved, value, place);
 }
 
 }  // namespace
@@ -89,17 +81,17 @@ CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const Cir
     if (is_new) modes.push_back(candidate);
   }
   for (auto& [gain, place] : modes) {
-    Climb(pairs, kCoarseSigmaPx, chance, stride, 0.05, 0.003, &place);
-    gain = Climb(pairs, 2 * sigma_px, chance, stride, 0.01, 0.001, &place);
+    Refine(pairs, kCoarseSigmaPx, chance, stride, 0.05, 0.003, &place);
+    gain = Refine(pairs, 2 * sigma_px, chance, stride, 0.01, 0.001, &place);
   }
   std::stable_sort(modes.begin(), modes.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   tie.place = modes[0].second;
-  tie.gain = Climb(pairs, sigma_px, chance, 1, 0.005, 1e-5, &tie.place);
+  tie.gain = Refine(pairs, sigma_px, chance, 1, 0.005, 1e-5, &tie.place);
   tie.margin = tie.gain;
   for (size_t m = 1; m < modes.size(); ++m) {
     CircularPlace place = modes[m].second;
-    const double gain = Climb(pairs, sigma_px, chance, 1, 0.005, 1e-3, &place);
+    const double gain = Refine(pairs, sigma_px, chance, 1, 0.005, 1e-3, &place);
     if (std::abs(WrapAngle(place.turn_rad - tie.place.turn_rad)) <= kDistinct) continue;
     tie.margin = std::min(tie.margin, tie.gain - gain);
   }

@@ -2,7 +2,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 
@@ -10,7 +9,9 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/turntable/climb.h"
 #include "sfm_split/turntable/epipolar_gain.h"
+#include "sfm_split/turntable/table_views.h"
 
 namespace s2gs {
 namespace {
@@ -121,34 +122,25 @@ class Rig {
     circle->gain = Gain(*circle, kCoarseSigmaPx, stride_);
   }
 
-  // Uphill along each number in turn, in steps that shrink.
-  void Climb(double sigma_px, size_t stride, double first_step, double last_step, Circle* circle) const {
-    circle->gain = Gain(*circle, sigma_px, stride);
-    for (double step = first_step; step > last_step;) {
-      bool has_improved = false;
-      for (size_t number = 0; number < 3 + stations_.size(); ++number) {
-        for (const double way : {step, -step}) {
-          Circle there = *circle;
-          if (number < 4) {
-            const Vector3d across =
-                number % 2 == 0 ? circle->direction.unitOrthogonal()
-                                : Vector3d(circle->direction.cross(circle->direction.unitOrthogonal()));
-            if (number < 2) {
-              there.direction = (circle->direction + way * across).normalized();
-            } else {
-              there.point += way * across;
-            }
-          } else {
-            there.first[number - 3] += way;
-          }
-          there.gain = Gain(there, sigma_px, stride);
-          if (there.gain <= circle->gain) continue;
-          *circle = std::move(there);
-          has_improved = true;
-        }
+  // To the top of the likelihood: two numbers of the axis' direction, two of its place, each station's angle.
+  void Refine(double sigma_px, size_t stride, double first_step, double last_step, Circle* circle) const {
+    const auto moved = [](const Circle& from, size_t number, double step) {
+      Circle there = from;
+      if (number >= 4) {
+        there.first[number - 3] += step;
+        return there;
       }
-      if (!has_improved) step *= 0.5;
-    }
+      Vector3d across = from.direction.unitOrthogonal();
+      if (number % 2 == 1) across = from.direction.cross(across).eval();
+      if (number < 2) {
+        there.direction = (from.direction + step * across).normalized();
+      } else {
+        there.point += step * across;
+      }
+      return there;
+    };
+    const auto value = [&](const Circle& there) { return Gain(there, sigma_px, stride); };
+    circle->gain = Climb(3 + stations_.size(), first_step, last_step, moved, value, circle);
   }
 
  private:
@@ -193,12 +185,11 @@ bool FindMiddle(const std::vector<RiggedStation>& stations, const std::vector<Ri
 // them.
 std::vector<Circle> StartingAxes(const RiggedStation& station, const Vector3d& middle) {
   std::vector<Circle> axes;
-  for (const Vector2d& up : {Vector2d(0, -1), Vector2d(1, 0), Vector2d(-1, 0), Vector2d(0, 1)}) {
-    for (const double elevation_deg : {3.0, 10.0, 18.0, 26.0, 34.0, 42.0, 50.0, 58.0, 68.0, 80.0}) {
-      Vector3d in_camera;
-      in_camera << std::cos(elevation_deg * kDegree) * up, -std::sin(elevation_deg * kDegree);
+  for (const Vector2d& up : UpDirections()) {
+    for (const double elevation_deg : kElevationsDeg) {
       Circle circle;
-      circle.direction = station.cam_from_world.rotation.inverse() * in_camera;
+      circle.direction =
+          station.cam_from_world.rotation.inverse() * AxisInCamera(up, elevation_deg * kDegree);
       const Vector3d sideways = circle.direction.unitOrthogonal();
       for (const double x : {-0.06, 0.0, 0.06}) {
         for (const double y : {-0.06, 0.0, 0.06}) {
@@ -255,9 +246,9 @@ RiggedCircle FitRiggedCircle(const std::vector<RiggedStation>& given, const std:
   if (reporter.StopRequested()) throw Interrupted();
   ParallelFor(static_cast<int64_t>(circles.size()), 0, [&](int64_t k) {
     Circle& circle = circles[static_cast<size_t>(k)];
-    rig.Climb(kCoarseSigmaPx, rig.stride(), 0.05, 0.003, &circle);
-    rig.Climb(2 * sigma_px, rig.stride(), 0.01, 0.001, &circle);
-    rig.Climb(sigma_px, 1, 0.005, 1e-4, &circle);
+    rig.Refine(kCoarseSigmaPx, rig.stride(), 0.05, 0.003, &circle);
+    rig.Refine(2 * sigma_px, rig.stride(), 0.01, 0.001, &circle);
+    rig.Refine(sigma_px, 1, 0.005, 1e-4, &circle);
   });
   KeepBest(kNumRefined, &circles);
   const Circle& best = circles[0];

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "sfm_split/base/angles.h"
+#include "tests/support/camera_towards_origin.h"
 
 namespace s2gs {
 namespace {
@@ -24,15 +25,11 @@ ColmapModel MakeModel(int num_images) {
   for (int i = 0; i < num_images; ++i) {
     const double azimuth = 2 * kPi * i / num_images;
     const Eigen::Vector3d center(0.6 * std::cos(azimuth), 0.6 * std::sin(azimuth), 1);
-    Eigen::Matrix3d rotation;
-    rotation.row(2) = -center.normalized();
-    rotation.row(0) = Eigen::Vector3d::UnitZ().cross(center).normalized();
-    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
     ColmapImage image;
     image.image_id = static_cast<uint32_t>(i + 1);
     image.name = "photo" + std::to_string(i) + ".jpg";
     image.camera_id = 1;
-    image.cam_from_world = {Eigen::Quaterniond(rotation), -(rotation * center)};
+    image.cam_from_world = CameraTowardsOrigin(center);
     model.images[image.image_id] = image;
   }
   return model;

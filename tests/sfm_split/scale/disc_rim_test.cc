@@ -7,6 +7,7 @@
 #include <random>
 
 #include "sfm_split/base/angles.h"
+#include "tests/support/camera_towards_origin.h"
 
 namespace s2gs {
 namespace {
@@ -29,12 +30,7 @@ struct Scene {
   Rigid3 CamFromWorld(double azimuth, double elevation) const {
     const Eigen::Vector3d center(1.5 * std::cos(azimuth) * std::cos(elevation),
                                  1.5 * std::sin(azimuth) * std::cos(elevation), 1.5 * std::sin(elevation));
-    Eigen::Matrix3d rotation;
-    rotation.row(2) = -center.normalized();
-    rotation.row(0) = Eigen::Vector3d::UnitZ().cross(center).normalized();
-    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
-    const Rigid3 cam_from_table{Eigen::Quaterniond(rotation), -(rotation * center)};
-    return cam_from_table * world_from_table.Inverse();
+    return CameraTowardsOrigin(center) * world_from_table.Inverse();
   }
   RimSighting See(const Rigid3& cam_from_world, double angle) const {
     const Eigen::Vector3d place(kRadius * std::cos(angle), kRadius * std::sin(angle), kHeight);

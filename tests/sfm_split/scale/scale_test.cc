@@ -13,6 +13,7 @@
 #include "sfm_split/scale/markers.h"
 #include "sfm_split/scale/scale_bars.h"
 #include "sfm_split/scale/scale_model.h"
+#include "tests/support/camera_towards_origin.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -28,16 +29,11 @@ ColmapModel MakeModel(int num_images) {
   for (int i = 0; i < num_images; ++i) {
     const double azimuth = 2 * kPi * i / num_images;
     const Eigen::Vector3d center(1.2 * std::cos(azimuth), 1.2 * std::sin(azimuth), 0.9);
-    Eigen::Matrix3d rotation;
-    rotation.row(2) = -center.normalized();
-    rotation.row(0) = Eigen::Vector3d::UnitZ().cross(center).normalized();
-    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
     ColmapImage image;
     image.image_id = static_cast<uint32_t>(i + 1);
     image.name = "photo" + std::to_string(100 + i) + ".jpg";
     image.camera_id = 1;
-    image.cam_from_world.rotation = Eigen::Quaterniond(rotation);
-    image.cam_from_world.translation = -(rotation * center);
+    image.cam_from_world = CameraTowardsOrigin(center);
     model.images[image.image_id] = image;
   }
   return model;
