@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -42,6 +43,7 @@ class Placement {
 
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
+  double MoveStations(double sigma_px, AlignedScene* aligned) const;
   void RefineAgreeing(double sigma_px, ScanCandidate* candidate);
   ScanCandidate ByCircularMotion(const CircularFinding& finding, AlignedScene aligned);
   ScanCandidate BySingleAxis();
@@ -91,12 +93,24 @@ ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel*
   return candidate;
 }
 
+// To where all matches are likeliest. Returns the noise of right ones, by these matches where they tell it.
+double Placement::MoveStations(double sigma_px, AlignedScene* aligned) const {
+  const LikelihoodAscent ascent = AscendLikelihood(features_, reporter_, aligned);
+  if (!(ascent.after > ascent.before)) return sigma_px;
+  reporter_.Debug("stations moved to where all matches are likeliest: " + std::to_string(ascent.before) +
+                  " to " + std::to_string(ascent.after) + ", noise " + std::to_string(ascent.sigma_px) +
+                  " px");
+  return ascent.sigma_px;
+}
+
 // With the matches that agree with a circle alone: it needs no others, and where texture is poor most
 // verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
 void Placement::RefineAgreeing(double sigma_px, ScanCandidate* candidate) {
   const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
   RefineOptions refine = options_.refine;
   refine.max_error_px = std::min(refine.max_error_px, bound_px);
+  // Matches that agree are cut off at the bound, and tell no noise.
+  refine.noise_px = sigma_px;
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
     agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
@@ -112,7 +126,7 @@ ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, Aligne
   ScanCandidate candidate;
   candidate.aligned = std::move(aligned);
   const size_t found = candidate.aligned.scene.views.size();
-  RefineAgreeing(finding.motion.sigma_px, &candidate);
+  RefineAgreeing(MoveStations(finding.motion.sigma_px, &candidate.aligned), &candidate);
   const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
                                     [](const CircularStationFit& fit) { return fit.found && fit.closes; });
   candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +
@@ -155,6 +169,7 @@ void Placement::TryRiggedCircle() {
   candidate.aligned =
       SceneFromRiggedCircle(features_, *background_, options_.circular.noise_px, reporter_, &circle);
   const size_t found = candidate.aligned.scene.views.size();
+  const double sigma_px = MoveStations(options_.circular.noise_px, &candidate.aligned);
   reporter_.Debug("circle through the background's cameras: log-likelihood " + std::to_string(circle.gain) +
                   ", better than the next by " + std::to_string(circle.margin));
   if (found > 0 && !IsWorthAdjusting(candidate.aligned, false, "a circle through the background's cameras")) {
@@ -164,7 +179,7 @@ void Placement::TryRiggedCircle() {
   if (found == 0) {
     candidate.finding = "no circle goes with the background's cameras";
   } else {
-    RefineAgreeing(options_.circular.noise_px, &candidate);
+    RefineAgreeing(sigma_px, &candidate);
     candidate.finding = "a circle through the background's cameras placed " + std::to_string(found) +
                         " images, " + std::to_string(candidate.aligned.scene.views.size()) + " after mending";
   }

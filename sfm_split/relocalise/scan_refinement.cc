@@ -99,6 +99,10 @@ std::vector<TrackPoint> ScanRefiner::Triangulate(bool of_object, double max_erro
 }
 
 void ScanRefiner::MeasureNoise() {
+  if (options_.noise_px > 0) {
+    noise_px_ = options_.noise_px;
+    return;
+  }
   const NoiseFit noise =
       MeasureMatchNoise(Posed(true), keypoints_, features_.object_pairs, kNoiseRange * options_.max_error_px);
   noise_px_ = noise.sigma;
@@ -576,6 +580,7 @@ OptionCheck RefineOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
     return OptionFault{field, std::to_string(value), bound};
   };
+  if (!(noise_px >= 0)) return fault("noise_px", noise_px, "noise_px >= 0");
   if (max_rounds < 1) return fault("max_rounds", max_rounds, "max_rounds >= 1");
   if (!(max_error_px > 0)) return fault("max_error_px", max_error_px, "max_error_px > 0");
   if (!(min_triangulation_deg > 0 && min_triangulation_deg < 90)) {

@@ -25,6 +25,8 @@ struct RefineOptions {
   /// Table angles that are stated, by image [degrees], but for a constant and the sense of each station: a
   /// prior where the photos bear them out (CompareKnownAngles).
   std::map<std::string, double> stated_angles_deg;
+  /// Standard deviation of a keypoint's coordinate, where it is known; 0: as the verified matches tell it.
+  double noise_px = 0;
 
   OptionCheck Check() const;
 };

@@ -1,0 +1,578 @@
+#include "sfm_split/relocalise/likelihood_ascent.h"
+
+#include <ceres/jet.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/base/sampson_error.h"
+#include "sfm_split/relocalise/possible_matches.h"
+#include "sfm_split/scene/axis_turn.h"
+#include "sfm_split/scene/focal_prior.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr double kRootTwoPi = 2.50662827463100050;
+constexpr double kFirstSigmaPx = 4;      // a degree of a camera, where the object is a hundred pixels wide
+constexpr double kSearchSigmaPx = 1;     // wide enough that climbs come from one start to the next
+constexpr double kSearchStepPx = 0.5;    // of a station's turn, as the object's points move
+constexpr int kSearchReach = 12;         // steps to either side
+constexpr size_t kMaxMatches = 30000;    // that count; of more, an even choice
+constexpr size_t kSearchMatches = 6000;  // of the search
+constexpr double kSurely = 3;            // standard deviations
+constexpr int kSearchSteps = 12;
+constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better
+constexpr double kMostSigmaPx = 2;     // of keypoints that are found badly
+constexpr int kNoiseRounds = 4;
+constexpr int kMaxSteps = 40;      // at one noise
+constexpr double kSettled = 0.01;  // of a logarithm of a likelihood
+constexpr double kRounding = 1e-9;
+constexpr double kFirstDamping = 1e-3;
+constexpr double kLeastDamping = 1e-9;
+constexpr double kMostDamping = 1e6;
+constexpr double kHeld = 1e3;
+constexpr double kUntold = 1e-6;  // of the largest curvature: what is so flat stays
+
+// Six numbers of a camera's pose, and one of the angle that its station begins at.
+constexpr int kOfStation = 7;
+// A pair's numbers: two stations and two focal lengths.
+constexpr int kOfPair = 2 * kOfStation + 2;
+using Jet = ceres::Jet<double, kOfPair>;
+template <typename T>
+using Vector = Eigen::Matrix<T, 3, 1>;
+template <typename T>
+using Matrix = Eigen::Matrix<T, 3, 3>;
+
+struct StationState {
+  Rigid3 cam_from_world;
+  double turn_rad = 0;  // besides the table angles that its photos had
+};
+
+struct State {
+  std::vector<StationState> stations;
+  std::vector<double> log_focal;  // per camera
+};
+
+// A match in the undistorted pixels of both photos, from their principal points.
+struct PairOfPhotos {
+  int station1 = 0;
+  int station2 = 0;
+  int camera1 = 0;
+  int camera2 = 0;
+  bool is_object = true;
+  double angle1_rad = 0;
+  double angle2_rad = 0;
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> matches;
+  std::vector<double> chance;
+};
+
+// A pair's number and, as a jet, its own derivative.
+template <typename T>
+T Number(double value, int place);
+template <>
+double Number<double>(double value, int /*place*/) {
+  return value;
+}
+template <>
+Jet Number<Jet>(double value, int place) {
+  return Jet(value, place);
+}
+
+template <typename T>
+struct Pose {
+  Matrix<T> rotation;
+  Vector<T> translation;
+};
+
+// cam_from_world after a small turn and shift, then about the axis by the station's turn and the photo's
+// angle where the object is looked at.
+template <typename T>
+Pose<T> PoseOf(const StationState& station, const TurntableAxis& axis, double angle_rad, bool is_object,
+               int first) {
+  Vector<T> turn;
+  Vector<T> shift;
+  for (int k = 0; k < 3; ++k) {
+    turn(k) = Number<T>(0, first + k);
+    shift(k) = Number<T>(station.cam_from_world.translation(k), first + 3 + k);
+  }
+  const Matrix<T> rotation =
+      ExpRotation<T>(turn) * station.cam_from_world.rotation.toRotationMatrix().cast<T>();
+  if (!is_object) return {rotation, shift};
+  const Matrix<T> about = RotationAbout<T>(Vector<T>(axis.direction.cast<T>()),
+                                           Number<T>(angle_rad + station.turn_rad, first + 6));
+  const Vector<T> point = axis.point.cast<T>();
+  return {rotation * about, shift + rotation * Vector<T>(point - about * point)};
+}
+
+// The errors of a pair's matches [px]; as jets, with how they change with the pair's numbers.
+template <typename T>
+std::vector<T> ErrorsOf(const PairOfPhotos& pair, const State& state, const TurntableAxis& axis) {
+  const Pose<T> first =
+      PoseOf<T>(state.stations[static_cast<size_t>(pair.station1)], axis, pair.angle1_rad, pair.is_object, 0);
+  const Pose<T> second = PoseOf<T>(state.stations[static_cast<size_t>(pair.station2)], axis, pair.angle2_rad,
+                                   pair.is_object, kOfStation);
+  using std::exp;
+  const T focal1 = exp(Number<T>(state.log_focal[static_cast<size_t>(pair.camera1)], 2 * kOfStation));
+  const T focal2 = exp(Number<T>(state.log_focal[static_cast<size_t>(pair.camera2)], 2 * kOfStation + 1));
+  const Matrix<T> rotation = second.rotation * first.rotation.transpose();
+  const Vector<T> translation = second.translation - rotation * first.translation;
+  Matrix<T> f = CrossMatrix<T>(translation) * rotation;
+  // Of pixels from the principal points.
+  f.template leftCols<2>() /= focal1;
+  f.template topRows<2>() /= focal2;
+  std::vector<T> errors;
+  errors.reserve(pair.matches.size());
+  for (const auto& [xy1, xy2] : pair.matches)
+    errors.push_back(SampsonError<T>(f, xy1.homogeneous(), xy2.homogeneous()));
+  return errors;
+}
+
+// A pair's part of the logarithm of the likelihood over chance, and of a Gauss-Newton step on it: each match
+// counts by its probability to be right.
+struct PairSum {
+  double value = 0;
+  Eigen::Matrix<double, kOfPair, kOfPair> normal = Eigen::Matrix<double, kOfPair, kOfPair>::Zero();
+  Eigen::Matrix<double, kOfPair, 1> right = Eigen::Matrix<double, kOfPair, 1>::Zero();
+  double inliers = 0;
+  double squares = 0;
+};
+
+template <typename T>
+PairSum SumOf(const PairOfPhotos& pair, const State& state, const TurntableAxis& axis, double sigma_px) {
+  PairSum sum;
+  const std::vector<T> errors = ErrorsOf<T>(pair, state, axis);
+  const double peak = 1 / (sigma_px * kRootTwoPi);
+  std::vector<double> over;
+  over.reserve(errors.size());
+  const auto value_of = [](const auto& error) {
+    if constexpr (std::is_same_v<T, double>) {
+      return error;
+    } else {
+      return error.a;
+    }
+  };
+  for (size_t m = 0; m < errors.size(); ++m) {
+    const double ratio = value_of(errors[m]) / sigma_px;
+    over.push_back(peak / pair.chance[m] * std::exp(-0.5 * ratio * ratio));
+  }
+  double share = 0;
+  sum.value = MixtureGain(over, &share);
+  for (size_t m = 0; m < errors.size(); ++m) {
+    const double probability = share * over[m] / (share * over[m] + 1 - share);
+    if (!(probability > 0)) continue;
+    sum.inliers += probability;
+    sum.squares += probability * value_of(errors[m]) * value_of(errors[m]);
+    if constexpr (std::is_same_v<T, Jet>) {
+      if (!errors[m].v.allFinite()) continue;
+      const double weight = probability / (sigma_px * sigma_px);
+      sum.normal.noalias() += weight * errors[m].v * errors[m].v.transpose();
+      sum.right -= weight * errors[m].a * errors[m].v;
+    }
+  }
+  return sum;
+}
+
+class Ascent {
+ public:
+  Ascent(const ScanFeatures& features, const AlignedScene& aligned);
+
+  bool HasStations() const { return are_shared_ && state_.stations.size() >= 2 && !pairs_.empty(); }
+  /// From the likeliest of several starts about where the cameras are.
+  void Search(double sigma_px, Reporter& reporter);
+  /// To the top at one noise. Returns the logarithm of the likelihood there.
+  double Climb(double sigma_px, int max_steps, Reporter& reporter, int held_turn = -1);
+  /// Logarithm of the likelihood over that of chance.
+  double Value(double sigma_px) const;
+  /// Of right matches inside stations, where the cameras are: between stations, what is wrong alike would
+  /// widen it.
+  double Noise(double sigma_px) const;
+  void Apply(AlignedScene* aligned) const;
+
+ private:
+  int NumUnknowns() const {
+    return static_cast<int>(kOfStation * state_.stations.size() + state_.log_focal.size());
+  }
+  std::array<int, kOfPair> PlacesOf(const PairOfPhotos& pair) const;
+  template <typename T>
+  std::vector<PairSum> SumsOf(double sigma_px) const;
+  void Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const;
+  State Moved(const VectorXd& step) const;
+  void Thin(size_t max_matches);
+  double RadiusPx() const;
+  double TurnSigma(size_t station, double sigma_px) const;
+  void AddPairs(const ScanFeatures& features, const AlignedScene& aligned,
+                const std::vector<PossiblePair>& possible, bool is_object);
+
+  TurntableAxis axis_;
+  bool are_shared_ = true;  // each station's cameras
+  State state_;
+  std::vector<FocalPrior> priors_;
+  std::vector<std::optional<size_t>> view_of_;  // per image
+  std::map<int, int> place_of_station_;         // of a view
+  std::map<uint32_t, int> place_of_camera_;
+  std::vector<PairOfPhotos> pairs_;
+};
+
+Ascent::Ascent(const ScanFeatures& features, const AlignedScene& aligned) : axis_(aligned.scene.axis) {
+  std::map<std::string, size_t> view_of_name;
+  for (size_t v = 0; v < aligned.scene.views.size(); ++v) {
+    const View& view = aligned.scene.views[v];
+    view_of_name[view.name] = v;
+    const bool is_new =
+        place_of_station_.emplace(view.station, static_cast<int>(state_.stations.size())).second;
+    if (is_new) state_.stations.push_back({view.cam_from_world, 0});
+    const StationState& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    are_shared_ &= AreCamerasClose(axis_, station.cam_from_world, view.cam_from_world, kRounding);
+  }
+  for (const Camera& camera : aligned.scene.cameras) {
+    place_of_camera_[camera.camera_id] = static_cast<int>(state_.log_focal.size());
+    state_.log_focal.push_back(std::log(FocalLengths(camera).mean()));
+    const auto given = features.has_prior_focal.find(camera.camera_id);
+    priors_.push_back(FocalPriorOf(features.cameras.at(camera.camera_id),
+                                   given != features.has_prior_focal.end() && given->second));
+  }
+  for (const ScanImage& image : features.images) {
+    const auto found = view_of_name.find(image.name);
+    view_of_.push_back(found == view_of_name.end() ? std::nullopt : std::optional<size_t>(found->second));
+  }
+  if (state_.stations.size() < 2) return;
+  AddPairs(features, aligned, PossibleObjectPairs(features, false), true);
+  // Without a model of the background the cameras of different stations have no common world.
+  if (!aligned.background.images.empty())
+    AddPairs(features, aligned, PossibleBackgroundPairs(features), false);
+  Thin(kMaxMatches);
+}
+
+void Ascent::AddPairs(const ScanFeatures& features, const AlignedScene& aligned,
+                      const std::vector<PossiblePair>& possible, bool is_object) {
+  const auto undistorted = [&](const Camera& camera, const Eigen::Vector2f& xy) {
+    std::optional<Vector3d> ray = UnprojectFromImage(camera, xy.cast<double>());
+    std::optional<Eigen::Vector2d> result;
+    if (ray) result = ray->hnormalized() * FocalLengths(camera).mean();
+    return result;
+  };
+  for (const PossiblePair& given : possible) {
+    const auto i = static_cast<size_t>(given.image1);
+    const auto j = static_cast<size_t>(given.image2);
+    if (!view_of_[i] || !view_of_[j]) continue;
+    const View& one = aligned.scene.views[*view_of_[i]];
+    const View& two = aligned.scene.views[*view_of_[j]];
+    PairOfPhotos pair;
+    pair.station1 = place_of_station_.at(one.station);
+    pair.station2 = place_of_station_.at(two.station);
+    if (!is_object && pair.station1 == pair.station2) continue;
+    pair.camera1 = place_of_camera_.at(one.camera_id);
+    pair.camera2 = place_of_camera_.at(two.camera_id);
+    pair.is_object = is_object;
+    pair.angle1_rad = one.angle_deg * kDegree;
+    pair.angle2_rad = two.angle_deg * kDegree;
+    const Camera& camera1 = aligned.scene.cameras[static_cast<size_t>(pair.camera1)];
+    const Camera& camera2 = aligned.scene.cameras[static_cast<size_t>(pair.camera2)];
+    for (size_t m = 0; m < given.matches.size(); ++m) {
+      const auto xy1 = undistorted(camera1, features.images[i].keypoints[given.matches[m].point2D_idx1]);
+      const auto xy2 = undistorted(camera2, features.images[j].keypoints[given.matches[m].point2D_idx2]);
+      if (!xy1 || !xy2) continue;
+      pair.matches.emplace_back(*xy1, *xy2);
+      pair.chance.push_back(given.chance[m]);
+    }
+    if (!pair.matches.empty()) pairs_.push_back(std::move(pair));
+  }
+}
+
+std::array<int, kOfPair> Ascent::PlacesOf(const PairOfPhotos& pair) const {
+  std::array<int, kOfPair> places{};
+  for (int k = 0; k < kOfStation; ++k) {
+    places[static_cast<size_t>(k)] = kOfStation * pair.station1 + k;
+    places[static_cast<size_t>(kOfStation + k)] = kOfStation * pair.station2 + k;
+  }
+  const int focals = kOfStation * static_cast<int>(state_.stations.size());
+  places[2 * kOfStation] = focals + pair.camera1;
+  places[2 * kOfStation + 1] = focals + pair.camera2;
+  return places;
+}
+
+template <typename T>
+std::vector<PairSum> Ascent::SumsOf(double sigma_px) const {
+  std::vector<PairSum> sums(pairs_.size());
+  ParallelFor(static_cast<int64_t>(pairs_.size()), 0, [&](int64_t p) {
+    const auto at = static_cast<size_t>(p);
+    sums[at] = SumOf<T>(pairs_[at], state_, axis_, sigma_px);
+  });
+  return sums;
+}
+
+double Ascent::Value(double sigma_px) const {
+  double value = 0;
+  for (const PairSum& sum : SumsOf<double>(sigma_px)) value += sum.value;
+  for (size_t c = 0; c < priors_.size(); ++c) {
+    const double off = state_.log_focal[c] - std::log(priors_[c].focal_px);
+    value -= 0.5 * off * off / (priors_[c].sigma_log * priors_[c].sigma_log);
+  }
+  return value;
+}
+
+void Ascent::Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const {
+  *normal = MatrixXd::Zero(NumUnknowns(), NumUnknowns());
+  *right = VectorXd::Zero(NumUnknowns());
+  const std::vector<PairSum> sums = SumsOf<Jet>(sigma_px);
+  for (size_t p = 0; p < pairs_.size(); ++p) {
+    const std::array<int, kOfPair> places = PlacesOf(pairs_[p]);
+    for (int a = 0; a < kOfPair; ++a) {
+      (*right)(places[static_cast<size_t>(a)]) += sums[p].right(a);
+      for (int b = 0; b < kOfPair; ++b)
+        (*normal)(places[static_cast<size_t>(a)], places[static_cast<size_t>(b)]) += sums[p].normal(a, b);
+    }
+  }
+  const auto focals = static_cast<Eigen::Index>(kOfStation * state_.stations.size());
+  for (size_t c = 0; c < priors_.size(); ++c) {
+    const double weight = 1 / (priors_[c].sigma_log * priors_[c].sigma_log);
+    const Eigen::Index at = focals + static_cast<Eigen::Index>(c);
+    (*normal)(at, at) += weight;
+    (*right)(at) -= weight * (state_.log_focal[c] - std::log(priors_[c].focal_px));
+  }
+}
+
+State Ascent::Moved(const VectorXd& step) const {
+  State moved = state_;
+  for (size_t s = 0; s < moved.stations.size(); ++s) {
+    const auto at = static_cast<Eigen::Index>(kOfStation * s);
+    StationState& station = moved.stations[s];
+    const Matrix3d turn = ExpRotation<double>(step.segment<3>(at));
+    station.cam_from_world.rotation =
+        Eigen::Quaterniond(turn * station.cam_from_world.rotation.toRotationMatrix()).normalized();
+    station.cam_from_world.translation += step.segment<3>(at + 3);
+    station.turn_rad += step(at + 6);
+  }
+  const auto focals = static_cast<Eigen::Index>(kOfStation * moved.stations.size());
+  for (size_t c = 0; c < moved.log_focal.size(); ++c)
+    moved.log_focal[c] += step(focals + static_cast<Eigen::Index>(c));
+  return moved;
+}
+
+double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter, int held_turn) {
+  double damping = kFirstDamping;
+  double value = Value(sigma_px);
+  MatrixXd normal;
+  VectorXd right;
+  for (int k = 0; k < max_steps && damping < kMostDamping; ++k) {
+    if (reporter.StopRequested()) throw Interrupted();
+    Linearize(sigma_px, &normal, &right);
+    if (held_turn >= 0) {
+      const Eigen::Index at = kOfStation * (held_turn + 1) - 1;
+      normal.row(at).setZero();
+      normal.col(at).setZero();
+      normal(at, at) = normal.diagonal().maxCoeff();
+      right(at) = 0;
+    }
+    double gained = 0;
+    while (damping < kMostDamping) {
+      MatrixXd damped = normal;
+      // What nothing tells, the common place, turn and unit of length of all, stays.
+      damped.diagonal() += damping * normal.diagonal();
+      damped.diagonal().array() += damping * kUntold * normal.diagonal().maxCoeff();
+      State before = std::exchange(state_, Moved(damped.ldlt().solve(right)));
+      gained = Value(sigma_px) - value;
+      if (gained > 0) break;
+      state_ = std::move(before);
+      damping *= 10;
+    }
+    if (!(gained > 0)) break;
+    value += gained;
+    damping = std::max(damping / 10, kLeastDamping);
+    if (gained < kSettled) break;
+  }
+  return value;
+}
+
+double Ascent::Noise(double sigma_px) const {
+  double squares = 0;
+  double inliers = 0;
+  const std::vector<PairSum> sums = SumsOf<double>(sigma_px);
+  for (size_t p = 0; p < pairs_.size(); ++p) {
+    if (!pairs_[p].is_object || pairs_[p].station1 != pairs_[p].station2) continue;
+    inliers += sums[p].inliers;
+    squares += sums[p].squares;
+  }
+  return std::clamp(std::sqrt(squares / std::max(inliers, 1e-9)), kLeastSigmaPx, kMostSigmaPx);
+}
+
+void Ascent::Thin(size_t max_matches) {
+  size_t total = 0;
+  for (const PairOfPhotos& pair : pairs_) total += pair.matches.size();
+  const size_t stride = 1 + total / max_matches;
+  size_t next = 0;
+  for (PairOfPhotos& pair : pairs_) {
+    size_t kept = 0;
+    for (; next < pair.matches.size(); next += stride) {
+      pair.matches[kept] = pair.matches[next];
+      pair.chance[kept++] = pair.chance[next];
+    }
+    next -= pair.matches.size();
+    pair.matches.resize(kept);
+    pair.chance.resize(kept);
+  }
+}
+
+// How far the object's points lie from its middle [px]: those that have nothing to do with each other are
+// twice as far apart, squared.
+double Ascent::RadiusPx() const {
+  double squares = 0;
+  double num = 0;
+  for (const PairOfPhotos& pair : pairs_) {
+    if (!pair.is_object) continue;
+    for (const auto& [xy1, xy2] : pair.matches) squares += (xy1 - xy2).squaredNorm();
+    num += static_cast<double>(pair.matches.size());
+  }
+  return std::max(1.0, std::sqrt(squares / std::max(1.0, 2 * num)));
+}
+
+// Standard deviation of a station's turn against the other stations' [rad], infinite where nothing tells it.
+double Ascent::TurnSigma(size_t station, double sigma_px) const {
+  MatrixXd normal;
+  VectorXd right;
+  Linearize(sigma_px, &normal, &right);
+  // The turns of all others are held: what is common to all is nobody's.
+  for (size_t s = 0; s < state_.stations.size(); ++s) {
+    const auto at = static_cast<Eigen::Index>(kOfStation * (s + 1) - 1);
+    if (s != station) normal(at, at) += kHeld * normal.diagonal().maxCoeff();
+  }
+  normal.diagonal().array() += kUntold * kUntold * normal.diagonal().maxCoeff();
+  const auto at = static_cast<Eigen::Index>(kOfStation * (station + 1) - 1);
+  const double variance = normal.ldlt().solve(VectorXd::Unit(normal.rows(), at))(at);
+  return variance > 0 ? std::sqrt(variance) : std::numeric_limits<double>::infinity();
+}
+
+// Where matches are few, what is wrong among them is likeliest at places of its own.
+void Ascent::Search(double sigma_px, Reporter& reporter) {
+  Ascent search = *this;
+  search.Thin(kSearchMatches);
+  const State given = state_;
+  double best = search.Climb(sigma_px, kSearchSteps, reporter);
+  state_ = search.state_;
+  const auto consider = [&](double first_sigma_px) {
+    for (double wide_px = first_sigma_px; wide_px > sigma_px; wide_px *= 0.5)
+      search.Climb(wide_px, kSearchSteps, reporter);
+    const double value = search.Climb(sigma_px, kSearchSteps, reporter);
+    if (value <= best) return;
+    best = value;
+    state_ = search.state_;
+  };
+  for (const double first_sigma_px : {kSearchSigmaPx, kFirstSigmaPx}) {
+    search.state_ = given;
+    consider(first_sigma_px);
+  }
+  // Two photos from afar hardly tell how far the table turned between them; along that valley, the rest
+  // following, all photos do. Where they do already, there is none.
+  const double step = kSearchStepPx / RadiusPx();
+  for (size_t s = 0; s < given.stations.size(); ++s) {
+    search.state_ = state_;
+    if (kSurely * search.TurnSigma(s, sigma_px) < step) continue;
+    const State from = state_;
+    for (const double way : {step, -step}) {
+      search.state_ = from;
+      for (int k = 0; k < kSearchReach; ++k) {
+        search.state_.stations[s].turn_rad += way;
+        const double value = search.Climb(sigma_px, kSearchSteps / 2, reporter, static_cast<int>(s));
+        if (value <= best) continue;
+        best = value;
+        state_ = search.state_;
+      }
+    }
+  }
+  search.state_ = state_;
+  consider(sigma_px);
+}
+
+void Ascent::Apply(AlignedScene* aligned) const {
+  TurntableScene& scene = aligned->scene;
+  // The unit of length is that of the cameras' mean distance from the axis.
+  double before = 0;
+  double after = 0;
+  for (const View& view : scene.views) {
+    const StationState& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    const auto distance = [&](const Rigid3& cam_from_world) {
+      return (CameraCentre(cam_from_world) - axis_.point).cross(axis_.direction).norm();
+    };
+    before += distance(view.cam_from_world);
+    after += distance(station.cam_from_world);
+  }
+  const double scale = after > 0 ? before / after : 1;
+  const auto scaled = [&](const Rigid3& cam_from_world) {
+    // About the axis' point.
+    Rigid3 result = cam_from_world;
+    const Vector3d point = cam_from_world.rotation * axis_.point;
+    result.translation = scale * (cam_from_world.translation + point) - point;
+    return result;
+  };
+  std::map<std::string, Rigid3> pose_of;
+  double reference_rad = 0;
+  for (const View& view : scene.views) {
+    if (&view == scene.Reference())
+      reference_rad = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))].turn_rad;
+  }
+  for (View& view : scene.views) {
+    const StationState& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    view.cam_from_world = scaled(station.cam_from_world);
+    const double angle = view.angle_deg * kDegree + station.turn_rad - reference_rad;
+    view.angle_deg = WrapAngle(angle) / kDegree;
+    view.world_from_object = TurnAbout(axis_, angle);
+    pose_of[view.name] = view.cam_from_world;
+  }
+  for (size_t c = 0; c < scene.cameras.size(); ++c) {
+    Camera& camera = scene.cameras[c];
+    const double factor = std::exp(state_.log_focal[c]) / FocalLengths(camera).mean();
+    for (size_t p = 0; p < InfoOf(camera.model).num_focal_params; ++p)
+      camera.params[static_cast<size_t>(p)] *= factor;
+    if (const std::optional<size_t> k = DistortionPlace(camera)) camera.params[*k] *= factor * factor;
+    const auto in_background = aligned->background.cameras.find(camera.camera_id);
+    if (in_background != aligned->background.cameras.end()) in_background->second = camera;
+  }
+  for (auto& [id, image] : aligned->background.images) {
+    const auto found = pose_of.find(image.name);
+    if (found != pose_of.end()) image.cam_from_world = found->second;
+  }
+  BringIntoConventions(aligned);
+}
+
+}  // namespace
+
+LikelihoodAscent AscendLikelihood(const ScanFeatures& features, Reporter& reporter, AlignedScene* aligned) {
+  LikelihoodAscent result;
+  Ascent ascent(features, *aligned);
+  if (!ascent.HasStations()) return result;
+  const Ascent start = ascent;
+  result.sigma_px = kSearchSigmaPx;
+  for (int k = 0; k < kNoiseRounds; ++k) result.sigma_px = ascent.Noise(result.sigma_px);
+  ascent.Search(result.sigma_px, reporter);
+  for (int k = 0; k < kNoiseRounds; ++k) {
+    ascent.Climb(result.sigma_px, kMaxSteps, reporter);
+    const double noise = ascent.Noise(result.sigma_px);
+    const bool is_settled = std::abs(noise - result.sigma_px) <= 0.01 * noise;
+    result.sigma_px = noise;
+    if (is_settled) break;
+  }
+  result.after = ascent.Value(result.sigma_px);
+  result.before = start.Value(result.sigma_px);
+  if (result.after > result.before) ascent.Apply(aligned);
+  return result;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,127 @@
+#include "sfm_split/relocalise/possible_matches.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "sfm_split/turntable/wrong_matches.h"
+
+namespace s2gs {
+namespace {
+
+constexpr size_t kMaxMatches = 60;        // of a pair, evenly
+constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
+constexpr int kShareRounds = 6;
+
+// How far keypoints spread, as the width of a uniform distribution of their deviation [px].
+class Extent {
+ public:
+  void Add(const Eigen::Vector2f& xy) {
+    sum_ += xy.cast<double>();
+    squares_ += xy.cast<double>().cwiseAbs2();
+    num_ += 1;
+  }
+  double Px() const {
+    if (num_ == 0) return 1;
+    return kUniformWidth * std::sqrt(std::max(1.0, (squares_ / num_ - (sum_ / num_).cwiseAbs2()).mean()));
+  }
+
+ private:
+  Eigen::Vector2d sum_ = Eigen::Vector2d::Zero();
+  Eigen::Vector2d squares_ = Eigen::Vector2d::Zero();
+  double num_ = 0;
+};
+
+FeatureMatches EvenChoice(const FeatureMatches& all) {
+  FeatureMatches chosen;
+  const size_t stride = 1 + all.size() / (kMaxMatches + 1);
+  for (size_t m = 0; m < all.size(); m += stride) chosen.push_back(all[m]);
+  return chosen;
+}
+
+void AddTo(const ScanFeatures& features, const PossiblePair& pair, Extent* extent) {
+  for (const FeatureMatch& match : pair.matches) {
+    extent->Add(features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1]);
+    extent->Add(features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2]);
+  }
+}
+
+struct StepsApart {
+  PossiblePair pair;
+  int steps = 0;  // between the photos, around their station's circle; 0: of two stations
+};
+
+}  // namespace
+
+double MixtureGain(const std::vector<double>& over, double* share) {
+  *share = 0.5;
+  for (int k = 0; k < kShareRounds; ++k) {
+    double sum = 1;
+    for (const double o : over) sum += *share * o / (*share * o + 1 - *share);
+    *share = sum / (static_cast<double>(over.size()) + 2);
+  }
+  double gain = 0;
+  for (const double o : over) gain += std::log(1 - *share + *share * o);
+  return gain;
+}
+
+std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool within_stations) {
+  std::map<int, int> size_of_station;
+  std::vector<int> place;
+  for (const ScanImage& image : features.images) place.push_back(size_of_station[image.station]++);
+  const auto displacement = [&](const PossiblePair& pair, const FeatureMatch& match) -> Eigen::Vector2d {
+    return (features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2] -
+            features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1])
+        .cast<double>();
+  };
+  std::map<int, std::vector<StepsApart>> pairs_of;  // by station; -1: of two stations
+  Extent extent;
+  for (const ImagePairMatches& given : AllPairs(features)) {
+    const auto i = static_cast<size_t>(given.image1);
+    const auto j = static_cast<size_t>(given.image2);
+    const int station = features.images[i].station;
+    const bool same_station = station == features.images[j].station;
+    if (within_stations && !same_station) continue;
+    StepsApart apart{{given.image1, given.image2, EvenChoice(PossibleObjectMatches(features, given)), {}}, 0};
+    if (same_station) {
+      const int steps = std::abs(place[i] - place[j]);
+      apart.steps = std::min(steps, size_of_station[station] - steps);
+    }
+    AddTo(features, apart.pair, &extent);
+    if (!apart.pair.matches.empty()) pairs_of[same_station ? station : -1].push_back(std::move(apart));
+  }
+  std::vector<PossiblePair> result;
+  for (auto& [station, pairs] : pairs_of) {
+    size_t total = 0;
+    for (const StepsApart& apart : pairs) total += apart.pair.matches.size();
+    std::stable_sort(pairs.begin(), pairs.end(),
+                     [](const StepsApart& a, const StepsApart& b) { return a.steps > b.steps; });
+    std::vector<Eigen::Vector2d> moves;
+    for (const StepsApart& apart : pairs) {
+      if (station < 0 || static_cast<double>(moves.size()) > kFarShare * static_cast<double>(total)) break;
+      for (const FeatureMatch& match : apart.pair.matches) moves.push_back(displacement(apart.pair, match));
+    }
+    const WrongMatches wrong(moves, extent.Px());
+    for (StepsApart& apart : pairs) {
+      for (const FeatureMatch& match : apart.pair.matches)
+        apart.pair.chance.push_back(wrong.Chance(displacement(apart.pair, match)));
+      result.push_back(std::move(apart.pair));
+    }
+  }
+  return result;
+}
+
+std::vector<PossiblePair> PossibleBackgroundPairs(const ScanFeatures& features) {
+  const bool has_raw = !features.raw_static_pairs.empty();
+  std::vector<PossiblePair> result;
+  Extent extent;
+  for (const ImagePairMatches& given : has_raw ? features.raw_static_pairs : features.static_pairs) {
+    result.push_back({given.image1, given.image2, given.matches, {}});
+    AddTo(features, result.back(), &extent);
+  }
+  for (PossiblePair& pair : result) pair.chance.assign(pair.matches.size(), 1 / extent.Px());
+  return result;
+}
+
+}  // namespace s2gs

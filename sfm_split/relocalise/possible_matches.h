@@ -1,0 +1,31 @@
+#pragma once
+
+#include <vector>
+
+#include "sfm_split/scene/scan_features.h"
+
+namespace s2gs {
+
+/// Matches of two photos that may be the object's, right and wrong ones, and for each the density of a wrong
+/// match's epipolar error [1 / px].
+struct PossiblePair {
+  int image1 = 0;
+  int image2 = 0;
+  FeatureMatches matches;  ///< of many, an even choice.
+  std::vector<double> chance;
+};
+
+/// Of all pairs of photos, placed or not: what wrong matches look like is then the same for every scene. In
+/// one station that is WrongMatches, between two stations they lie anywhere along the object.
+/// \param within_stations  leave out pairs of photos of different stations.
+std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool within_stations);
+
+/// Of photos that stand for their stations: matches of the background, wrong ones anywhere along it.
+std::vector<PossiblePair> PossibleBackgroundPairs(const ScanFeatures& features);
+
+/// Logarithm of how much likelier than chance alone errors of one pair's matches are, at the share of right
+/// ones that makes it largest. \param over  density of a right match's error over that of a wrong one's.
+/// \param share  of right matches, in (0, 1); found here.
+double MixtureGain(const std::vector<double>& over, double* share);
+
+}  // namespace s2gs
