@@ -130,30 +130,62 @@ BatchObject ParseRow(std::string_view text, int line, const Columns& columns, co
   }
   try {
     check(ScanLine(object));
+  } catch (const Interrupted&) {
+    throw;
   } catch (const std::exception& error) {
     object.fault = error.what();
   }
   return object;
 }
 
-// Two objects in one workspace would overwrite each other.
-void FaultSharedWorkspaces(std::vector<BatchObject>* objects) {
-  std::map<fs::path, int> lines;  // of the workspaces so far
+// The line of a folder that is `path` or holds it; 0 for none.
+int LineAbove(const std::map<fs::path, int>& lines, fs::path path) {
+  for (;; path = path.parent_path()) {
+    const auto found = lines.find(path);
+    if (found != lines.end()) return found->second;
+    if (!path.has_relative_path()) return 0;
+  }
+}
+
+// Two objects in one workspace would overwrite each other, and photos of one among another's be taken for its
+// own.
+class Places {
+ public:
+  explicit Places(const std::vector<BatchObject>& objects) {
+    for (const BatchObject& object : objects) {
+      if (object.fault.empty()) images_.emplace(ResolvedPath(object.images), object.line);
+    }
+  }
+
+  // Nothing when all is well: the object's workspace is then known to those that follow.
+  std::string FaultOf(const BatchObject& object) {
+    const fs::path own = ResolvedPath(object.workspace);
+    const auto next = workspaces_.upper_bound(own);
+    int line = LineAbove(workspaces_, own);
+    const char* how = workspaces_.count(own) > 0 ? "is also that of" : "lies in that of";
+    if (line == 0 && next != workspaces_.end() && IsWithin(next->first, own)) {
+      line = next->second;
+      how = "holds that of";
+    }
+    if (line == 0 && own.has_parent_path()) {
+      line = LineAbove(images_, own);
+      how = "lies among the photos of";
+    }
+    if (line != 0) return fmt::format("{}: the workspace {} line {}", object.workspace.string(), how, line);
+    workspaces_[own] = object.line;
+    return "";
+  }
+
+ private:
+  std::map<fs::path, int> images_, workspaces_;  // lines; what lies in a folder follows it
+};
+
+void FaultSharedPlaces(std::vector<BatchObject>* objects) {
+  Places places(*objects);
   for (BatchObject& object : *objects) {
     if (!object.fault.empty()) continue;
     try {
-      const fs::path own = ResolvedPath(object.workspace);
-      for (const auto& [other, line] : lines) {
-        if (IsWithin(own, other) || IsWithin(other, own)) {
-          object.fault = fmt::format("{}: the workspace {} that of line {}", object.workspace.string(),
-                                     own == other           ? "is also"
-                                     : IsWithin(own, other) ? "lies in"
-                                                            : "holds",
-                                     line);
-          break;
-        }
-      }
-      if (object.fault.empty()) lines[own] = object.line;
+      object.fault = places.FaultOf(object);
     } catch (const UserError& error) {
       object.fault = error.what();
     }
@@ -181,7 +213,7 @@ std::vector<BatchObject> ParseBatchList(std::string_view text, const fs::path& p
     }
   }
   if (objects.empty()) throw UserError(path, "it lists no object", kColumnsRemedy);
-  FaultSharedWorkspaces(&objects);
+  FaultSharedPlaces(&objects);
   return objects;
 }
 

@@ -178,6 +178,18 @@ std::string CountEntries(const std::vector<BatchEntry>& entries) {
   return text;
 }
 
+void RequireNoOtherPage(const fs::path& folder) {
+  const fs::path record = folder / "batch.json";
+  const nlohmann::json json = ReadJsonFile(record);
+  if (json.is_object() && json.contains("objects")) return;
+  for (const fs::path& path : {folder / "index.html", record}) {
+    std::error_code ec;
+    if (!fs::exists(fs::symlink_status(path, ec))) continue;
+    throw UserError(path, "is there already and was not written by scan_batch",
+                    "Move it away, or give another --output_path");
+  }
+}
+
 void WriteBatchPage(const fs::path& folder, const std::string& title,
                     const std::vector<BatchEntry>& entries) {
   CreateFolder(folder);

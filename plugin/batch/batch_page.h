@@ -27,6 +27,9 @@ BatchEntry MakeBatchEntry(const BatchObject& object);
 /// "12 objects: 9 done, 1 doubtful, 2 failed".
 std::string CountEntries(const std::vector<BatchEntry>& entries);
 
+/// Throws UserError when the folder has an index.html or a batch.json that WriteBatchPage() has not written.
+void RequireNoOtherPage(const std::filesystem::path& folder);
+
 /// Writes index.html, one page over all objects with a link to each one's report, and batch.json, the same
 /// for programs, into a folder. Throws UserError.
 /// \param title  above the page.

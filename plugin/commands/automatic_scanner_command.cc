@@ -176,6 +176,7 @@ ScanRequest RequestOf(const Settings& settings, const std::vector<Step>& steps) 
   request.is_video = settings.is_video;
   request.ffmpeg_path = settings.ffmpeg_path;
   request.mask_path = settings.mask_path;
+  request.angles_path = settings.angles_path;
   request.colmap_path = settings.colmap_path;
   request.use_gpu = settings.use_gpu;
   request.test_every = settings.test_every;

@@ -192,7 +192,7 @@ class Renderer {
       return in_output_.Make(output_ / folder, NameOf(photo), ".png");
     };
     if (a_.color || a_.foreground || a_.comparison) {
-      const RenderedView view = backend_->Render(WholeScene(photo.view));
+      const RenderedView view = Render(WholeScene(photo.view));
       const Image8 color = ToImage8(view);
       if (a_.color) WriteImage(path("color"), color);
       if (a_.foreground) WriteImage(path("foreground"), SoftForeground(photo));
@@ -201,7 +201,7 @@ class Renderer {
       }
     }
     if (a_.pictures) {
-      const RenderedView view = backend_->Render(ForegroundAlone(photo.view));
+      const RenderedView view = Render(ForegroundAlone(photo.view));
       const std::vector<float>& depth =
           a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
       WriteImage(path("depth"), DepthPicture(depth, view.width, view.height));
@@ -218,7 +218,7 @@ class Renderer {
     rows.reserve(photos.size());
     Image8 overview{kOverviewWidth, 0, 3, {}};
     for (const ScenePhoto* photo : photos) {
-      const RenderedView view = backend_->Render(WholeScene(photo->view));
+      const RenderedView view = Render(WholeScene(photo->view));
       const Image8 row = ComparisonPicture(Photo(*photo), ToImage8(view), Mask(*photo));
       const int height = std::max(1, row.height * kOverviewWidth / row.width);
       rows.push_back(ResizeByArea(row, kOverviewWidth, height));
@@ -236,7 +236,7 @@ class Renderer {
     const double angle = 2 * kPi * frame / a_.num_frames;
     PinholeView turned = view;
     turned.cam_from_object = view.cam_from_object * TurnAbout(axis, angle);
-    const RenderedView rendered = backend_->Render(WholeScene(turned));
+    const RenderedView rendered = Render(WholeScene(turned));
     const ImageName name(fmt::format("{:04}", frame), output_);
     WriteImage(in_output_.Make(output_ / "frames", name, ".png"), ToImage8(rendered));
   }
@@ -251,16 +251,22 @@ class Renderer {
   }
 
  private:
+  RenderedView Render(RenderRequest request) {
+    if (reporter_.StopRequested()) throw Interrupted();
+    request.stop_requested = [this] { return reporter_.StopRequested(); };
+    return backend_->Render(request);
+  }
+
   ImageName NameOf(const ScenePhoto& photo) const { return {photo.name, workspace_.ObjectModel()}; }
 
   Image8 Mask(const ScenePhoto& photo) {
-    return MaskImage(RotatingMask(backend_->Render(MaskRequest(scene_, shape_, photo.view))));
+    return MaskImage(RotatingMask(Render(MaskRequest(scene_, shape_, photo.view))));
   }
 
   Image8 SoftForeground(const ScenePhoto& photo) {
     RenderRequest request = WholeScene(photo.view);
     request.hard_foreground = false;
-    const RenderedView view = backend_->Render(request);
+    const RenderedView view = Render(request);
     Image8 image{view.width, view.height, 1, {}};
     image.pixels.reserve(view.foreground.size());
     for (const float p : view.foreground) {
@@ -294,11 +300,11 @@ class Renderer {
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     WriteImage(in_workspace_.Make(workspace_.DenseMasks(), name, ".png"),
-               MaskImage(OpaqueMask(backend_->Render(silhouette))));
+               MaskImage(OpaqueMask(Render(silhouette))));
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
-    const RenderedView rendered = backend_->Render(ForMaps(view));
+    const RenderedView rendered = Render(ForMaps(view));
     const std::vector<float>& depth =
         a_.depth == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
     ColmapMap depth_map{rendered.width, rendered.height, 1, {}};

@@ -1,17 +1,18 @@
 #include "plugin/commands/model_exporter_command.h"
 
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <ostream>
 #include <string>
 #include <system_error>
 
 #include "plugin/outputs/camera_export.h"
+#include "plugin/outputs/export_place.h"
 #include "plugin/outputs/splat_export.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/image/exif.h"
+#include "s2gs/image/image_codec.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -40,6 +41,17 @@ struct Settings {
   fs::path output_path;
   OutputType type = OutputType::kNerf;
 };
+
+// A file of another kind, such as a photo, is not to be replaced by a slip of the hand.
+void RequireExtension(const Settings& s) {
+  const char* extension = s.type == OutputType::kMetashape  ? ".xml"
+                          : s.type == OutputType::kSplatPly ? ".ply"
+                          : s.type == OutputType::kSplatGlb ? ".glb"
+                                                            : nullptr;
+  if (extension == nullptr || s.output_path.extension() == extension) return;
+  throw UserError(s.output_path, std::string("is no name of such a file, which ends in ") + extension,
+                  "Correct --output_path");
+}
 
 // From `folder` to `path`, with '/' at its end.
 std::string RelativeFolder(const fs::path& path, const fs::path& folder) {
@@ -77,10 +89,9 @@ size_t ExportMasks(const Settings& s, Reporter& reporter) {
     const fs::path mask_path = s.workspace.Mask(image.name);
     const ImageName name(image.name, s.workspace.ObjectModel());
     if (s.type != OutputType::kPhotosAlpha) {
-      std::ifstream source = OpenForReading(mask_path, "Run `s2gs gaussian_renderer` first");
       const char* suffix = s.type == OutputType::kMasksColmap ? ".png" : ".mask.png";
-      WriteFileAtomically(outputs.Make(s.output_path, name, suffix),
-                          [&](std::ostream& stream) { stream << source.rdbuf(); });
+      WriteUnlessOther(outputs.Make(s.output_path, name, suffix),
+                       ReadWholeFile(mask_path, kMaxImageBytes, "Run `s2gs gaussian_renderer` first"));
     } else {
       const fs::path photo_path = s.image_path / image.name;
       const Image8 photo = ReadImage(photo_path, 3);
@@ -97,7 +108,8 @@ size_t ExportMasks(const Settings& s, Reporter& reporter) {
       }
       const bool is_png = fs::path(image.name).extension() == ".png";
       const std::optional<ExifTags> tags = ReadExif(photo_path);
-      WritePng(outputs.Make(s.output_path, name, is_png ? "" : ".png"), cut_out, tags ? MakeExif(*tags) : "");
+      const fs::path path = outputs.Make(s.output_path, name, is_png ? "" : ".png");
+      WriteUnlessOther(path, EncodePng(cut_out, path, tags ? MakeExif(*tags) : ""));
     }
     reporter.Progress("export", static_cast<int64_t>(++done), static_cast<int64_t>(model.images.size()));
   }
@@ -145,13 +157,8 @@ void RunModelExporter(CommandContext& context) {
   if (s.image_path.empty()) {
     s.image_path = Exists(s.workspace.Imported()) ? s.workspace.Imported() : s.workspace.Images();
   }
-  const fs::path output = ResolvedPath(s.output_path);
-  for (const fs::path& kept : {s.image_path, s.workspace.Masks(), s.workspace.Own(),
-                               s.workspace.root / "sparse", s.workspace.root / "dense"}) {
-    if (!IsWithin(output, ResolvedPath(kept))) continue;
-    throw UserError(s.output_path, "lies in " + kept.string() + ", which the workspace needs as it is",
-                    "Choose another --output_path");
-  }
+  RequireFreePlace(s.workspace, s.image_path, s.output_path);
+  RequireExtension(s);
   switch (s.type) {
     case OutputType::kNerf:
       ExportNerf(s);
@@ -160,7 +167,7 @@ void RunModelExporter(CommandContext& context) {
       ExportMetashape(s);
       break;
     case OutputType::kSplatSet:
-      WriteSplatSet(s.workspace, s.output_path, reporter);
+      WriteSplatSet(s.workspace, s.image_path, s.output_path, reporter);
       break;
     case OutputType::kSplatPly: {
       GaussianPlyOptions layout;

@@ -10,6 +10,7 @@
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 namespace {
@@ -17,7 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMinVideoFrames = 3;
-constexpr int kMaxVideoFrames = 10000;
+constexpr int kMaxVideoFrames =
+    8000;  // whose numbers still fit into one argument of ffmpeg, 128 KiB on Linux
 
 struct VideoOptions {
   int video_frames = 120;
@@ -71,6 +73,15 @@ void RunPhotoImporter(CommandContext& context) {
     throw UserError(image_path, "is neither a folder of photos nor a video file", "Check --image_path");
   }
   const Workspace workspace{workspace_path};
+  const fs::path photos = ResolvedPath(image_path);
+  const fs::path imported = ResolvedPath(workspace.Imported());
+  if (IsWithin(photos, imported) || IsWithin(imported, photos)) {
+    throw UserError(image_path,
+                    IsWithin(photos, imported)
+                        ? "is where imported photos are written"
+                        : "holds " + imported.string() + ", where imported photos are written",
+                    "Give the folder that the photos came in, and a --workspace_path outside it");
+  }
   CreateFolder(workspace.root);
   StageRunner runner(workspace, reporter);
   Stage stage{"photo_importer", {image_path}, {}, {workspace.Imported()}, {}};

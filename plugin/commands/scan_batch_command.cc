@@ -64,9 +64,13 @@ std::string NameOf(const BatchObject& object) {
 // All objects as they are now.
 class Entries {
  public:
-  Entries(const Settings& settings, const std::vector<BatchObject>& objects)
+  Entries(const Settings& settings, const std::vector<BatchObject>& objects, const Reporter& reporter)
       : settings_(settings), objects_(objects) {
-    for (const BatchObject& object : objects) entries_.push_back(MakeBatchEntry(object));
+    entries_.reserve(objects.size());
+    for (const BatchObject& object : objects) {
+      if (reporter.StopRequested()) throw Interrupted();
+      entries_.push_back(MakeBatchEntry(object));
+    }
   }
 
   void LookAgain(size_t place) { entries_[place] = MakeBatchEntry(objects_[place]); }
@@ -156,14 +160,19 @@ void RunScanBatch(CommandContext& context) {
   if (settings.output_path.empty()) settings.output_path = fs::path(settings.list).replace_extension();
   if (settings.output_path == settings.list) settings.output_path += "_scans";
 
-  const std::vector<BatchObject> objects = ReadBatchList(settings.list, CheckScannerLine);
+  const std::vector<BatchObject> objects =
+      ReadBatchList(settings.list, [&](const std::vector<std::string>& line) {
+        if (reporter.StopRequested()) throw Interrupted();
+        CheckScannerLine(line);
+      });
   const std::vector<size_t> chosen = Chosen(settings, objects);
+  if (settings.rows.empty()) RequireNoOtherPage(settings.output_path);
   for (const size_t place : chosen) {
     if (objects[place].fault.empty()) continue;
     reporter.Warn(
         fmt::format("{}, line {}: {}", settings.list.string(), objects[place].line, objects[place].fault));
   }
-  Entries entries(settings, objects);
+  Entries entries(settings, objects, reporter);
   if (settings.run) {
     try {
       RunObjects(settings, objects, chosen, &entries, reporter, context.out());

@@ -35,6 +35,9 @@ void RunScanPlanner(CommandContext& context) {
   options.Add("force", &force, "parts or stages that the scan is to run whatever is measured");
   options.Add("output_path", &output_path, "plan.json; empty: s2gs/plan.json in the workspace");
   Reporter& reporter = context.Parse();
+  if (!output_path.empty() && output_path.extension() != ".json") {
+    throw UserError(output_path, "is no name for a plan", "Choose one that ends in .json");
+  }
   if (workspace_path.empty() && image_path.empty()) {
     throw CommandLineError("give --workspace_path, --image_path or both.");
   }

@@ -15,6 +15,7 @@
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/commands/backend_choice.h"
 #include "plugin/photos/video_frames.h"
+#include "plugin/stage/angle_list.h"
 #include "plugin/stage/fingerprint.h"
 #include "plugin/stage/stage.h"
 #include "s2gs/image/photo_folder.h"
@@ -94,6 +95,7 @@ class Preflight {
       CheckPhotos();
     }
     if (!request_.mask_path.empty()) CheckMasks();
+    if (!request_.angles_path.empty()) CheckAngles();
     CheckSpace();
     CheckColmap();
     return std::move(check_);
@@ -212,8 +214,8 @@ class Preflight {
       const std::optional<fs::path> link = FindLinkOut(w.root, place);
       if (!link) continue;
       Fault(link->string() +
-            ": is a symbolic link out of the workspace, through which nothing is written. Remove it, or "
-            "replace it by a folder or a copy");
+            ": is a symbolic link out of the workspace or to another file, through which nothing is written. "
+            "Remove it, or replace it by a folder or a copy");
     }
   }
 
@@ -331,6 +333,19 @@ class Preflight {
           "{}: {} of {} photos have no mask there, {} for example. COLMAP's convention: the mask of "
           "sub/a.jpg is sub/a.jpg.png; give one for each photo, or leave --mask_path out",
           folder.string(), num_missing, photos_.photos.size(), example));
+    }
+  }
+
+  // Frames of a video have no names yet.
+  void CheckAngles() {
+    try {
+      const std::map<std::string, double> listed = ReadAngleList(request_.angles_path);
+      std::vector<std::string> names;
+      for (const PhotoFile& photo : photos_.photos) names.push_back(photo.name);
+      std::vector<std::string> unknown;
+      if (!names.empty()) AnglesOfPhotos(listed, names, request_.angles_path, &unknown);
+    } catch (const UserError& error) {
+      Fault(error.what());
     }
   }
 

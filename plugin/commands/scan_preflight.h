@@ -21,6 +21,7 @@ struct ScanRequest {
   bool is_video = false;
   std::filesystem::path ffmpeg_path;  ///< empty: searched for on PATH.
   std::filesystem::path mask_path;    ///< empty: none.
+  std::filesystem::path angles_path;  ///< empty: none.
   std::filesystem::path colmap_path;  ///< empty: searched for on PATH.
   std::string use_gpu = "auto";
   int test_every = 0;
@@ -43,9 +44,9 @@ struct ScanCheck {
 };
 
 /// Looks at everything that a scan needs and that is known before it begins: the options of all its commands,
-/// the photos' names, formats and headers, masks, folders, space on the disk and in memory, the GPU asked
-/// for, colmap and its version. Reads headers only and changes nothing. Throws UserError when the photos'
-/// folder cannot be listed.
+/// the photos' names, formats and headers, masks, stated angles, folders, space on the disk and in memory,
+/// the GPU asked for, colmap and its version. Reads headers only and changes nothing. Throws UserError when
+/// the photos' folder cannot be listed.
 ScanCheck CheckScan(const ScanRequest& request, Reporter& reporter);
 
 /// Throws when there are faults, all of them in one message: CommandLineError when the options alone are

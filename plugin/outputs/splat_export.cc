@@ -2,13 +2,14 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <fstream>
 #include <set>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "mesh/io/glb_builder.h"
+#include "plugin/outputs/export_place.h"
+#include "s2gs/image/image_file.h"
 #include "s2gs/kernel/foreground.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -30,8 +31,7 @@ void WriteFloats(const std::vector<float>& values, std::ostream& stream) {
 }
 
 void Copy(const fs::path& from, const fs::path& to) {
-  std::ifstream source = OpenForReading(from, "Run `s2gs gaussian_renderer` first");
-  WriteFileAtomically(to, [&](std::ostream& target) { target << source.rdbuf(); });
+  WriteUnlessOther(to, ReadWholeFile(from, kMaxImageBytes, "Run `s2gs gaussian_renderer` first"));
 }
 
 std::string WithPng(const std::string& name) {
@@ -110,8 +110,12 @@ void WriteGaussianGlb(const Gaussians& gaussians, const fs::path& path, std::ost
   glb.Write(stream, path);
 }
 
-void WriteSplatSet(const Workspace& workspace, const fs::path& folder, Reporter& reporter) {
+void WriteSplatSet(const Workspace& workspace, const fs::path& image_path, const fs::path& folder,
+                   Reporter& reporter) {
+  for (const char* part : {"images", "masks", "sparse"})
+    RequireFreePlace(workspace, image_path, folder / part);
   const ColmapModel model = ReadColmapModel(workspace.DenseModel());
+  RequireNoOtherModel(folder / "sparse" / "0", model);
   std::vector<std::string> names;
   std::set<std::string> short_names;
   for (const auto& [id, image] : model.images) {
@@ -119,7 +123,7 @@ void WriteSplatSet(const Workspace& workspace, const fs::path& folder, Reporter&
     short_names.insert(WithPng(image.name));
   }
   const bool has_short_names = short_names.size() == names.size();
-  const ImageOutputs outputs(folder, {}, {});
+  const ImageOutputs outputs(folder, image_path, names);
   int64_t done = 0;
   for (const std::string& name : names) {
     if (reporter.StopRequested()) throw Interrupted();

@@ -17,8 +17,10 @@ void WriteGaussianGlb(const Gaussians& gaussians, const std::filesystem::path& p
 
 /// A folder as trainers of splats read it (gsplat, LichtFeld, Brush, COLMAP's own layout): images without
 /// distortion, sparse/0 with their PINHOLE cameras, and masks/ of the object, named as the photos but with
-/// .png (NAME.EXT.png where two would be equal). All from dense/0. Throws UserError when that is missing, and
-/// for names that lead out.
-void WriteSplatSet(const Workspace& workspace, const std::filesystem::path& folder, Reporter& reporter);
+/// .png (NAME.EXT.png where two would be equal). All from dense/0. Throws UserError when that is missing, for
+/// names that lead out, and rather than write over anything: photos, the workspace's own files, other
+/// pictures and models. \param image_path  the photos.
+void WriteSplatSet(const Workspace& workspace, const std::filesystem::path& image_path,
+                   const std::filesystem::path& folder, Reporter& reporter);
 
 }  // namespace s2gs

@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "plugin/photos/foreign_exif.h"
 #include "plugin/photos/foreign_photo.h"
 #include "plugin/photos/whole_file.h"
 #include "s2gs/image/image_codec.h"
@@ -26,7 +27,7 @@ using OIIO::ImageSpec;
 using OIIO::TypeDesc;
 
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 32;
-constexpr size_t kMaxExifBytes = size_t{1} << 16;
+constexpr size_t kMaxChannels = 8;  // those of a photo and some between them
 
 std::string LowerCaseExtension(const fs::path& path) {
   std::string extension = path.extension().string();
@@ -112,13 +113,31 @@ bool IsProportionalToLight(const ImageSpec& spec) {
   return is_float && space != "sRGB" && space != "Rec709";
 }
 
-// Reads all pixels as T, and puts them through `convert(channels of the pixel, alpha?)`.
+// The channels in a row that hold all that a photo is made of.
+struct ChannelRange {
+  int begin = 0;
+  int end = 0;
+  size_t count() const { return static_cast<size_t>(end - begin); }
+};
+
+ChannelRange RangeOf(const ImageSpec& spec) {
+  ChannelRange range{spec.nchannels, 0};
+  for (const int channel : FindChannels(spec)) {
+    if (channel < 0) continue;
+    range.begin = std::min(range.begin, channel);
+    range.end = std::max(range.end, channel + 1);
+  }
+  return range;
+}
+
 template <typename T>
 std::vector<T> ReadPixels(ImageInput& input, const ImageSpec& spec, TypeDesc type, const fs::path& path) {
-  std::vector<T> pixels(static_cast<size_t>(spec.width) * spec.height * spec.nchannels);
+  const ChannelRange range = RangeOf(spec);
+  if (range.count() > kMaxChannels) Fail(path, "its colours lie among too many other channels");
+  std::vector<T> pixels(static_cast<size_t>(spec.width) * spec.height * range.count());
   bool is_read = false;
   try {
-    is_read = input.read_image(0, 0, 0, spec.nchannels, type, pixels.data());
+    is_read = input.read_image(0, 0, range.begin, range.end, type, pixels.data());
   } catch (const std::exception& error) {
     Fail(path, error.what());
   }
@@ -128,8 +147,10 @@ std::vector<T> ReadPixels(ImageInput& input, const ImageSpec& spec, TypeDesc typ
   return pixels;
 }
 
+// Puts red, green, blue and, where there is one, alpha of ReadPixels() through `convert(value, alpha?)`.
 template <typename T, typename Convert>
 Image8 Pick(const std::vector<T>& pixels, const ImageSpec& spec, const Convert& convert) {
+  const ChannelRange range = RangeOf(spec);
   const std::array<int, 4> from = FindChannels(spec);
   const int channels = from[3] >= 0 ? 4 : 3;
   Image8 image{spec.width, spec.height, channels, {}};
@@ -137,7 +158,7 @@ Image8 Pick(const std::vector<T>& pixels, const ImageSpec& spec, const Convert& 
   image.pixels.resize(count * channels);
   for (size_t i = 0; i < count; ++i) {
     for (int c = 0; c < channels; ++c) {
-      image.pixels[i * channels + c] = convert(pixels[i * spec.nchannels + from[c]], c == 3);
+      image.pixels[i * channels + c] = convert(pixels[i * range.count() + (from[c] - range.begin)], c == 3);
     }
   }
   return image;
@@ -206,47 +227,10 @@ std::string ConvertProfile(const ImageSpec& spec, Image8* image) {
   return "colours from \"" + name + "\" to sRGB";
 }
 
-// --- EXIF --------------------------------------------------------------------------------------------------
-
-// By OpenImageIO's names, where its reader knows the format's EXIF.
-ExifTags TagsOf(const ImageSpec& spec) {
-  ExifTags tags;
-  const auto number = [&](const char* name) {
-    const OIIO::ParamValue* value = spec.find_attribute(name);
-    if (value == nullptr) return 0.0;
-    const double as_float = value->get_float();
-    return as_float != 0 ? as_float : value->get_int();  // which alone knows short integers
-  };
-  tags.focal_mm = number("Exif:FocalLength");
-  tags.focal_35mm_mm = number("Exif:FocalLengthIn35mmFilm");
-  tags.digital_zoom = number("Exif:DigitalZoomRatio");
-  const double unit = number("Exif:FocalPlaneResolutionUnit");
-  const double unit_mm = unit == 3 ? 10 : 25.4;
-  tags.plane_px_per_mm = number("Exif:FocalPlaneXResolution") / unit_mm;
-  tags.taken = {spec.get_int_attribute("Exif:PixelXDimension", 0),
-                spec.get_int_attribute("Exif:PixelYDimension", 0)};
-  const int orientation = spec.get_int_attribute("Orientation", 1);
-  if (orientation >= 1 && orientation <= 8) tags.orientation = orientation;
-  return tags;
-}
-
 // The block of EXIF wherever a HEIC, AVIF or WebP file keeps it.
 std::optional<ExifTags> SearchExif(const fs::path& path) {
   constexpr uint64_t kMaxSearched = uint64_t{1} << 28;
-  const std::string bytes = ReadWholeFile(path, kMaxSearched);
-  // HEIC: the length of what stands before the TIFF header, "Exif" and two zeros or nothing, and that header.
-  constexpr std::array<std::string_view, 4> kMarks = {
-      std::string_view("\0\0\0\6Exif\0\0II*\0", 14), std::string_view("\0\0\0\6Exif\0\0MM\0*", 14),
-      std::string_view("\0\0\0\0II*\0\x08\0\0\0", 12), std::string_view("\0\0\0\0MM\0*\0\0\0\x08", 12)};
-  for (const std::string_view mark : kMarks) {
-    const size_t found = IsHeif(path) ? bytes.find(mark) : std::string::npos;
-    if (found != std::string::npos)
-      return ParseExif(std::string_view(bytes).substr(found + 4, kMaxExifBytes));
-  }
-  // WebP: a chunk of its own, its length, then TIFF.
-  const size_t at = bytes.compare(0, 4, "RIFF") == 0 ? bytes.find("EXIF") : std::string::npos;
-  if (at == std::string::npos || bytes.size() - at < 8) return std::nullopt;
-  return ParseExif(std::string_view(bytes).substr(at + 8, kMaxExifBytes));
+  return FindExif(ReadWholeFile(path, kMaxSearched), IsHeif(path));
 }
 
 }  // namespace

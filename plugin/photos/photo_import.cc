@@ -1,33 +1,32 @@
 #include "plugin/photos/photo_import.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <atomic>
 #include <cctype>
 #include <fstream>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 #include <system_error>
 #include <utility>
 
-#include "plugin/cli/version.h"
 #include "plugin/photos/foreign_photo.h"
-#include "plugin/stage/json_file.h"
+#include "plugin/photos/imported_folder.h"
+#include "s2gs/core/available_memory.h"
 #include "s2gs/image/exif.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
-#include "sfm_split/base/image_name.h"
 #include "sfm_split/base/parallel_for.h"
-#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
-using nlohmann::json;
 
 constexpr int kOpaqueBits = 8;
+// While a photo is converted: four channels of floats at worst, what becomes of them, and the encoder's copy.
+constexpr uint64_t kBytesPerPixel = 4 * 4 + 4 + 4;
 
 std::string LowerCase(std::string text) {
   std::transform(text.begin(), text.end(), text.begin(),
@@ -102,6 +101,17 @@ void Convert(const PhotoToImport& photo, const fs::path& path, std::string* colo
   WritePng(path, image, MakeExif(tags));
 }
 
+// So many photos as the cores take and as fit into memory at once.
+int NumThreads(const ImportPlan& plan) {
+  int64_t largest = 1;
+  for (const PhotoToImport& photo : plan.photos) {
+    if (photo.is_converted)
+      largest = std::max(largest, int64_t{photo.file.size.width} * photo.file.size.height);
+  }
+  const uint64_t fitting = AvailableMemoryBytes() / (kBytesPerPixel * static_cast<uint64_t>(largest));
+  return static_cast<int>(std::clamp<uint64_t>(fitting, 1, static_cast<uint64_t>(omp_get_max_threads())));
+}
+
 void Copy(const fs::path& from, const fs::path& to) {
   std::ifstream source = OpenForReading(from);
   WriteFileAtomically(to, [&](std::ostream& target) { target << source.rdbuf(); });
@@ -161,12 +171,12 @@ void ImportPhotos(const ImportPlan& plan, const Workspace& workspace, Reporter& 
   std::vector<std::string> problems(plan.photos.size());
   std::vector<std::string> colors(plan.photos.size());
   std::atomic<int64_t> num_kept = 0;
-  // In parts, so that progress and Ctrl-C come from this thread.
-  constexpr int64_t kPart = 16;
-  for (int64_t first = 0; first < total; first += kPart) {
+  // In parts, so that progress and Ctrl-C come from this thread: a raw file takes seconds.
+  const int num_threads = NumThreads(plan);
+  for (int64_t first = 0; first < total; first += num_threads) {
     if (reporter.StopRequested()) throw Interrupted();
     reporter.Progress("import photos", first, total);
-    ParallelFor(std::min(kPart, total - first), 0, [&](int64_t of_part) {
+    ParallelFor(std::min<int64_t>(num_threads, total - first), num_threads, [&](int64_t of_part) {
       const auto i = static_cast<size_t>(first + of_part);
       const PhotoToImport& photo = plan.photos[i];
       if (folder.IsDone(photo.name, photo.file.path)) {
@@ -200,68 +210,6 @@ void ImportPhotos(const ImportPlan& plan, const Workspace& workspace, Reporter& 
                 std::to_string(total - num_converted) + " copied" +
                 (num_kept > 0 ? ", " + std::to_string(num_kept) + " of them by an earlier run" : "") + ": " +
                 workspace.Imported().string());
-}
-
-// --- The folder
-// ------------------------------------------------------------------------------------------------
-
-ImportedFolder::ImportedFolder(const Workspace& workspace, const std::string& origin)
-    : workspace_(workspace), origin_(origin + ", s2gs " + Version()) {
-  const fs::path folder = workspace_.Imported();
-  RequireNoLinkOut(workspace_.root, folder);
-  const json record = ReadJsonFile(workspace_.ImportRecord());
-  std::set<std::string> known;
-  if (record.is_object() && record.contains("photos") && record["photos"].is_array()) {
-    for (const json& name : record["photos"]) {
-      if (name.is_string() && !ImageName::FindFault(name.get<std::string>())) known.insert(name);
-    }
-  }
-  std::error_code ec;
-  fs::recursive_directory_iterator entry(folder, ec);
-  for (const fs::recursive_directory_iterator end; !ec && entry != end; entry.increment(ec)) {
-    std::error_code type_ec;
-    if (entry->is_directory(type_ec)) continue;
-    const std::string name = entry->path().lexically_relative(folder).generic_string();
-    if (known.count(name) > 0 || IsTemporaryName(entry->path().filename().string())) continue;
-    throw UserError(entry->path(), "was not put there by s2gs, and photos are imported into its folder",
-                    "Move " + folder.string() + " away, or give another --workspace_path");
-  }
-  earlier_.assign(known.begin(), known.end());
-  if (!record.is_object() || record.value("origin", "") != origin_) {
-    for (const std::string& name : earlier_) fs::remove(folder / name, ec);
-    earlier_.clear();
-  }
-}
-
-void ImportedFolder::Expect(const std::vector<std::string>& names) {
-  const std::set<std::string> wanted(names.begin(), names.end());
-  std::error_code ec;
-  for (const std::string& name : earlier_) {
-    if (wanted.count(name) == 0) fs::remove(workspace_.Imported() / name, ec);
-  }
-  CreateFolder(workspace_.Own());
-  CreateFolder(workspace_.Imported());
-  const json record = {{"origin", origin_}, {"photos", wanted}};
-  WriteFileAtomically(workspace_.ImportRecord(),
-                      [&](std::ostream& stream) { stream << record.dump(1) << '\n'; });
-}
-
-fs::path ImportedFolder::Make(const std::string& name) const {
-  return ImageOutputs(workspace_.root, {}, {}).Make(workspace_.Imported(), ImageName(name, "the photos"), "");
-}
-
-bool ImportedFolder::IsDone(const std::string& name, const fs::path& source) const {
-  std::error_code ec;
-  const fs::file_time_type made = fs::last_write_time(workspace_.Imported() / name, ec);
-  if (ec) return false;
-  const fs::file_time_type changed = fs::last_write_time(source, ec);
-  return !ec && made == changed;
-}
-
-void ImportedFolder::Done(const std::string& name, const fs::path& source) const {
-  std::error_code ec;
-  const fs::file_time_type changed = fs::last_write_time(source, ec);
-  if (!ec) fs::last_write_time(workspace_.Imported() / name, changed, ec);
 }
 
 }  // namespace s2gs

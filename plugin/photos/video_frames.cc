@@ -8,7 +8,7 @@
 
 #include "plugin/colmap/child_process.h"
 #include "plugin/colmap/find_executable.h"
-#include "plugin/photos/photo_import.h"
+#include "plugin/photos/imported_folder.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 
@@ -45,6 +45,20 @@ void Run(const fs::path& ffmpeg, std::vector<std::string> arguments, const fs::p
       last.begin(), last.end(), [](unsigned char c) { return c < 32 || c == 127; }, ' ');
   throw UserError(video, "cannot be read by ffmpeg" + (last.empty() ? "" : " (" + last + ")"),
                   "Check that it is a whole video file, or give a folder of photos");
+}
+
+// ffmpeg's pattern of numbered files in a folder, in whose own name '%' is no pattern.
+std::string PatternIn(const fs::path& folder) {
+  std::string pattern = "file:";
+  for (const char c : folder.string()) pattern += c == '%' ? "%%" : std::string(1, c);
+  return pattern + "/%06d.png";
+}
+
+// ffmpeg's expression for these frames, as a balanced tree: it refuses sums of more than 100 terms in a row.
+std::string SelectionOf(const size_t* frames, size_t count) {
+  if (count == 1) return "eq(n," + std::to_string(*frames) + ")";
+  const size_t half = count / 2;
+  return "(" + SelectionOf(frames, half) + "+" + SelectionOf(frames + half, count - half) + ")";
 }
 
 std::string InputOf(const fs::path& video) { return "file:" + video.string(); }
@@ -109,11 +123,7 @@ void ImportVideo(const fs::path& ffmpeg, const fs::path& video, int num_frames, 
   ImportedFolder folder(workspace, "video");
   std::vector<std::string> names;
   names.reserve(frames.size());
-  std::string select;
-  for (const size_t frame : frames) {
-    names.push_back(FrameName(frame));
-    select += (select.empty() ? "eq(n," : "+eq(n,") + std::to_string(frame) + ")";
-  }
+  for (const size_t frame : frames) names.push_back(FrameName(frame));
   folder.Expect(names);
   // Under other names until all are there: ffmpeg counts from 1 and writes them one after another.
   const fs::path scratch = workspace.Own() / "frames";
@@ -124,8 +134,9 @@ void ImportVideo(const fs::path& ffmpeg, const fs::path& video, int num_frames, 
   try {
     Run(
         ffmpeg,
-        {"-i", InputOf(video), "-map", "0:v:0", "-vf", "select='" + select + "'", "-vsync", "passthrough",
-         "-pix_fmt", "rgb24", "-compression_level", "2", "-f", "image2", (scratch / "%06d.png").string()},
+        {"-i", InputOf(video), "-map", "0:v:0", "-vf",
+         "select='" + SelectionOf(frames.data(), frames.size()) + "'", "-vsync", "passthrough", "-pix_fmt",
+         "rgb24", "-compression_level", "2", "-f", "image2", PatternIn(scratch)},
         video, [](std::string_view /*line*/) {}, reporter);
     for (size_t i = 0; i < names.size(); ++i) {
       std::string number = std::to_string(i + 1);

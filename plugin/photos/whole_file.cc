@@ -34,11 +34,13 @@ class Numbers {
     return text;
   }
   uint64_t Get(uint64_t at, size_t count) {
-    if (at > size_ || size_ - at < count) return 0;
-    const std::string text = Text(at, count);
+    return at > size_ || size_ - at < count ? 0 : Value(Text(at, count));
+  }
+  // Of bytes of the file.
+  uint64_t Value(std::string_view bytes) const {
     uint64_t value = 0;
-    for (size_t i = 0; i < count; ++i) {
-      value = (value << 8U) | static_cast<uint8_t>(text[is_big_endian_ ? i : count - 1 - i]);
+    for (size_t i = 0; i < bytes.size(); ++i) {
+      value = (value << 8U) | static_cast<uint8_t>(bytes[is_big_endian_ ? i : bytes.size() - 1 - i]);
     }
     return value;
   }
@@ -58,7 +60,10 @@ std::vector<uint64_t> TagValues(Numbers& file, uint64_t entry) {
   const uint64_t begin = count * bytes <= 4 ? entry + 8 : file.Get(entry + 8, 4);
   std::vector<uint64_t> values;
   values.reserve(count);
-  for (uint64_t i = 0; i < count; ++i) values.push_back(file.Get(begin + i * bytes, bytes));
+  const std::string block = file.Text(begin, count * bytes);
+  for (uint64_t i = 0; i < count; ++i) {
+    values.push_back(file.Value(std::string_view(block).substr(i * bytes, bytes)));
+  }
   return values;
 }
 
@@ -76,8 +81,9 @@ bool TiffEndsTooEarly(Numbers& file) {
   for (uint64_t i = 0; i < num_entries; ++i) {
     const uint64_t entry = folder + 2 + 12 * i;
     const uint64_t tag = file.Get(entry, 2);
-    if (tag == kStripOffsets || tag == kTileOffsets) offsets = TagValues(file, entry);
-    if (tag == kStripBytes || tag == kTileBytes) lengths = TagValues(file, entry);
+    // Each stands there once; a file that repeats them would have them read thousands of times.
+    if (offsets.empty() && (tag == kStripOffsets || tag == kTileOffsets)) offsets = TagValues(file, entry);
+    if (lengths.empty() && (tag == kStripBytes || tag == kTileBytes)) lengths = TagValues(file, entry);
   }
   for (size_t i = 0; i < std::min(offsets.size(), lengths.size()); ++i) {
     if (offsets[i] + lengths[i] > file.size()) return true;

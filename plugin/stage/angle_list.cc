@@ -2,9 +2,10 @@
 
 #include <charconv>
 #include <cmath>
-#include <fstream>
+#include <cstdint>
 #include <optional>
 #include <set>
+#include <sstream>
 #include <string_view>
 
 #include "sfm_split/base/error.h"
@@ -16,7 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kMaxLines = 1000000;
+constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
 constexpr size_t kMaxLineLength = 4096;
 constexpr double kMaxAngleDeg = 1e6;
 
@@ -49,7 +50,7 @@ std::map<std::string, double> ReadAngleList(std::istream& stream, const fs::path
   std::string text;
   bool may_be_heading = true;
   for (size_t line = 1; std::getline(stream, text); ++line) {
-    if (line > kMaxLines || text.size() > kMaxLineLength) fail(line, "the file is no list of angles");
+    if (text.size() > kMaxLineLength) fail(line, "the file is no list of angles");
     const std::string_view content = Trimmed(text);
     if (content.empty() || content[0] == '#') continue;
     const size_t split = content.find_last_of(",;\t");
@@ -70,7 +71,7 @@ std::map<std::string, double> ReadAngleList(std::istream& stream, const fs::path
 }
 
 std::map<std::string, double> ReadAngleList(const fs::path& path) {
-  std::ifstream stream = OpenForReading(path, "Check --angles_path");
+  std::istringstream stream(ReadWholeFile(path, kMaxListBytes, "Check --angles_path"));
   return ReadAngleList(stream, path);
 }
 

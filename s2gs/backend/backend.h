@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -39,6 +40,9 @@ struct RenderRequest {
   bool geometry = false;                              ///< depth, normal and distortion maps.
   bool foreground = false;                            ///< the map of p.
   bool hard_foreground = false;                       ///< of the indicator p >= tau instead.
+  /// Empty, or polled by several threads while the view is drawn on the CPU, where a large photo takes a
+  /// minute: once it is true, Render() throws Interrupted.
+  std::function<bool()> stop_requested;
 };
 
 /// Maps of height * width pixels, rows from top to bottom; empty when not asked for.

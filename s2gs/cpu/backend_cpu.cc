@@ -71,7 +71,7 @@ class CpuBackend : public Backend {
     setup.hard_map = request.hard_foreground;
     const bool foreground = request.foreground || request.hard_foreground;
     view_.Prepare(request.view.width, request.view.height, request.geometry, foreground, false);
-    Forward(setup, request.geometry, foreground, nullptr, 0);
+    Forward(setup, request.geometry, foreground, nullptr, 0, request.stop_requested);
     return Collect(request, foreground);
   }
 
@@ -155,8 +155,9 @@ class CpuBackend : public Backend {
  private:
   // Projects, sorts and composites. \param peaks  when given, gets the largest weight of every slot.
   // \param bytes_per_slot  of gradients or peaks that are kept for every slot.
+  // \param stop_requested  RenderRequest's.
   void Forward(const ViewSetup& setup, bool geometry, bool foreground, std::vector<float>* peaks,
-               size_t bytes_per_slot) {
+               size_t bytes_per_slot, const std::function<bool()>& stop_requested = {}) {
     const auto count = static_cast<int64_t>(state_.gaussians.size());
     rows_.resize(state_.gaussians.size());
     threads_.For(count, [&](int64_t begin, int64_t end) {
@@ -166,6 +167,7 @@ class CpuBackend : public Backend {
     if (peaks != nullptr) peaks->assign(lists_.num_slots(), 0.0F);
     near_depth_ = setup.camera.near_depth;
     threads_.For(lists_.num_tiles(), 1, [&](int64_t tile, int64_t) {
+      if (stop_requested && stop_requested()) throw Interrupted();
       TileJob job = JobOf(static_cast<int>(tile));
       job.peak_by_slot = peaks != nullptr ? peaks->data() : nullptr;
       kernels_.forward(job, geometry, foreground);

@@ -80,12 +80,6 @@ class Tiff {
   bool is_big_endian_;
 };
 
-// Pixels a millimetre for a resolution a unit; 0 for units that EXIF does not have.
-double PerMillimetre(double resolution, double unit) {
-  if (unit == 3) return resolution / 10;
-  return unit == 2 || unit == 0 ? resolution / 25.4 : 0;  // inches where nothing is said
-}
-
 std::optional<ExifTags> ParseTiff(std::string_view bytes) {
   const Tiff tiff(bytes);
   if (!tiff.IsValid()) return std::nullopt;
@@ -100,7 +94,8 @@ std::optional<ExifTags> ParseTiff(std::string_view bytes) {
   tags.focal_mm = number(kFocalLength);
   tags.focal_35mm_mm = number(kFocalLength35mm);
   tags.digital_zoom = number(kDigitalZoomRatio);
-  tags.plane_px_per_mm = PerMillimetre(number(kFocalPlaneXResolution), number(kFocalPlaneResolutionUnit));
+  tags.plane_px_per_mm =
+      PixelsPerMillimetre(number(kFocalPlaneXResolution), number(kFocalPlaneResolutionUnit));
   const auto side = [&](Tag tag) { return static_cast<int>(std::min<double>(number(tag), kMaxImageSide)); };
   tags.taken = {side(kPixelXDimension), side(kPixelYDimension)};
   return tags;
@@ -222,6 +217,11 @@ std::optional<ExifTags> ReadExif(const std::filesystem::path& path) {
   return ParseExif(bytes);
 }
 
+double PixelsPerMillimetre(double resolution, double unit) {
+  if (unit == 3) return resolution / 10;
+  return unit == 2 || unit == 0 ? resolution / 25.4 : 0;
+}
+
 std::string MakeExif(const ExifTags& tags) {
   constexpr uint32_t kDivisor = 10000;
   const auto rational = [](Tag tag, double value) {
@@ -240,7 +240,9 @@ std::string MakeExif(const ExifTags& tags) {
   }
   if (tags.digital_zoom > 0) exif.push_back(rational(kDigitalZoomRatio, tags.digital_zoom));
   if (tags.focal_35mm_mm > 0) {
-    exif.push_back({kFocalLength35mm, kShort, static_cast<uint32_t>(std::lround(tags.focal_35mm_mm))});
+    constexpr double kMaxShort = 65535;
+    exif.push_back({kFocalLength35mm, kShort,
+                    static_cast<uint32_t>(std::lround(std::min(tags.focal_35mm_mm, kMaxShort)))});
   }
   return TiffWriter::Write({{kOrientation, kShort, static_cast<uint32_t>(tags.orientation)}}, exif);
 }

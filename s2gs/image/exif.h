@@ -35,6 +35,10 @@ std::optional<ExifTags> ParseExif(std::string_view bytes);
 /// The same from a file.
 std::optional<ExifTags> ReadExif(const std::filesystem::path& path);
 
+/// Pixels a millimetre for EXIF's resolution and its unit (2: inch, 3: centimetre, 0 where nothing is said:
+/// inch); 0 for units that EXIF does not have.
+double PixelsPerMillimetre(double resolution, double unit);
+
 /// EXIF as a PNG's eXIf chunk has it: a TIFF header and the tags that are known.
 std::string MakeExif(const ExifTags& tags);
 

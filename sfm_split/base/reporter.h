@@ -10,7 +10,8 @@ enum class LogLevel { kDebug, kInfo, kWarning, kError };
 
 /// How library code talks to whoever runs it. Libraries never print: they take a Reporter&, and the program
 /// decides between a progress bar, plain lines and silence. The default implementation is silent and never
-/// asks to stop. All calls come from the thread that called the library function.
+/// asks to stop. All calls come from the thread that called the library function, but for StopRequested(),
+/// which any thread may call.
 class Reporter {
  public:
   Reporter() = default;

@@ -22,7 +22,8 @@ bool LeadsOut(const fs::path& path, const fs::path& resolved_root) {
   std::error_code ec;
   if (!fs::is_symlink(path, ec)) return false;
   const fs::path target = fs::canonical(path, ec);
-  return ec || !IsWithin(target, resolved_root);
+  // A file below the root may be a photo: only folders are another place for the same.
+  return ec || !IsWithin(target, resolved_root) || !fs::is_directory(target, ec);
 }
 
 }  // namespace
@@ -61,9 +62,12 @@ std::optional<fs::path> FindLinkOut(const fs::path& root, const fs::path& path) 
 void RequireNoLinkOut(const fs::path& root, const fs::path& path) {
   const std::optional<fs::path> link = FindLinkOut(root, path);
   if (!link) return;
+  const fs::path target = TargetOf(*link);
+  const bool is_outside = !IsWithin(target, ResolvedPath(root));
   throw UserError(*link,
-                  "is a symbolic link that leads to " + TargetOf(*link).string() + ", outside " +
-                      root.string() + ": nothing is written there",
+                  "is a symbolic link that leads to " + target.string() + ", " +
+                      (is_outside ? "outside " + root.string() : "another file") +
+                      ": nothing is written there",
                   "Remove the link, or replace it by a folder or a copy");
 }
 

@@ -17,7 +17,7 @@ import argparse, collections, os, random, re, shutil, signal, subprocess, sys, t
 sys.dont_write_bytecode = True
 import safety
 
-COMPARED = ["split/labels.json", "sparse", "turntable.json", "masks", "s2gs/point_cloud.ply", "dense/0/images", "dense/0/sparse",
+COMPARED = ["imported", "split/labels.json", "sparse", "turntable.json", "masks", "s2gs/point_cloud.ply", "dense/0/images", "dense/0/sparse",
             "dense/0/stereo", "dense/0/masks", "dense/0/meshed-tsdf.ply", "dense/0/textured-tsdf.glb"]
 STAGE = re.compile(r"\] (\w+): runs \(")
 

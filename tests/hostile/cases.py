@@ -237,6 +237,153 @@ def mapper_into_a_link(box):
             ["turntable_mapper", "--workspace_path", box.scan, "--image_path", box.photos, "--path", "circular_motion"], {})
 
 
+def link_in_the_workspace(link, arguments_of):
+    """Photos that lie in the workspace, and a link to one of them where a file is written."""
+    def prepare(box):
+        box.use_workspace()
+        photo = photos_in_workspace(box) / names_of(box)[0]
+        place = box.scan / link
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.unlink(missing_ok=True)
+        place.symlink_to(os.path.relpath(photo, place.parent))
+        want = Want(1, ("is a symbolic link that leads to .*another file",), then=keeps(box.scan / "images"))
+        arguments = arguments_of(box)
+        arguments[arguments.index("--image_path") + 1] = box.scan / "images"
+        return want, arguments, {}
+    return Case("links", f"{link} is a link to a photo of the workspace", prepare)
+
+
+def photos_in_workspace(box):
+    shutil.copytree(box.photos, box.scan / "images")
+    return box.scan / "images"
+
+
+def keeps(folder):
+    """What must be the same in a folder that the program could write in."""
+    before = sandbox.fingerprint(folder)
+
+    def then(box, run):
+        return [] if sandbox.fingerprint(folder) == before else [f"{folder.name} changed"]
+    return then
+
+
+def importer(box, *more):
+    return ["photo_importer", "--workspace_path", box.scan, "--image_path", box.photos, *more]
+
+
+def import_through_a_link(box):
+    """The workspace's record calls photos its own that a link leads to, and of another version."""
+    box.use_workspace()
+    photos = photos_in_workspace(box)
+    (box.scan / "imported").mkdir()
+    (box.scan / "imported" / "sub").symlink_to("../images")
+    record = {"origin": "photos, s2gs 0", "photos": [f"sub/{name}" for name in names_of(box)]}
+    (box.scan / "s2gs" / "imported.json").write_text(json.dumps(record))
+    return Want(1, ("imported/sub: is a symbolic link",), then=keeps(photos)), importer(box), {}
+
+
+def import_into_the_photos(box):
+    (box.photos / "scan").mkdir()
+    return (Want(1, ("imported photos are written",)),
+            ["photo_importer", "--workspace_path", box.photos / "scan", "--image_path", box.photos], {})
+
+
+def import_what_was_imported(box):
+    (box.scan / "imported").mkdir(parents=True)
+    shutil.copyfile(box.photos / names_of(box)[0], box.scan / "imported" / "a.jpg")
+    (box.scan / "s2gs").mkdir()
+    (box.scan / "s2gs" / "imported.json").write_text(json.dumps({"origin": "other", "photos": ["a.jpg"]}))
+    return (Want(1, ("imported photos are written",), then=keeps(box.scan / "imported")),
+            ["photo_importer", "--workspace_path", box.scan, "--image_path", box.scan / "imported"], {})
+
+
+def tiff_of_many_tags(box):
+    entry = struct.pack("<HHII", 273, 4, 1 << 20, 8)
+    (box.photos / "x.tif").write_bytes(struct.pack("<2sHIH", b"II", 42, 8, 65535) + 65535 * entry + bytes(1 << 22))
+    return Want(1, ("x.tif: ",)), importer(box), {}
+
+
+def exporter(box, kind, output, *more):
+    return ["model_exporter", "--workspace_path", box.scan, "--image_path", box.photos, "--output_type", kind,
+            "--output_path", output, *more]
+
+
+def exported_over(kind, place, says, make=None):
+    """An export to where photos, the workspace's own files or other pictures lie."""
+    def prepare(box):
+        box.use_workspace()
+        photos_in_workspace(box)
+        if make is not None:
+            make(box)
+        parts = [box.scan / part for part in ("images", "masks", "sparse", "dense")]
+        checks = [keeps(part) for part in parts]
+        turntable = (box.scan / "turntable.json").read_bytes()
+
+        def then(box, run):
+            faults = [fault for check in checks for fault in check(box, run)]
+            return faults + ([] if (box.scan / "turntable.json").read_bytes() == turntable else ["turntable.json changed"])
+        return Want(1, says, then=then), exporter(box, kind, place(box)), {}
+    return Case("exports", f"{kind} over {place.__name__}", prepare)
+
+
+def the_workspace(box):
+    return box.scan
+
+
+def the_photos(box):
+    return box.photos
+
+
+def a_photo(box):
+    return box.photos / names_of(box)[0]
+
+
+def turntable_json(box):
+    return box.scan / "turntable.json"
+
+
+def other_pictures(box):
+    return box.folder / "project"
+
+
+def make_other_pictures(box):
+    (box.folder / "project" / "images").mkdir(parents=True)
+    for name in names_of(box):
+        (box.folder / "project" / "images" / name).write_bytes(b"the original")
+
+
+def plan_over_a_photo(box):
+    return (Want(1, ("ends in .json",)),
+            ["scan_planner", "--image_path", box.photos, "--output_path", box.photos / names_of(box)[0]], {})
+
+
+def batch_over_a_page(box):
+    (box.folder / "list.csv").write_text("images,workspace\nphotos,scan\n")
+    (box.folder / "list").mkdir()
+    (box.folder / "list" / "index.html").write_text("mine")
+    return Want(1, ("list/index.html: is there already",)), ["scan_batch", "--list", box.folder / "list.csv", "--run", "0"], {}
+
+
+def batch_among_photos(box):
+    (box.folder / "list.csv").write_text("images,workspace\nphotos,a\nphotos,photos/scan\n")
+    return (Want(0, ("lies among the photos of line",)),
+            ["scan_batch", "--list", box.folder / "list.csv", "--run", "0", "--output_path", box.scan], {})
+
+
+def batch_of_many(box):
+    (box.folder / "list.csv").write_text("images,workspace\n" + "".join(f"photos,w{i}/s\n" for i in range(1000)))
+    return (Want(0, ("1000 waiting",)),
+            ["scan_batch", "--list", box.folder / "list.csv", "--run", "0", "--output_path", box.scan], {})
+
+
+def endless_angles(box):
+    with open(box.folder / "angles.csv", "wb") as stream:
+        stream.truncate(1 << 33)
+    os.rename(box.folder / "angles.csv", box.folder.parent / (box.folder.name + ".angles.csv"))  # not to be hashed
+    return (Want(1, ("bytes long",), then=lambda box, run: no_workspace(box)),
+            scanner(box, "--angles_path", box.folder.parent / (box.folder.name + ".angles.csv")), {})
+
+
 def scan_with_links(box):
     """All of them are named at once."""
     (box.scan / "sparse" / "0").mkdir(parents=True)
@@ -616,6 +763,24 @@ def short_cases():
     yield Case("links", "sparse leads out, turntable_mapper", mapper_into_a_link)
     yield Case("links", "the lock is a link to a photo", lock_is_a_photo)
     yield Case("links", "a scan in a workspace of links", scan_with_links)
+    yield link_in_the_workspace("s2gs/lock", trainer)
+    yield link_in_the_workspace("report.html", lambda box: ["report", "--workspace_path", box.scan, "--image_path", box.photos])
+    yield Case("links", "imported photos behind a link are photos", import_through_a_link)
+    yield Case("photos", "importing into the photos", import_into_the_photos)
+    yield Case("photos", "importing what was imported", import_what_was_imported)
+    yield Case("photos", "a TIFF of 65,535 equal tags", tiff_of_many_tags)
+    for kind, place, says, make in [("splat_set", the_workspace, ("which the workspace needs",), None),
+                                    ("splat_set", other_pictures, ("is not written over",), make_other_pictures),
+                                    ("photos_alpha", the_photos, ("which the workspace needs",), None),
+                                    ("metashape", a_photo, ("lies in",), None),
+                                    ("metashape", turntable_json, ("which the workspace needs",), None),
+                                    ("splat_glb", other_pictures, ("ends in .glb",), make_other_pictures)]:
+        yield exported_over(kind, place, says, make)
+    yield Case("exports", "a plan over a photo", plan_over_a_photo)
+    yield Case("batch", "a page of others", batch_over_a_page)
+    yield Case("batch", "a workspace among photos", batch_among_photos)
+    yield Case("batch", "1000 objects", batch_of_many)
+    yield Case("options", "angles of 8 GB", endless_angles)
     yield scanner_option("--num_iterations", "0", ("--num_iterations 0 violates",))
     yield scanner_option("--num_iterations", "-1", ("--num_iterations -1 violates",))
     yield scanner_option("--use_gpu", "yes", ("--use_gpu yes is none of",))
@@ -701,8 +866,6 @@ WORKSPACE_FILES = ["sparse/0/cameras.txt", "sparse/0/images.txt", "sparse/static
                    "s2gs/point_cloud.ply", "s2gs/stages/gaussian_trainer.json", "s2gs/stages/gaussian_renderer.json",
                    "s2gs/stages/image_undistorter.json", "dense/0/sparse/images.bin", "dense/0/sparse/cameras.bin"]
 OPTION_VALUES = ["-1", "0", "1e308", "nan", "inf", "", "yes", "99999999999999999999", "1e-320", "0x10", "1,5", "\x1b[2J"]
-OPTION_COMMANDS = ["automatic_scanner", "gaussian_trainer", "gaussian_renderer", "tsdf_mesher", "motion_splitter",
-                   "turntable_mapper", "scan_evaluator"]
 
 
 def option_case(command, option, value):
@@ -710,7 +873,10 @@ def option_case(command, option, value):
         known = subprocess.run([box.program, command, "-h"], capture_output=True, text=True).stdout
         if f"--{option} " not in known:
             raise CannotRun("no such option")
-        where = ["--database_path", box.scan / "none.db"] if command == "motion_splitter" else ["--workspace_path", box.scan]
+        where = {"motion_splitter": ["--database_path", box.scan / "none.db"], "scan_batch": ["--list", box.scan / "none.csv"],
+                 "marker_sheet": ["--output_path", box.scan / "none.txt"],
+                 "photo_importer": ["--workspace_path", box.scan, "--image_path", box.scan / "none"]}
+        where = where.get(command, ["--workspace_path", box.scan])
         return Want(None, needs_message=False), [command, *where, f"--{option}", value], {}
     return Case("options", f"{command} --{option} {value!r}", prepare)
 
@@ -723,6 +889,11 @@ NUMERIC_OPTIONS = {"gaussian_trainer": ["Train.num_iterations", "Train.max_secon
                    "motion_splitter": ["max_overlays", "SiftExtraction.max_num_features", "Station.max_unmoved_px",
                                        "TwoViewMotion.max_iterations", "Split.max_exhaustive_pairs"],
                    "turntable_mapper": ["max_mapper_attempts", "Joint.max_rounds", "Refine.max_error_px", "SingleAxis.noise_px"],
+                   "photo_importer": ["video_frames"],
+                   "scan_batch": ["jobs", "rows", "gpus"],
+                   "model_scaler": ["marker_size_mm", "known_length_mm", "disc_diameter_mm", "charuco_columns"],
+                   "mesh_texturer": ["Texture.max_page_size", "Texture.texel_size_pixels", "test_every"],
+                   "marker_sheet": ["diameter_mm", "marker_size_mm", "first_id"],
                    "automatic_scanner": ["test_every", "num_iterations", "max_image_size", "random_seed"],
                    "scan_evaluator": ["random_seed"]}
 
@@ -757,6 +928,25 @@ def interrupted_in_a_photo(box):
         after = run.wall_seconds - wait
         return [] if after < 10 else [f"heard Ctrl-C after {after:.0f} s"]
     return Want(130, ("stopped as asked",), then=then, max_cpu_seconds=60), renderer(box), {"interrupt_after": wait}
+
+
+def interrupted_in_a_rendering(box):
+    """Photos of 67 megapixels without distortion; Ctrl-C comes while one of them is drawn."""
+    box.use_workspace()
+    names = names_of(box)
+    side = 8192
+    write_flat_png(box.photos / names[0], side)
+    for name in names[1:]:
+        shutil.copyfile(box.photos / names[0], box.photos / name)
+    (box.scan / "sparse" / "0" / "cameras.txt").write_text(f"1 PINHOLE {side} {side} {side} {side} {side / 2} {side / 2}\n")
+    box.forget("gaussian_renderer")
+    wait = 4
+
+    def then(box, run):
+        after = run.wall_seconds - wait
+        return [] if after < 10 else [f"heard Ctrl-C after {after:.0f} s"]
+    return (Want(130, ("stopped as asked",), then=then, max_cpu_seconds=60), renderer(box, "--stereo", "0"),
+            {"interrupt_after": wait})
 
 
 def report_of_wrong_kinds(content):
@@ -795,6 +985,7 @@ def full_cases():
         yield tsdf_memory(value)
     yield with_photo("268 megapixels of one colour", lambda box: write_flat_png(box.photos / "x.png", 16384), ("no photo fits",))
     yield Case("signals", "Ctrl-C in the undistortion of one photo", interrupted_in_a_photo)
+    yield Case("signals", "Ctrl-C in the rendering of one photo", interrupted_in_a_rendering)
     yield Case("dead ends", "photos of noise", noise_photos)
     yield Case("dead ends", "nothing turns", nothing_turns)
     yield Case("dead ends", "colmap is silent for a minute", silent_colmap)

@@ -109,6 +109,15 @@ TEST_F(BatchList, ALinkToAWorkspaceIsThatWorkspace) {
   EXPECT_THAT(Parse("images,workspace\na,w1\na,link\n")[1].fault, HasSubstr("is also that of line 2"));
 }
 
+TEST_F(BatchList, AWorkspaceDoesNotLieAmongPhotos) {
+  fs::create_directories(folder_ / "a/b");
+  const auto objects = Parse("images,workspace\na,w1\na/b,a/b2/w2\na/b,a/b/w3\na,w4\n");
+  EXPECT_EQ(objects[0].fault, "");
+  EXPECT_THAT(objects[1].fault, HasSubstr("a/b2/w2: the workspace lies among the photos of line 2"));
+  EXPECT_THAT(objects[2].fault, HasSubstr("lies among the photos of line 3"));
+  EXPECT_EQ(objects[3].fault, "") << "photos may be scanned twice";
+}
+
 TEST_F(BatchList, RefusesListsWithoutColumnsOrRows) {
   for (const std::string text : {"", "\n\n", "images,workspace\n", "images,options\na,b\n", "a,w1\n",
                                  "images,workspace,images\na,w1,a\n", "\"images,workspace\na,w1\n"}) {

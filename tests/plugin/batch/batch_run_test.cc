@@ -187,6 +187,17 @@ TEST_F(BatchRun, ThePageLinksReportsAndEscapesNames) {
   EXPECT_EQ(json.at("objects").at(2).at("state"), "wrong");
 }
 
+TEST_F(BatchRun, APageOfOthersIsNotReplaced) {
+  RequireNoOtherPage(folder_ / "out");
+  folder_.Write("out/index.html", "mine");
+  EXPECT_THROW(RequireNoOtherPage(folder_ / "out"), UserError);
+  fs::remove(folder_ / "out/index.html");
+  WriteBatchPage(folder_ / "out", "objects", {});
+  EXPECT_NO_THROW(RequireNoOtherPage(folder_ / "out"));
+  folder_.Write("out/batch.json", "{\"mine\": 1}");
+  EXPECT_THROW(RequireNoOtherPage(folder_ / "out"), UserError);
+}
+
 TEST(BatchRecord, DamagedRecordsAreNone) {
   const TemporaryFolder folder;
   const Workspace workspace{folder.path()};

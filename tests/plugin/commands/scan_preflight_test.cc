@@ -111,6 +111,17 @@ TEST_F(ScanPreflight, EveryPhotoNeedsAMaskOfItsSize) {
   EXPECT_THAT(Check().faults, IsEmpty());
 }
 
+TEST_F(ScanPreflight, StatedAnglesAreReadBeforeAnythingRuns) {
+  request_.angles_path = folder_ / "angles.csv";
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("angles.csv: no such file")));
+  folder_.Write("angles.csv", "photo0.png,0\nphoto1.png,x\n");
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("line 2: the angle of photo1.png")));
+  folder_.Write("angles.csv", "other.png,0\n");
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("names none of the photos")));
+  folder_.Write("angles.csv", "photo0.jpg,0\n");
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
 TEST_F(ScanPreflight, CopiesAndFewPhotos) {
   for (int i = 0; i < 4; ++i) AddPhoto("photo" + std::to_string(i) + ".png", 7);
   EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("its 4 photos are copies of a single one")));

@@ -8,11 +8,13 @@
 
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "plugin/photos/foreign_exif.h"
 #include "plugin/photos/foreign_photo.h"
 #include "plugin/photos/whole_file.h"
 #include "s2gs/image/exif.h"
@@ -243,6 +245,70 @@ TEST_F(PhotoImportTest, FilesOfOthersAreLeftAlone) {
   EXPECT_THAT(Imported(), ElementsAre("mine.png"));
 }
 
+// A workspace from elsewhere may hold a link to the photos, and a record that calls them its own.
+TEST_F(PhotoImportTest, PhotosBehindALinkAreNeitherRemovedNorReplaced) {
+  base_.Write("w/images/a.png", "original");
+  Write8("sub/a.tif", Noise());
+  const std::string record = R"({"origin": "another", "photos": ["a.png", "sub/a.png", "sub/b.png"]})";
+  base_.Write("w/s2gs/imported.json", record);
+  fs::create_directories(workspace_.Imported());
+  fs::create_directory_symlink("../images", workspace_.Imported() / "sub");
+  EXPECT_THAT(ImportFault(), HasSubstr("imported/sub: is a symbolic link"));
+  EXPECT_EQ(base_.Read("w/images/a.png"), "original");
+  fs::remove_all(workspace_.Imported());
+  fs::create_directory_symlink("images", workspace_.Imported());
+  EXPECT_THAT(ImportFault(), HasSubstr("imported: is a symbolic link"));
+  fs::remove(workspace_.Imported());
+  fs::remove(workspace_.ImportRecord());
+  fs::create_symlink("../images/a.png", workspace_.ImportRecord());
+  EXPECT_THAT(ImportFault(), HasSubstr("imported.json: is a symbolic link"));
+  EXPECT_EQ(base_.Read("w/images/a.png"), "original");
+}
+
+TEST_F(PhotoImportTest, ARecordOfWrongKindsIsNone) {
+  Write8("a.tif", Noise());
+  for (const char* record :
+       {R"({"origin": 5, "photos": [7, {}]})", R"({"origin": null, "photos": {}})", "[]", "{", "7"}) {
+    base_.Write("w/s2gs/imported.json", record);
+    EXPECT_EQ(ImportFault(), "") << record;
+    EXPECT_THAT(Imported(), ElementsAre("a.png"));
+    fs::remove_all(workspace_.Imported());
+  }
+}
+
+TEST_F(PhotoImportTest, ColoursAmongOtherChannelsAreFound) {
+  OIIO::ImageSpec spec(2, 1, 12, OIIO::TypeDesc::UINT8);
+  std::vector<uint8_t> values(24);
+  for (size_t i = 0; i < values.size(); ++i) values[i] = static_cast<uint8_t>(10 * i);
+  Write("a.tif", values, spec);
+  const std::vector<uint8_t> expected = {0, 10, 20, 30, 120, 130, 140, 150};  // the fourth is alpha
+  EXPECT_EQ(ReadForeignPhoto(photos_ / "a.tif").image.pixels, expected);
+  spec.channelnames = {"G", "x1", "x2", "x3", "x4", "x5", "x6", "x7", "x8", "x9", "R", "B"};
+  spec.format = OIIO::TypeDesc::HALF;
+  Write("b.exr", values, spec);
+  EXPECT_TRUE(ReadForeignPhoto(photos_ / "b.exr").image.pixels.size() == 6)
+      << "OpenImageIO puts colours first";
+}
+
+TEST_F(PhotoImportTest, NumbersThatNoLensHasAreNone) {
+  OIIO::ImageSpec spec(1, 1, 3, OIIO::TypeDesc::UINT8);
+  spec.attribute("Exif:FocalLength", -4.0F);
+  spec.attribute("Exif:FocalLengthIn35mmFilm", std::numeric_limits<float>::infinity());
+  spec.attribute("Exif:DigitalZoomRatio", std::numeric_limits<float>::quiet_NaN());
+  spec.attribute("Exif:FocalPlaneXResolution", 100.0F);
+  spec.attribute("Exif:FocalPlaneResolutionUnit", 9);  // of no kind that EXIF has
+  spec.attribute("Exif:PixelXDimension", -5);
+  spec.attribute("Exif:PixelYDimension", 2000000000);
+  spec.attribute("Orientation", 77);
+  const ExifTags tags = TagsOf(spec);
+  EXPECT_EQ(tags.focal_mm, 0);
+  EXPECT_EQ(tags.focal_35mm_mm, 0);
+  EXPECT_EQ(tags.digital_zoom, 0);
+  EXPECT_EQ(tags.plane_px_per_mm, 0);
+  EXPECT_THAT(tags.taken, ElementsAre(0, kMaxImageSide));
+  EXPECT_EQ(tags.orientation, 1);
+}
+
 TEST_F(PhotoImportTest, NamesAllThatCannotBeUsedAtOnce) {
   Write8("a.tif", Noise());
   Write8("a.bmp", Noise());
@@ -272,6 +338,17 @@ TEST_F(PhotoImportTest, EveryCutIsFound) {
       EXPECT_TRUE(EndsTooEarly(photos_ / name)) << name << " of " << length << " bytes";
     }
   }
+  // A folder of 65,535 tags, each with a million offsets: they are read once, not for hours.
+  const auto number = [](uint32_t value, int bytes) {
+    std::string text;
+    for (int i = 0; i < bytes; ++i)
+      text += static_cast<char>((value >> (8U * static_cast<unsigned>(i))) & 0xFFU);
+    return text;
+  };
+  std::string tiff = "II*" + std::string(1, '\0') + number(8, 4) + number(65535, 2);
+  for (int i = 0; i < 65535; ++i) tiff += number(273, 2) + number(4, 2) + number(1 << 20, 4) + number(8, 4);
+  photos_.Write("tags.tif", tiff + std::string(size_t{1} << 22, '\0'));
+  EXPECT_FALSE(EndsTooEarly(photos_ / "tags.tif"));
   const std::string box =
       std::string("\0\0\0\x0C", 4) + "ftypheic" + std::string("\0\0\0\x10", 4) + "mdat12345678";
   photos_.Write("a.heic", box);

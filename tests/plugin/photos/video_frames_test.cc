@@ -25,6 +25,25 @@ TEST(SharpestOfIntervals, OneOfEach) {
   EXPECT_THAT(SharpestOfIntervals({}, 2), testing::IsEmpty());
 }
 
+// More than ffmpeg sums up in a row.
+TEST(ImportVideo, TakesAsManyFramesAsAreAskedFor) {
+  Reporter silent;
+  const fs::path ffmpeg = FindFfmpeg("");
+  const TemporaryFolder folder;
+  const fs::path video = folder / "film.mkv";
+  const std::string make = ffmpeg.string() +
+                           " -loglevel error -f lavfi -i testsrc=size=16x16:rate=25 -frames:v 250 "
+                           "-c:v ffv1 \"" +
+                           video.string() + "\"";
+  ASSERT_EQ(std::system(make.c_str()), 0);
+  const Workspace workspace{folder / "w"};
+  fs::create_directories(workspace.root);
+  constexpr int kNumFrames = 120;
+  ImportVideo(ffmpeg, video, kNumFrames, workspace, silent);
+  EXPECT_EQ(std::distance(fs::directory_iterator(workspace.Imported()), fs::directory_iterator()),
+            kNumFrames);
+}
+
 // Every third frame is sharp, the others are blurred: those are taken, and they are what was filmed.
 TEST(ImportVideo, TakesTheSharpFrames) {
   Reporter silent;
@@ -51,7 +70,7 @@ TEST(ImportVideo, TakesTheSharpFrames) {
                            (folder / "%03d.png").string() + " -c:v ffv1 -pix_fmt bgr0 \"" + video.string() +
                            "\"";
   ASSERT_EQ(std::system(make.c_str()), 0);
-  const Workspace workspace{folder / "w"};
+  const Workspace workspace{folder / "100%d %s"};  // nor is a folder's name a pattern
   fs::create_directories(workspace.root);
   ImportVideo(ffmpeg, video, 4, workspace, silent);
   for (const int frame : {1, 4, 7, 10}) {

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdint>
+#include <filesystem>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -10,6 +12,7 @@
 
 #include "sfm_split/base/error.h"
 #include "tests/support/bad_input.h"
+#include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {
@@ -35,6 +38,14 @@ TEST(AngleList, FaultsNameTheirLine) {
   ExpectUserError([] { Read("a.jpg 0\n"); }, {"line 1", "comma"});
   ExpectUserError([] { Read("a.jpg,nan\nb.jpg,inf\n"); }, {"line 2"});
   ExpectUserError([] { Read(""); }, {"lists no angles"});
+}
+
+TEST(AngleList, AFileThatIsNoListIsNotTakenIntoMemory) {
+  const TemporaryFolder folder;
+  folder.Write("angles.csv", "");
+  std::filesystem::resize_file(folder / "angles.csv", uint64_t{1} << 40U);  // takes no room on the disk
+  ExpectUserError([&] { ReadAngleList(folder / "angles.csv"); },
+                  {"angles.csv", "bytes long", "--angles_path"});
 }
 
 TEST(AngleList, PhotosThatWereImportedHaveAnotherExtension) {

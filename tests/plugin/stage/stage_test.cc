@@ -108,6 +108,12 @@ TEST(StageRunner, TakesNoPhotoForItsLock) {
   fs::create_directories(p.workspace.Own());
   fs::create_symlink(p.folder / "images/../../photo", p.workspace.LockFile());
   ExpectUserError([&] { StageRunner(p.workspace, p.log); }, {"s2gs/lock", "symbolic link"});
+  // Nor one in the workspace.
+  fs::remove(p.workspace.LockFile());
+  WriteAll(p.folder / "images/a.jpg", "photo");
+  fs::create_symlink("../images/a.jpg", p.workspace.LockFile());
+  ExpectUserError([&] { StageRunner(p.workspace, p.log); }, {"s2gs/lock", "another file"});
+  EXPECT_EQ(ReadAll(p.folder / "images/a.jpg"), "photo");
 }
 
 TEST(StageRunner, MayWriteMoreThanItsOutputs) {

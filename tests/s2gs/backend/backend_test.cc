@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -181,6 +182,22 @@ std::vector<LossCase> LossCases() {
 }
 
 // By Adam's first moment after one step from zero: (1 - beta1) times the gradient.
+// Drawing on the CPU is long enough to be stopped, and leaves everything as it was.
+TEST_P(BackendTest, DrawingHearsAStop) {
+  if (GetParam() != BackendKind::kCpu) GTEST_SKIP() << "views are drawn at once there";
+  TrainState state;
+  state.gaussians = FromReference(RandomScene(50, 3, -2), 3);
+  backend_->SetState(state);
+  RenderRequest request;
+  request.view = TestView(100, 90);
+  const RenderedView whole = backend_->Render(request);
+  std::atomic<int> num_polled = 0;
+  request.stop_requested = [&] { return ++num_polled == 3; };
+  EXPECT_THROW(backend_->Render(request), Interrupted);
+  request.stop_requested = [] { return false; };
+  EXPECT_EQ(backend_->Render(request).color, whole.color);
+}
+
 TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
   constexpr size_t kCount = 12;
   const auto scene = RandomScene(kCount, 11, -1.2);

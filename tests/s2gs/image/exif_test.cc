@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -89,6 +90,14 @@ TEST(Exif, WrittenIntoPngAndReadAgain) {
             (std::vector<uint8_t>{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}));
   EXPECT_EQ(ReadMask(folder / "a.png").pixels, (std::vector<uint8_t>{0, 255, 255, 128}));
   EXPECT_TRUE(HasAlphaChannel(folder / "a.png"));
+}
+
+TEST(Exif, AFocalLengthOfNoLensIsNotWrittenAsAnother) {
+  ExifTags tags;
+  tags.focal_35mm_mm = 65536 + 50;  // short integers have 16 bits
+  EXPECT_EQ(ParseExif(MakeExif(tags))->focal_35mm_mm, 65535);
+  tags.focal_35mm_mm = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(ParseExif(MakeExif(tags))->focal_35mm_mm, 65535);
 }
 
 TEST(Exif, MaskWithoutAlphaIsGrey) {

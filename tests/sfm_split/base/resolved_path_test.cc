@@ -60,7 +60,15 @@ TEST_F(LinkOut, OnTheWayAtItAndBelowIt) {
                   {"scan/split", outside_.string(), "nothing is written", "symbolic link"});
 }
 
-TEST_F(LinkOut, WithinTheWorkspaceIsFine) {
+TEST_F(LinkOut, AFileOfTheWorkspaceIsNotReplacedThroughAnother) {
+  folder_.Write("scan/images/a.jpg", "photo");
+  fs::create_symlink("images/a.jpg", root_ / "report.html");
+  EXPECT_EQ(FindLinkOut(root_, root_ / "report.html"), root_ / "report.html");
+  ExpectUserError([&] { RequireNoLinkOut(root_, root_ / "report.html"); },
+                  {"scan/report.html", "images/a.jpg, another file", "nothing is written", "symbolic link"});
+}
+
+TEST_F(LinkOut, FoldersWithinTheWorkspaceAreFine) {
   fs::create_directory_symlink("sparse", root_ / "models");
   fs::create_directory_symlink(root_ / "sparse/0", root_ / "sparse/again");
   EXPECT_FALSE(FindLinkOut(root_, root_ / "models/0"));

@@ -1,0 +1,28 @@
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <sstream>
+#include <string>
+
+#include "plugin/stage/angle_list.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/image_name.h"
+#include "tests/fuzz/fuzz_seeds.h"
+
+std::vector<std::string> FuzzSeeds() {
+  return {"name,angle\na.jpg,0\nb/c.jpg,-12.5\n# end\n", "\"a.jpg\";1e2\r\nb.JPG\t350\r\n"};
+}
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  try {
+    std::istringstream stream(std::string(reinterpret_cast<const char*>(data), size));
+    const std::map<std::string, double> listed = s2gs::ReadAngleList(stream, "fuzz");
+    for (const auto& [name, angle] : listed) {
+      if (s2gs::ImageName::FindFault(name) || !std::isfinite(angle)) std::abort();
+    }
+    std::vector<std::string> unknown;
+    s2gs::AnglesOfPhotos(listed, {"a.jpg", "b/c.png", "b/c.tif"}, "fuzz", &unknown);
+  } catch (const s2gs::UserError&) {
+  }
+  return 0;
+}
