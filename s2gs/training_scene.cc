@@ -242,8 +242,10 @@ struct Loader {
     const int longer = std::max(view.width, view.height);
     int width = view.width;
     int height = view.height;
-    if (longer > options.max_image_size) {
-      const double scale = static_cast<double>(options.max_image_size) / longer;
+    const int most =
+        photo->held_out && options.max_test_size > 0 ? options.max_test_size : options.max_image_size;
+    if (longer > most) {
+      const double scale = static_cast<double>(most) / longer;
       width = std::max(1, static_cast<int>(std::lround(view.width * scale)));
       height = std::max(1, static_cast<int>(std::lround(view.height * scale)));
     }
@@ -366,6 +368,10 @@ const char* TrainModeName(TrainMode mode) {
 OptionCheck TrainingSceneOptions::Check() const {
   if (max_image_size < 16) {
     return OptionFault{"max_image_size", std::to_string(max_image_size), "max_image_size >= 16"};
+  }
+  if (max_test_size != 0 && max_test_size < 16) {
+    return OptionFault{"max_test_size", std::to_string(max_test_size),
+                       "max_test_size = 0 or max_test_size >= 16"};
   }
   if (test_every < 0 || test_every == 1) {
     return OptionFault{"test_every", std::to_string(test_every), "test_every = 0 or test_every >= 2"};

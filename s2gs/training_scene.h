@@ -39,6 +39,7 @@ struct TrainingScenePaths {
 struct TrainingSceneOptions {
   TrainMode mode = TrainMode::kAuto;
   int max_image_size = 1600;        ///< longer side in training; larger photos are reduced [px].
+  int max_test_size = 0;            ///< the same of held-out photos; 0: as in training [px].
   int test_every = 0;               ///< every n-th photo by name is held out; 0: none.
   std::filesystem::path test_list;  ///< names of held-out photos, one a line; empty: none.
   bool masks_as_hint = false;       ///< in mode S2GS: load the masks where there are any.
@@ -53,7 +54,7 @@ struct ScenePoint {
   bool rotates = false;
 };
 
-/// One photo of the scene: undistorted, at training size.
+/// One photo of the scene: undistorted, at its size in training or measuring.
 struct ScenePhoto {
   std::string name;
   PinholeView view;

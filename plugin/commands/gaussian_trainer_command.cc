@@ -102,6 +102,11 @@ void AddSceneOptions(Options* options, Arguments* a) {
       "turns, else masks when --mask_path has some, else static");
   scene.Add("max_image_size", &TrainingSceneOptions::max_image_size, "longer side of photos in training")
       .Unit("px");
+  scene
+      .Add("max_test_size", &TrainingSceneOptions::max_test_size,
+           "longer side of held-out photos, so that runs with photos of different sizes are measured alike; "
+           "0: as in training")
+      .Unit("px");
   scene.Add("test_every", &TrainingSceneOptions::test_every,
             "hold out every n-th photo by name, to measure by; 0: none");
   scene.Add("test_list", &TrainingSceneOptions::test_list,

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <ostream>
 #include <string>
@@ -21,8 +22,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// What --time says.
+enum class Clock : uint8_t { kAuto, kCpu, kWall };
+const EnumNames<Clock> kClockNames = {{"auto", Clock::kAuto}, {"cpu", Clock::kCpu}, {"wall", Clock::kWall}};
+
 struct Paths {
-  std::vector<std::string> workspaces, images, truths;
+  std::vector<std::string> workspaces, images, truths, curves;
   fs::path output;
 };
 
@@ -96,6 +101,7 @@ void RunWorkPrecision(CommandContext& context) {
   std::string forced;
   SweepOptions sweep;
   std::string knob;
+  Clock clock = Clock::kAuto;
   Options& options = context.Declare(
       "Error against run time of one stage of finished scans: runs it again with every value of one knob and "
       "every "
@@ -104,7 +110,7 @@ void RunWorkPrecision(CommandContext& context) {
       "made again. Writes CSV, JSON and an HTML page of diagrams, and names the settings that nothing beats "
       "in both.",
       "--workspace_path scan --knob joint_tolerance --seeds 0,1,2 --ground_truth_path data/falcon_desk");
-  options.Add("workspace_path", &paths.workspaces, "the scans; several give performance profiles").Required();
+  options.Add("workspace_path", &paths.workspaces, "the scans; several give performance profiles");
   options.Add(
       "knob", &knob,
       "one of " + KnobList() + ", or any option of a stage's command as COMMAND.OPTION; empty: --forced");
@@ -113,6 +119,12 @@ void RunWorkPrecision(CommandContext& context) {
       "forced", &forced,
       "1, or names of parts with commas: what each part that the plan leaves out (scan_planner) would have "
       "cost and gained; --arguments are then COMMAND.NAME=VALUE");
+  options.Add("curves", &paths.curves,
+              "instead of a knob: JSON files that this command wrote, of one knob and other scenes, seeds or "
+              "values, as one; nothing is run");
+  options.AddEnum("time", &clock, kClockNames,
+                  "which time counts for the Pareto set: wall means something where runs had a GPU to "
+                  "themselves; auto: wall with --use_gpu 1 --jobs 1, else cpu");
   options.Add("seeds", &sweep.seeds, "random seeds; stages before the knob's stay as they are");
   options.Add("image_path", &paths.images,
               "the photos, one folder for each scan; empty: images in the workspaces");
@@ -133,9 +145,16 @@ void RunWorkPrecision(CommandContext& context) {
               "first scan");
   Reporter& reporter = context.Parse();
   if (sweep.jobs < 1) throw CommandLineError("--jobs is below 1.");
-  if (knob.empty() == (forced.empty() || forced == "0")) {
-    throw CommandLineError("give either --knob or --forced.");
+  const bool is_forced = !forced.empty() && forced != "0";
+  if ((knob.empty() ? 0 : 1) + (is_forced ? 1 : 0) + (paths.curves.empty() ? 0 : 1) != 1) {
+    throw CommandLineError("give one of --knob, --forced and --curves.");
   }
+  if (paths.curves.empty() == paths.workspaces.empty()) {
+    throw CommandLineError(paths.curves.empty() ? "--workspace_path is missing."
+                                                : "--curves needs no --workspace_path.");
+  }
+  const bool by_wall =
+      clock == Clock::kWall || (clock == Clock::kAuto && sweep.use_gpu == "1" && sweep.jobs == 1);
   if (!knob.empty()) sweep.knob = FindKnob(knob);
   const size_t count = paths.workspaces.size();
   paths.images = Matched(paths.images, count, "image_path");
@@ -143,10 +162,22 @@ void RunWorkPrecision(CommandContext& context) {
   for (size_t i = 0; i < count; ++i) {
     sweep.scenes.push_back({paths.workspaces[i], paths.images[i], paths.truths[i]});
   }
-  if (knob.empty()) return RunForced(sweep, PartsOf(forced), paths.output, context.out(), reporter);
+  if (is_forced) return RunForced(sweep, PartsOf(forced), paths.output, context.out(), reporter);
+  if (paths.output.empty() && paths.workspaces.empty()) throw CommandLineError("--output_path is missing.");
   if (paths.output.empty()) paths.output = sweep.scenes[0].workspace / "work_precision" / sweep.knob.name;
 
-  const WorkCurve curve = RunSweep(sweep, reporter);
+  WorkCurve curve;
+  if (paths.curves.empty()) {
+    curve = RunSweep(sweep, reporter);
+    curve.time = by_wall ? CurveTime::kWall : CurveTime::kCpu;
+  } else {
+    std::vector<WorkCurve> read;
+    for (const std::string& path : paths.curves) {
+      read.push_back(ReadCurve(path));
+      if (clock != Clock::kAuto) read.back().time = by_wall ? CurveTime::kWall : CurveTime::kCpu;
+    }
+    curve = MergeCurves(read);
+  }
   if (paths.output.has_parent_path()) CreateFolder(paths.output.parent_path());
   const auto write = [&](const char* extension, void (*writer)(const WorkCurve&, std::ostream&)) {
     WriteFileAtomically(paths.output.string() + extension, [&](std::ostream& out) { writer(curve, out); });

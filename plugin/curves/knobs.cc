@@ -26,10 +26,12 @@ Knob PoseKnob(std::string name, std::string what, std::string option, std::vecto
           {"turntable_mapper"}, std::move(values), {}};
 }
 
-Knob TrainingKnob(std::string name, std::string what, std::string option, std::vector<std::string> values) {
+Knob TrainingKnob(std::string name, std::string what, std::string option, std::vector<std::string> values,
+                  std::vector<std::pair<std::string, std::string>> fixed = {}) {
   return {std::move(name),      std::move(what),   KnobStage::kTraining,
           "gaussian_trainer",   std::move(option), "gaussian_trainer",
-          {"gaussian_trainer"}, std::move(values), {}};
+          {"gaussian_trainer"}, std::move(values), {},
+          std::move(fixed)};
 }
 
 Knob MeshKnob(std::string name, std::string what, std::string option, std::vector<std::string> values) {
@@ -51,7 +53,7 @@ std::vector<Knob> MakeKnobs() {
       TrainingKnob("train_iterations", "iterations of training", "Train.num_iterations",
                    {"250", "500", "1000", "2000", "4000", "8000"}),
       TrainingKnob("photo_size", "longer side of the photos in training [px]", "max_image_size",
-                   {"100", "200", "320", "480", "640", "960"}),
+                   {"100", "200", "320", "480", "640", "960"}, {{"max_test_size", "1600"}}),
       TrainingKnob("max_gaussians", "most Gaussians", "Train.max_gaussians",
                    {"5000", "10000", "20000", "50000", "100000", "300000"}),
       TrainingKnob("local_consistency", "weight of local consistency", "Train.local_consistency_weight",

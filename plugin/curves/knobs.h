@@ -27,6 +27,8 @@ struct Knob {
   std::vector<std::string> commands;  ///< that make a point, in order.
   std::vector<std::string> values;    ///< swept by default, from cheap to costly.
   std::vector<KnobSetting> settings;  ///< of the values; empty: each is a value of `option`.
+  /// Options of `command` that every value gets, so that all are measured alike.
+  std::vector<std::pair<std::string, std::string>> fixed = {};
 };
 
 const std::vector<Knob>& AllKnobs();

@@ -147,6 +147,7 @@ class Sweep {
     std::string text = o_.knob.command + " " + o_.knob.option + " " + run.value + " seed " +
                        std::to_string(run.seed) + " s2gs " + Version() + " gpu " + o_.use_gpu;
     for (const std::string& argument : o_.arguments) text += " " + argument;
+    for (const auto& [name, value] : o_.knob.fixed) text += fmt::format(" {}={}", name, value);
     for (const KnobSetting& setting : o_.knob.settings) {
       if (setting.value != run.value) continue;
       for (const auto& [name, value] : setting.options) text += fmt::format(" {}={}", name, value);
@@ -192,6 +193,7 @@ class Sweep {
         const size_t equals = argument.find('=');
         add(argument.substr(0, equals), InWorkspace(argument.substr(equals + 1), Base(scene)));
       }
+      for (const auto& [name, text] : o_.knob.fixed) add(name, text);
       if (value != nullptr && o_.knob.settings.empty()) add(o_.knob.option, *value);
     }
     for (const KnobSetting& setting : o_.knob.settings) {

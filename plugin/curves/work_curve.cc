@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <set>
+#include <tuple>
+#include <utility>
 
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -21,7 +25,7 @@ Spread SpreadOf(const std::vector<double>& values) {
 bool IsReached(const WorkSetting& setting) { return setting.runs > 0 && setting.reached == setting.runs; }
 
 bool Dominates(const WorkSetting& a, const WorkSetting& b) {
-  const double time = a.cpu_seconds.median - b.cpu_seconds.median;
+  const double time = a.seconds.median - b.seconds.median;
   const double error = a.error.median - b.error.median;
   return time <= 0 && error <= 0 && (time < 0 || error < 0);
 }
@@ -61,6 +65,7 @@ std::vector<WorkSetting> SumUp(const WorkCurve& curve) {
       setting.reached = static_cast<int>(errors.size());
       setting.cpu_seconds = SpreadOf(cpu);
       setting.wall_seconds = SpreadOf(wall);
+      setting.seconds = curve.time == CurveTime::kWall ? setting.wall_seconds : setting.cpu_seconds;
       setting.error = SpreadOf(errors);
       settings.push_back(setting);
     }
@@ -80,7 +85,7 @@ std::optional<double> TimeToShare(const std::vector<WorkSetting>& settings, int 
   std::optional<double> time;
   for (const WorkSetting& setting : settings) {
     if (setting.scene != scene || !IsReached(setting) || setting.error.median > target) continue;
-    time = std::min(time.value_or(kInfinity), setting.cpu_seconds.median);
+    time = std::min(time.value_or(kInfinity), setting.seconds.median);
   }
   return time;
 }
@@ -94,12 +99,45 @@ double ProfileAt(const std::vector<WorkSetting>& settings, int num_scenes, const
     double own = kInfinity;
     for (const WorkSetting& setting : settings) {
       if (setting.scene != scene || !IsReached(setting) || !(setting.error.median <= bound)) continue;
-      fastest = std::min(fastest, setting.cpu_seconds.median);
-      if (setting.value == value) own = setting.cpu_seconds.median;
+      fastest = std::min(fastest, setting.seconds.median);
+      if (setting.value == value) own = setting.seconds.median;
     }
     within += std::isfinite(own) && own <= ratio * fastest ? 1 : 0;
   }
   return num_scenes == 0 ? 0 : static_cast<double>(within) / num_scenes;
+}
+
+WorkCurve MergeCurves(const std::vector<WorkCurve>& curves) {
+  S2GS_INVARIANT(!curves.empty());
+  WorkCurve all = curves[0];
+  std::set<std::tuple<int, std::string, uint64_t>> runs;
+  all.points.clear();
+  // The place of a text in a list, at whose end it is put where it is not there yet.
+  const auto place = [](const std::string& text, std::vector<std::string>* list) {
+    const auto found = std::find(list->begin(), list->end(), text);
+    const auto index = static_cast<int>(found - list->begin());
+    if (found == list->end()) list->push_back(text);
+    return index;
+  };
+  for (const WorkCurve& curve : curves) {
+    if (curve.knob != all.knob || curve.error != all.error || curve.reference != all.reference ||
+        curve.time != all.time) {
+      throw UserError("--curves: " + all.knob + " (" + all.error_text + ", against " + all.reference +
+                      ") and " + curve.knob + " (" + curve.error_text + ", against " + curve.reference +
+                      ") are not the same measurement. Give curves of one knob and one error");
+    }
+    for (const std::string& value : curve.values) place(value, &all.values);
+    for (WorkPoint point : curve.points) {
+      point.scene = place(curve.scenes.at(static_cast<size_t>(point.scene)), &all.scenes);
+      const std::string& scene = all.scenes[static_cast<size_t>(point.scene)];
+      if (!runs.emplace(point.scene, point.value, point.seed).second) {
+        throw UserError("--curves: the run of " + scene + ", " + point.value + ", seed " +
+                        std::to_string(point.seed) + " is there twice. Give each curve once");
+      }
+      all.points.push_back(std::move(point));
+    }
+  }
+  return all;
 }
 
 }  // namespace s2gs

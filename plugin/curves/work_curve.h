@@ -8,6 +8,10 @@
 
 namespace s2gs {
 
+/// Which time of a run counts: that of all its threads, or that on the clock, where a GPU does the work and
+/// one run at a time has it.
+enum class CurveTime : uint8_t { kCpu, kWall };
+
 /// One run: a scene, a knob's value and a seed.
 struct WorkPoint {
   int scene = 0;      ///< index into WorkCurve::scenes.
@@ -32,6 +36,7 @@ struct WorkCurve {
   std::string program;              ///< version.
   std::vector<std::string> scenes;  ///< names.
   std::vector<std::string> values;  ///< in the order of the sweep, from cheap to costly.
+  CurveTime time = CurveTime::kCpu;
   std::vector<WorkPoint> points;
 };
 
@@ -47,7 +52,8 @@ struct WorkSetting {
   int runs = 0;
   int reached = 0;  ///< with an error.
   Spread cpu_seconds, wall_seconds;
-  Spread error;  ///< of those that were reached; infinite when none was.
+  Spread seconds;  ///< that of both which counts.
+  Spread error;    ///< of those that were reached; infinite when none was.
   /// No other setting of its scene has both less median error and less median time, and every run of it came
   /// to a result.
   bool is_pareto = false;
@@ -56,7 +62,7 @@ struct WorkSetting {
 /// By scene and value, in the curve's order.
 std::vector<WorkSetting> SumUp(const WorkCurve& curve);
 
-/// The least median CPU time of a setting that comes to a share of the final quality: quality is 1 / error,
+/// The least median time of a setting that comes to a share of the final quality: quality is 1 / error,
 /// and final that of the scene's best setting. Nothing when nothing was reached.
 std::optional<double> TimeToShare(const std::vector<WorkSetting>& settings, int scene, double share);
 
@@ -65,5 +71,9 @@ std::optional<double> TimeToShare(const std::vector<WorkSetting>& settings, int 
 /// at most `ratio` times the time of the fastest value that does.
 double ProfileAt(const std::vector<WorkSetting>& settings, int num_scenes, const std::string& value,
                  double ratio, double tolerance);
+
+/// Curves of one knob, of other scenes, seeds or values, as one. Throws UserError when they measure different
+/// things, or two have the same run.
+WorkCurve MergeCurves(const std::vector<WorkCurve>& curves);
 
 }  // namespace s2gs

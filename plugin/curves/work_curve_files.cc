@@ -3,9 +3,12 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <string>
 #include <system_error>
+#include <vector>
 
 #include "plugin/cli/option_value.h"
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 
 namespace s2gs {
@@ -14,6 +17,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr uint64_t kMaxPointBytes = uint64_t{1} << 20;
+constexpr uint64_t kMaxCurveBytes = uint64_t{1} << 28;
 
 Json Number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
@@ -35,6 +39,21 @@ std::string CsvField(const std::string& text) {
   std::string quoted = "\"";
   for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
   return quoted + "\"";
+}
+
+// Throws Json::exception for what is no point.
+WorkPoint PointOf(const Json& json) {
+  WorkPoint point;
+  point.scene = static_cast<int>(json.at("scene").get_ref<const int64_t&>());
+  point.value = json.at("value").get<std::string>();
+  point.seed = json.at("seed").get_ref<const uint64_t&>();
+  point.wall_seconds = json.at("wall_s").get<double>();
+  point.cpu_seconds = json.at("cpu_s").get<double>();
+  point.failure = json.at("failure").get<std::string>();
+  for (const auto& [name, value] : json.at("figures").items()) {
+    if (value.is_number()) point.figures[name] = value.get<double>();
+  }
+  return point;
 }
 
 std::string Dump(const Json& json) { return json.dump(1, ' ', false, Json::error_handler_t::replace); }
@@ -71,6 +90,7 @@ void WriteCurveJson(const WorkCurve& curve, std::ostream& out) {
                {"error_text", curve.error_text},
                {"reference", curve.reference},
                {"program", curve.program},
+               {"time", curve.time == CurveTime::kWall ? "wall" : "cpu"},
                {"scenes", curve.scenes},
                {"values", curve.values},
                {"points", Json::array()},
@@ -110,19 +130,35 @@ std::optional<WorkPoint> ReadPoint(const std::filesystem::path& path, const std:
   const Json json = Json::parse(ReadWholeFile(path, kMaxPointBytes), nullptr, false);
   try {
     if (!json.is_object() || json.at("settings").get<std::string>() != settings) return std::nullopt;
-    WorkPoint point;
-    point.scene = static_cast<int>(json.at("scene").get_ref<const int64_t&>());
-    point.value = json.at("value").get<std::string>();
-    point.seed = json.at("seed").get_ref<const uint64_t&>();
-    point.wall_seconds = json.at("wall_s").get<double>();
-    point.cpu_seconds = json.at("cpu_s").get<double>();
-    point.failure = json.at("failure").get<std::string>();
-    for (const auto& [name, value] : json.at("figures").items()) {
-      if (value.is_number()) point.figures[name] = value.get<double>();
-    }
-    return point;
+    return PointOf(json);
   } catch (const Json::exception&) {
     return std::nullopt;  // it runs again
+  }
+}
+
+WorkCurve ReadCurve(const std::filesystem::path& path) {
+  const Json json = Json::parse(ReadWholeFile(path, kMaxCurveBytes), nullptr, false);
+  try {
+    WorkCurve curve;
+    curve.knob = json.at("knob").get<std::string>();
+    curve.what = json.at("what").get<std::string>();
+    curve.error = json.at("error").get<std::string>();
+    curve.error_text = json.at("error_text").get<std::string>();
+    curve.reference = json.at("reference").get<std::string>();
+    curve.program = json.at("program").get<std::string>();
+    curve.time = json.value("time", "cpu") == "wall" ? CurveTime::kWall : CurveTime::kCpu;
+    curve.scenes = json.at("scenes").get<std::vector<std::string>>();
+    curve.values = json.at("values").get<std::vector<std::string>>();
+    for (const Json& item : json.at("points")) {
+      curve.points.push_back(PointOf(item));
+      if (curve.points.back().scene < 0 ||
+          static_cast<size_t>(curve.points.back().scene) >= curve.scenes.size()) {
+        throw UserError(path, "a run is of a scene that is not named", "Make the curve again");
+      }
+    }
+    return curve;
+  } catch (const Json::exception&) {
+    throw UserError(path, "is no curve of work_precision", "Give the JSON that it wrote");
   }
 }
 

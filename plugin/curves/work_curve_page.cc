@@ -126,6 +126,10 @@ std::string Frame(const Axis& x, const Axis& y, const std::string& x_title, cons
   return svg;
 }
 
+const char* TimeName(const WorkCurve& curve) {
+  return curve.time == CurveTime::kWall ? "wall time" : "CPU time";
+}
+
 std::string OpenSvg(const std::string& title) {
   return fmt::format("<svg viewBox=\"0 0 {:.0f} {:.0f}\" width=\"{:.0f}\" role=\"img\" aria-label=\"{}\">\n",
                      kWidth, kHeight, kWidth, Escaped(title));
@@ -201,7 +205,8 @@ std::string ProfileDiagram(const WorkCurve& curve, const std::vector<WorkSetting
     svg += Line("grid", kLeft, y(k / 4.0), x.end, y(k / 4.0));
     svg += Text(kLeft - 6, y(k / 4.0) + 4, "end", fmt::format("{} %", 25 * k));
   }
-  svg += Text((kLeft + x.end) / 2, kHeight - 12, "middle", "CPU time over that of the fastest value");
+  svg += Text((kLeft + x.end) / 2, kHeight - 12, "middle",
+              TimeName(curve) + std::string(" over that of the fastest value"));
   svg += Text(kLeft, kTop - 12, "start",
               fmt::format("share of scenes within {:.0f} % of their least error", 100 * tolerance));
   std::vector<double> used;
@@ -243,8 +248,8 @@ void WriteCurvePage(const WorkCurve& curve, std::ostream& out) {
       << "<p>Knob <code>" << Escaped(curve.knob) << "</code>, error against <b>" << Escaped(curve.reference)
       << "</b>. Points are medians over seeds, bars go from the least to the largest; filled points are the "
          "Pareto "
-         "set: nothing is both faster and better. s2gs "
-      << Escaped(curve.program) << ".</p>\n";
+         "set: nothing is both faster, by "
+      << TimeName(curve) << ", and better. s2gs " << Escaped(curve.program) << ".</p>\n";
   for (size_t scene = 0; scene < curve.scenes.size(); ++scene) {
     const int index = static_cast<int>(scene);
     out << "<h2>" << Escaped(curve.scenes[scene]) << "</h2>\n<div class=\"row\">\n"
@@ -258,7 +263,8 @@ void WriteCurvePage(const WorkCurve& curve, std::ostream& out) {
           << SpreadCell(setting.wall_seconds) << SpreadCell(setting.error) << "<td>" << setting.reached
           << " of " << setting.runs << "</td><td>" << (setting.is_pareto ? "yes" : "") << "</td></tr>\n";
     }
-    out << "</table>\n<p>CPU time to a share of the final quality (1 / error, that of the best setting):";
+    out << "</table>\n<p>" << TimeName(curve)
+        << " to a share of the final quality (1 / error, that of the best setting):";
     for (const double share : {0.9, 0.99, 0.999}) {
       const std::optional<double> time = TimeToShare(settings, index, share);
       out << (time ? fmt::format(" {:.3g} % in {:.3g} s;", 100 * share, *time)

@@ -159,15 +159,18 @@ def curves_part(written):
     for name, curve in written.items():
         if 'settings' not in curve:
             continue
-        lines += [f'### {curve["what"][0].upper()}{curve["what"][1:]}', '',
+        clock = clock_of(curve)
+        lines += [f'### {curve["what"][0].upper()}{curve["what"][1:]} ({name.replace("_", " ")})', '',
                   f'Knob `{curve["knob"]}`; error: {curve["error_text"]}, against {curve["reference"]}. Medians over seeds '
                   f'(least to largest). [Page of diagrams](tests/bench/results/curves/{name}.html), '
                   f'[CSV](tests/bench/results/curves/{name}.csv).', '']
         for scene_index, scene in enumerate(curve['scenes']):
-            rows = [[s['value'], spread_cell(s['cpu_s']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
+            rows = [[s['value'], spread_cell(s[f'{clock}_s']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
                      'yes' if s['pareto'] else ''] for s in curve['settings'] if s['scene'] in (scene, scene_index)]
-            lines += table(['value', 'CPU [s]', 'error', 'reached', 'nothing beats it in both'], rows)
-        lines += [f'![error over CPU seconds](tests/bench/plots/curve_{name}.svg)', '']
+            if len(curve['scenes']) > 1:
+                lines += [f'{scene}:', '']
+            lines += table(['value', f'{CLOCKS[clock]} [s]', 'error', 'reached', 'nothing beats it in both'], rows)
+        lines += [f'![error over {CLOCKS[clock]} seconds](tests/bench/plots/curve_{name}.svg)', '']
     rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
              '' if p['gain_pct'] is None else f'{p["gain_pct"]:+.2f} %', spread_cell(p['planned_cpu_s']),
              spread_cell(p['forced_cpu_s'])] for written_file in written.values() for p in written_file.get('parts', [])]
@@ -177,6 +180,13 @@ def curves_part(written):
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on.', '',
                   *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'CPU [s]', 'forced'], rows)]
     return lines
+
+
+CLOCKS = {'cpu': 'CPU', 'wall': 'wall'}
+
+
+def clock_of(curve):
+    return curve.get('time', 'cpu')
 
 
 def spread_cell(spread):
@@ -209,6 +219,7 @@ def page(r, notes, written=None):
               '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
               'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.', '',
               *stiffness_lines(),
+              *method_lines(),
               *curves_lines(written),
               '## Notes', '', 'What was tried, with what it gave, also where it did not pay:', '']
     return '\n'.join(lines + [f'- [{title}]({path})' for title, path in notes]) + '\n'
@@ -221,11 +232,19 @@ def stiffness_lines():
             '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '']
 
 
+def method_lines():
+    if not (results.RESULTS / 'method.md').exists():
+        return []
+    return ['## The method\'s own tables', '', 'What each regulariser, the start and the freezing of p give, beside 2DGS with and without '
+            'masks: [method](tests/bench/results/method.md),', 'made by `tests/bench/method_tables.py`.', '']
+
+
 def curves_lines(written):
     if not written:
         return []
-    return ['## Error against run time', '', 'Made by `s2gs work_precision`; the times are CPU seconds of the process with what it '
-            'starts, user and system, because the machine was shared: they are counts of work, not of waiting.', '',
+    return ['## Error against run time', '', 'Made by `s2gs work_precision`; CPU seconds are those of the process with what it '
+            'starts, user and system, because the machines were shared: they are counts of work, not of waiting. Wall seconds are of runs '
+            'that had a GPU to themselves. Which settings each sweep had: [time](tests/bench/notes/time.md).', '',
             *curves_part(written)]
 
 
@@ -265,13 +284,14 @@ def plot(named, x_title, y_title, width=640, height=300):
 
 
 def curve_plot(curve):
-    """Error over CPU seconds, log over log, medians with least to largest; a curve a scene."""
-    settings = [s for s in curve['settings'] if s['error']['median'] and s['cpu_s']['median']]
+    """Error over the time that counts, log over log, medians with least to largest; a curve a scene."""
+    clock = clock_of(curve)
+    settings = [{**s, 'time': s[f'{clock}_s']} for s in curve['settings'] if s['error']['median'] and s[f'{clock}_s']['median']]
     if not settings:
         return ''
     width, height = 640, 340
     span = lambda values: (min(values), max(values)) if max(values) > min(values) else (min(values) / 2, min(values) * 2)
-    x0, x1 = (math.log10(v) for v in span([s['cpu_s'][k] for s in settings for k in ('min', 'max')]))
+    x0, x1 = (math.log10(v) for v in span([s['time'][k] for s in settings for k in ('min', 'max')]))
     y0, y1 = (math.log10(v) for v in span([s['error'][k] for s in settings for k in ('min', 'max')]))
     x0, x1, y0, y1 = x0 - 0.03 * (x1 - x0), x1 + 0.03 * (x1 - x0), y0 - 0.03 * (y1 - y0), y1 + 0.08 * (y1 - y0)
     at_x = lambda v: 70 + (math.log10(v) - x0) / (x1 - x0) * (width - 110)
@@ -290,14 +310,15 @@ def curve_plot(curve):
     for i, scene in enumerate(curve['scenes']):
         own = [s for s in settings if s['scene'] in (scene, i)]
         colour = colours[i % 5]
-        points = [(at_x(s['cpu_s']['median']), at_y(s['error']['median'])) for s in own]
+        points = [(at_x(s['time']['median']), at_y(s['error']['median'])) for s in own]
+        out.append(f'<text x="{width - 40}" y="{44 + 16 * i}" fill="{colour}" text-anchor="end">{scene}</text>')
         out.append('<path d="M' + 'L'.join(f'{a:.1f} {b:.1f}' for a, b in points) + f'" fill="none" stroke="{colour}" stroke-width="2"/>')
         for s, (a, b) in zip(own, points):
             out.append(f'<path d="M{a:.1f} {at_y(s["error"]["min"]):.1f}V{at_y(s["error"]["max"]):.1f}'
-                       f'M{at_x(s["cpu_s"]["min"]):.1f} {b:.1f}H{at_x(s["cpu_s"]["max"]):.1f}" stroke="{colour}"/>'
+                       f'M{at_x(s["time"]["min"]):.1f} {b:.1f}H{at_x(s["time"]["max"]):.1f}" stroke="{colour}"/>'
                        f'<circle cx="{a:.1f}" cy="{b:.1f}" r="4" fill="{colour if s["pareto"] else "white"}" stroke="{colour}"/>'
                        f'<text x="{a + 6:.1f}" y="{b - 6:.1f}">{s["value"]}</text>')
-    out.append(f'<text x="{width / 2:.0f}" y="{height - 12}" text-anchor="middle">CPU seconds ({curve["what"]})</text>'
+    out.append(f'<text x="{width / 2:.0f}" y="{height - 12}" text-anchor="middle">{CLOCKS[clock]} seconds ({curve["what"]})</text>'
                f'<text x="10" y="18">{curve["error_text"]}</text></svg>')
     return '\n'.join(out) + '\n'
 

@@ -103,6 +103,22 @@ TEST_F(TrainingSceneFiles, ReducesLargePhotos) {
   EXPECT_NEAR(scene.photos[0].view.cx, turntable_.CameraOf(0).params[1] / 2, 1e-9);
 }
 
+TEST_F(TrainingSceneFiles, HeldOutPhotosHaveASizeOfTheirOwn) {
+  TrainingSceneOptions options;
+  options.max_image_size = 16;
+  options.max_test_size = 1600;
+  options.test_every = 2;
+  const TrainingScene scene = ReadTrainingScene(paths_, options, silent_);
+  EXPECT_EQ(scene.photos[0].image.width, 32);  // as it is
+  EXPECT_EQ(scene.photos[0].view.width, 32);
+  EXPECT_EQ(scene.photos[1].image.width, 16);
+  options.max_test_size = 15;
+  EXPECT_TRUE(options.Check().has_value());
+  options.max_test_size = 0;
+  EXPECT_FALSE(options.Check().has_value());
+  EXPECT_EQ(ReadTrainingScene(paths_, options, silent_).photos[0].image.width, 16);
+}
+
 TEST_F(TrainingSceneFiles, WithoutATableTheSceneIsStatic) {
   fs::remove(paths_.turntable);
   const TrainingScene scene = ReadTrainingScene(paths_, {}, silent_);

@@ -162,6 +162,71 @@ TEST(WorkCurve, PointsComeBackForTheSameSettingsAlone) {
   EXPECT_FALSE(ReadPoint(folder / "damaged.json", "settings").has_value());
 }
 
+TEST(WorkCurve, CountsTheTimeThatMeansSomething) {
+  WorkCurve curve = Curve();
+  for (WorkPoint& point : curve.points) {
+    if (point.value == "d") point.wall_seconds = 0.1;  // the fastest, though it took the most work
+  }
+  curve.time = CurveTime::kWall;
+  const auto settings = SumUp(curve);
+  EXPECT_TRUE(Of(settings, 0, "d").is_pareto);
+  EXPECT_FALSE(Of(settings, 0, "a").is_pareto);
+  EXPECT_EQ(TimeToShare(settings, 0, 0.1), 0.1);
+  EXPECT_EQ(ProfileAt(settings, 2, "d", 1, 0.1), 0.5);
+}
+
+TEST(WorkCurve, PartsOfACurveBecomeOne) {
+  const WorkCurve whole = Curve();
+  WorkCurve second = whole;
+  second.scenes = {"second"};
+  second.points.clear();
+  WorkCurve first = second;
+  first.scenes = {"first"};
+  first.values.pop_back();
+  WorkCurve late = first;
+  late.values = {"d"};
+  for (const WorkPoint& point : whole.points) {
+    WorkCurve* own = point.scene == 1 ? &second : point.value == "d" ? &late : &first;
+    own->points.push_back(point);
+    own->points.back().scene = 0;
+  }
+  const WorkCurve merged = MergeCurves({first, late, second});
+  EXPECT_EQ(merged.scenes, whole.scenes);
+  EXPECT_EQ(merged.values, whole.values);
+  const auto expected = SumUp(whole);
+  const auto found = SumUp(merged);
+  ASSERT_EQ(found.size(), expected.size());
+  for (size_t i = 0; i < found.size(); ++i) {
+    EXPECT_EQ(found[i].scene, expected[i].scene);
+    EXPECT_EQ(found[i].value, expected[i].value);
+    EXPECT_EQ(found[i].runs, expected[i].runs);
+    EXPECT_EQ(found[i].error.median, expected[i].error.median);
+    EXPECT_EQ(found[i].is_pareto, expected[i].is_pareto);
+  }
+  ExpectUserError([&] { MergeCurves({first, first}); }, {"first, a, seed 9", "twice"});
+  WorkCurve other = second;
+  other.error = "other";
+  ExpectUserError([&] { MergeCurves({first, other}); }, {"not the same measurement"});
+}
+
+TEST(WorkCurve, CurvesComeBackFromTheirFiles) {
+  const TemporaryFolder folder;
+  WorkCurve curve = Curve();
+  curve.time = CurveTime::kWall;
+  std::ostringstream text;
+  WriteCurveJson(curve, text);
+  folder.Write("curve.json", text.str());
+  std::ostringstream again;
+  WriteCurveJson(ReadCurve(folder / "curve.json"), again);
+  EXPECT_EQ(again.str(), text.str());
+  folder.Write("damaged.json", text.str().substr(0, 300));
+  ExpectUserError([&] { ReadCurve(folder / "damaged.json"); }, {"damaged.json", "no curve"});
+  folder.Write("scene.json", R"({"knob": "k", "what": "", "error": "", "error_text": "", "reference": "",
+      "program": "", "scenes": [], "values": [], "points": [{"scene": 0, "value": "1", "seed": 0, "wall_s": 1,
+      "cpu_s": 1, "failure": "", "figures": {}}]})");
+  ExpectUserError([&] { ReadCurve(folder / "scene.json"); }, {"scene.json", "not named"});
+}
+
 TEST(Knobs, AreFoundByNameOrAsOptions) {
   for (const Knob& knob : AllKnobs()) {
     EXPECT_EQ(FindKnob(knob.name).option, knob.option);
