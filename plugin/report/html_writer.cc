@@ -146,6 +146,16 @@ void WriteRow(const std::vector<std::string>& cells, HtmlWriter* out, std::strin
   out->Close();
 }
 
+void WriteHeadedRow(const std::vector<std::string>& head, const std::vector<std::string>& cells,
+                    HtmlWriter* out) {
+  out->Open("tr");
+  for (size_t i = 0; i < cells.size(); ++i) {
+    out->Element("td", cells[i],
+                 {{"data-head", cells[i].empty() || head.at(i).empty() ? "" : head[i] + ": "}});
+  }
+  out->Close();
+}
+
 void WriteTiles(const std::vector<Tile>& tiles, HtmlWriter* out) {
   out->Open("dl", {{"class", "tiles"}});
   for (const Tile& tile : tiles) {

@@ -49,6 +49,10 @@ class HtmlWriter {
 
 /// A table's row of cells; numbers stand at the right.
 void WriteRow(const std::vector<std::string>& cells, HtmlWriter* out, std::string_view tag = "td");
+/// A row whose cells know their heads, for tables of class "stacked": on a phone their cells stand below each
+/// other, each with its head before it.
+void WriteHeadedRow(const std::vector<std::string>& head, const std::vector<std::string>& cells,
+                    HtmlWriter* out);
 
 /// Key figures beside each other: what, value, and what to know about it.
 struct Tile {

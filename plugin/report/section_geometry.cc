@@ -194,9 +194,10 @@ ReportSection GeometrySection(const ReportInput& input) {
             false};
   AddCameras(input, both, &rows, &plot, &section.numbers);
   AddTable(input, object, both, &rows, &section.numbers);
-  out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide"}});
-  WriteRow({"", "value", "standard deviation", "rests on"}, &out, "th");
-  for (const Row& row : rows) WriteRow({row.what, row.value, row.sigma, row.rests_on}, &out);
+  out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide stacked"}});
+  const std::vector<std::string> head = {"", "value", "standard deviation", "rests on"};
+  WriteRow(head, &out, "th");
+  for (const Row& row : rows) WriteHeadedRow(head, {row.what, row.value, row.sigma, row.rests_on}, &out);
   out.Close().Close();
   std::vector<Tile> tiles;
   AddObservability(input.mapper, &tiles, &section.numbers);

@@ -67,8 +67,9 @@ void WriteHashes(const ReportInput& input, Reporter& reporter, ReportSection* se
   const Workspace& w = input.workspace;
   nlohmann::ordered_json& files = section->numbers["files"] = nlohmann::ordered_json::array();
   out.Element("h3", "What came out");
-  out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide"}});
-  WriteRow({"file or folder", "bytes", "XXH3 of names and contents"}, &out, "th");
+  out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide stacked"}});
+  const std::vector<std::string> head = {"file or folder", "bytes", "XXH3 of names and contents"};
+  WriteRow(head, &out, "th");
   for (const fs::path& path :
        {w.Turntable(), w.ObjectModel(), w.StaticModel(), w.PointCloud(), w.Masks(), w.TsdfMesh()}) {
     std::error_code ec;
@@ -76,7 +77,7 @@ void WriteHashes(const ReportInput& input, Reporter& reporter, ReportSection* se
     try {
       const Fingerprint fingerprint = TakeFingerprint(path, reporter);
       const std::string name = path.lexically_relative(w.root).generic_string();
-      WriteRow({name, std::to_string(fingerprint.num_bytes), fingerprint.content}, &out);
+      WriteHeadedRow(head, {name, std::to_string(fingerprint.num_bytes), fingerprint.content}, &out);
       files.push_back({{"path", name}, {"bytes", fingerprint.num_bytes}, {"xxh3", fingerprint.content}});
     } catch (const UserError& error) {
       reporter.Warn(error.what());
