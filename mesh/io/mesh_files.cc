@@ -12,6 +12,7 @@
 #include "mesh/io/glb_builder.h"
 #include "mesh/io/glb_geometry.h"
 #include "mesh/io/obj_text.h"
+#include "s2gs/image/srgb.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 
@@ -31,13 +32,11 @@ void CheckMesh(const TriangleMesh& mesh) {
   S2GS_INVARIANT(mesh.colors.empty() || mesh.colors.size() == num_vertices);
 }
 
-// The format's vertex colours are linear. (IEC 61966-2-1)
+// The format's vertex colours are linear.
 std::array<uint16_t, 256> LinearFromSrgb() {
   std::array<uint16_t, 256> linear{};
   for (size_t i = 0; i < linear.size(); ++i) {
-    const double value = static_cast<double>(i) / 255;
-    const double light = value <= 0.04045 ? value / 12.92 : std::pow((value + 0.055) / 1.055, 2.4);
-    linear[i] = static_cast<uint16_t>(std::lround(65535 * light));
+    linear[i] = static_cast<uint16_t>(std::lround(65535 * LightFromSrgb(static_cast<double>(i) / 255)));
   }
   return linear;
 }

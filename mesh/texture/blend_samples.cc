@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "mesh/texture/turn_light.h"
+
 namespace s2gs {
 namespace {
 
@@ -24,8 +26,6 @@ float Median(Weights values, int count) {
   return count % 2 != 0 ? values[count / 2] : (values[count / 2 - 1] + values[count / 2]) / 2;
 }
 
-Eigen::Array3f Of(const std::array<uint8_t, 3>& rgb) { return {float(rgb[0]), float(rgb[1]), float(rgb[2])}; }
-
 }  // namespace
 
 void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, uint8_t* count) {
@@ -40,7 +40,7 @@ void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, u
   if (candidate.sample.weight > least->sample.weight) *least = candidate;
 }
 
-Eigen::Array3f BlendSamples(const TexelCandidate* candidates, int count,
+Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array3f* shades, int count,
                             const std::vector<PhotoTone>& tones) {
   Weights weights{};
   float largest = 0;
@@ -55,9 +55,18 @@ Eigen::Array3f BlendSamples(const TexelCandidate* candidates, int count,
     for (int i = 0; i < count; ++i) weights[i] -= least;
     largest -= least;
   }
+  // Grey values go about with the root of light. What a photo shows in the dark is made brighter by so much,
+  // and its noise with it.
+  largest = 0;
   std::array<Eigen::Array3f, kMaxCandidates> smooth;
+  std::array<Eigen::Array3f, kMaxCandidates> sharp;
   for (int i = 0; i < count; ++i) {
-    smooth[i] = tones[candidates[i].photo].gain * Of(candidates[i].sample.smooth);
+    weights[i] *= shades[i].mean();
+    largest = std::max(largest, weights[i]);
+    const Eigen::Array3f& gain = tones[candidates[i].photo].gain;
+    const Eigen::Array3f unshade = shades[i].inverse();
+    smooth[i] = UnderLight(gain * ColorOf(candidates[i].sample.smooth), unshade);
+    sharp[i] = UnderLight(gain * ColorOf(candidates[i].sample.color), unshade);
   }
   if (count >= kMinJudges) {
     Eigen::Array3f middle;
@@ -87,7 +96,7 @@ Eigen::Array3f BlendSamples(const TexelCandidate* candidates, int count,
     smooth_sum += weights[i] * smooth[i];
     smooth_weight += weights[i];
     const float weight = std::pow(weights[i] / largest, kDetailPower) * tone.sharpness * tone.sharpness;
-    detail_sum += weight * (tone.gain * Of(candidates[i].sample.color) - smooth[i]);
+    detail_sum += weight * (sharp[i] - smooth[i]);
     detail_weight += weight;
   }
   Eigen::Array3f color = smooth_sum / smooth_weight;

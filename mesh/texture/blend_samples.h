@@ -30,7 +30,10 @@ struct PhotoTone {
 /// is smooth is a mean over all photos, so that no photo ends visibly; the detail is taken from few, those
 /// that show the place largest and sharpest, so that it stays sharp. Photos whose smooth colour is far from
 /// the others' median (gloss, something in front that the mesh lacks) do not count.
-/// \param count  at least 1.
-Eigen::Array3f BlendSamples(const TexelCandidate* candidates, int count, const std::vector<PhotoTone>& tones);
+/// \param shades  the light that the place gets in each candidate's photo beside its mean (turn_light.h),
+///                which is taken out.
+/// \param count   at least 1.
+Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array3f* shades, int count,
+                            const std::vector<PhotoTone>& tones);
 
 }  // namespace s2gs

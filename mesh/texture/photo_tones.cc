@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
+#include "mesh/texture/turn_light.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -37,7 +38,8 @@ std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int
     for (const ToneSample& s : samples) {
       const uint8_t value = s.sample.smooth[c];
       if (num_seen[s.place] < 2 || value < kDarkest || value > kBrightest) continue;
-      values.push_back({s.place, s.photo, std::log(static_cast<float>(value))});
+      const Eigen::Array3f unshaded = UnderLight(ColorOf(s.sample.smooth), s.shade.inverse());
+      values.push_back({s.place, s.photo, std::log(unshaded[c])});
     }
     std::vector<float> gains(num_photos, 0);
     std::vector<std::vector<float>> of_photo(num_photos);

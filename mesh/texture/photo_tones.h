@@ -12,6 +12,8 @@ struct ToneSample {
   uint32_t place = 0;
   uint16_t photo = 0;
   PhotoSample sample;
+  /// The place's light in the photo beside its mean (turn_light.h): gains are found without it.
+  Eigen::Array3f shade = Eigen::Array3f::Ones();
 };
 
 /// Gains and sharpness of photos from what they show of the same places. Gains are those that make each

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mesh/texture/mesh_raster.h"
+#include "mesh/texture/turn_light.h"
 
 namespace s2gs {
 namespace {
@@ -30,7 +31,8 @@ Eigen::Array3d ReadTexel(const Image8& page, const Eigen::Vector2d& position) {
 
 }  // namespace
 
-TexturedRendering RenderTexturedMesh(const TexturedMesh& mesh, const ObjectView& view, int samples) {
+TexturedRendering RenderTexturedMesh(const TexturedMesh& mesh, const ObjectView& view, int samples,
+                                     const ShadeAt& shade) {
   ObjectView fine = view;
   fine.width *= samples;
   fine.height *= samples;
@@ -81,12 +83,18 @@ TexturedRendering RenderTexturedMesh(const TexturedMesh& mesh, const ObjectView&
                                          s * mesh.texels[corners[1]].cast<double>() +
                                          r * mesh.texels[corners[2]].cast<double>();
         const auto page = std::upper_bound(page_ends.begin(), page_ends.end(), t) - page_ends.begin();
-        sum += ReadTexel(mesh.pages[page].image, position);
+        Eigen::Array3d color = ReadTexel(mesh.pages[page].image, position);
+        if (shade) {
+          const Eigen::Array3f light = shade(t, static_cast<float>(1 - s - r), static_cast<float>(s));
+          color = UnderLight(color.cast<float>(), light).cast<double>();
+        }
+        sum += color;
         ++count;
       }
       if (count == 0) continue;
       uint8_t* pixel = result.image.Pixel(column, row);
-      for (int c = 0; c < 3; ++c) pixel[c] = static_cast<uint8_t>(std::lround(sum[c] / count));
+      for (int c = 0; c < 3; ++c)
+        pixel[c] = static_cast<uint8_t>(std::lround(std::min(255.0, sum[c] / count)));
       result.covered.inside[static_cast<size_t>(row) * view.width + column] = 1;
     }
   }

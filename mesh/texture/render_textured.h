@@ -1,5 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+
 #include "mesh/surface/object_view.h"
 #include "mesh/surface/textured_mesh.h"
 #include "s2gs/image/image_error.h"
@@ -12,8 +16,13 @@ struct TexturedRendering {
   PixelMask covered;  ///< where the mesh is.
 };
 
-/// The mesh as a view shows it, without light: each pixel is the mean of samples x samples points in it, each
-/// bilinear in its page.
-TexturedRendering RenderTexturedMesh(const TexturedMesh& mesh, const ObjectView& view, int samples = 2);
+/// How many times as strong the light is at a place of a triangle (barycentric, of its first two corners) as
+/// it is in the texture.
+using ShadeAt = std::function<Eigen::Array3f(uint32_t triangle, float u, float v)>;
+
+/// The mesh as a view shows it, in the light of its texture or under `shade`: each pixel is the mean of
+/// samples x samples points in it, each bilinear in its page.
+TexturedRendering RenderTexturedMesh(const TexturedMesh& mesh, const ObjectView& view, int samples = 2,
+                                     const ShadeAt& shade = {});
 
 }  // namespace s2gs

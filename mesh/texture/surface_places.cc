@@ -40,6 +40,9 @@ std::vector<SurfacePlace> PlacesOnSurface(const TriangleMesh& mesh, int count) {
       place.x = u * mesh.vertices[t[0]] + v * mesh.vertices[t[1]] + w * mesh.vertices[t[2]];
       place.normal = (u * mesh.normals[t[0]] + v * mesh.normals[t[1]] + w * mesh.normals[t[2]]).normalized();
       place.area = share;
+      place.triangle = static_cast<uint32_t>(i);
+      place.u = u;
+      place.v = v;
       places.push_back(place);
     }
   }

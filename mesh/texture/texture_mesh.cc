@@ -4,6 +4,7 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -40,6 +41,8 @@ constexpr double kPageBytesPerTexel = 7;
 // Of the pages, before they are packed: what charts of a scanned mesh take of them at least.
 constexpr double kLeastPageUse = 0.3;
 constexpr int64_t kTexelsPerTurn = 4096;
+// Of light and exposures in turn.
+constexpr int kLightRounds = 2;
 
 // A texel of a chart and the place that it shows.
 struct TexelPlace {
@@ -55,13 +58,14 @@ struct TexelPlace {
 class Texturer {
  public:
   Texturer(const TriangleMesh& mesh, const TexturePhotoSource& source, const TextureOptions& options,
-           Reporter& reporter, TextureSummary* summary)
+           Reporter& reporter, TextureSummary* summary, TextureLight* light)
       : mesh_(mesh),
         source_(source),
         options_(options),
         num_threads_(options.num_threads > 0 ? options.num_threads : omp_get_max_threads()),
         reporter_(reporter),
-        summary_(*summary) {}
+        summary_(*summary),
+        light_(*light) {}
 
   TexturedMesh Run() {
     const std::vector<SurfacePlace> places = PlacesOnSurface(mesh_, kNumPlaces);
@@ -70,7 +74,7 @@ class Texturer {
     ChartOptions chart_options{summary_.texel_size, options_.gutter, options_.max_page_size};
     charts_ = MakeCharts(mesh_, chart_options);
     Place();
-    EstimateAllTones(places);
+    Compare(places);
     MakeAllTexels();
     FillUnseen();
     for (size_t page = 0; page < pages_.size(); ++page)
@@ -158,8 +162,8 @@ class Texturer {
     }
   }
 
-  void EstimateAllTones(const std::vector<SurfacePlace>& places) {
-    tones_.assign(source_.size(), PhotoTone());
+  // Photos with each other: their tones, and the light in them.
+  void Compare(const std::vector<SurfacePlace>& places) {
     std::vector<ToneSample> samples;
     ForEachPhoto([&](int index, const TexturePhoto& photo) {
       for (size_t i = 0; i < places.size(); ++i) {
@@ -170,13 +174,47 @@ class Texturer {
     if (samples.empty()) throw UserError("no photo shows the mesh: does it belong to these poses?");
     std::stable_sort(samples.begin(), samples.end(),
                      [](const ToneSample& a, const ToneSample& b) { return a.place < b.place; });
-    tones_ = EstimateTones(samples, source_.size());
+    EstimateAllTones(samples);
+    if (options_.unshade) FindLight(places, &samples);
     double squares = 0;
-    for (PhotoTone& tone : tones_) {
-      squares += tone.gain.log().square().mean();
-      if (!options_.equalise) tone.gain.setOnes();
-    }
+    for (const PhotoTone& tone : tones_) squares += tone.gain.log().square().mean();
     summary_.gain_spread = std::sqrt(squares / static_cast<double>(tones_.size()));
+    if (options_.equalise) return;
+    for (PhotoTone& tone : tones_) tone.gain.setOnes();
+  }
+
+  void EstimateAllTones(const std::vector<ToneSample>& samples) {
+    tones_ = EstimateTones(samples, source_.size());
+  }
+
+  // Exposures look different under uneven light, and light by wrong exposures: in turn.
+  void FindLight(const std::vector<SurfacePlace>& places, std::vector<ToneSample>* samples) {
+    std::vector<Eigen::Matrix3d> turns;
+    for (int i = 0; i < source_.size(); ++i) turns.push_back(source_.WorldFromObject(i));
+    if (!Turns(turns)) return;
+    light_.transfer = LightTransfer(mesh_, num_threads_);
+    std::vector<LightTerms> transfers;
+    transfers.reserve(places.size());
+    for (const SurfacePlace& place : places)
+      transfers.push_back(light_.transfer.At(place.triangle, place.u, place.v));
+    for (int round = 0; round < kLightRounds; ++round) {
+      if (reporter_.StopRequested()) throw Interrupted();
+      std::vector<LitSample> lit;
+      lit.reserve(samples->size());
+      for (const ToneSample& s : *samples) {
+        const Eigen::Array3f gain = options_.equalise ? tones_[s.photo].gain : Eigen::Array3f::Ones();
+        lit.push_back({s.place, s.photo, gain * ColorOf(s.sample.smooth)});
+      }
+      const LightFinding found = FitTurnLight(lit, transfers, turns);
+      light_.light = found.light;
+      summary_.error_even = found.error_even;
+      summary_.error_lit = found.error_lit;
+      if (light_.light.is_even()) break;
+      photo_lights_.clear();
+      for (const Eigen::Matrix3d& turn : turns) photo_lights_.push_back(light_.light.Turned(turn));
+      for (ToneSample& s : *samples) s.shade = light_.light.Shade(photo_lights_[s.photo], transfers[s.place]);
+      EstimateAllTones(*samples);
+    }
   }
 
   // The texels of a chart that no chart before has.
@@ -243,6 +281,11 @@ class Texturer {
       });
       reporter_.Progress("texture the mesh", index + 1, source_.size());
     });
+    std::vector<Eigen::Array3f> colors(texels->size());
+    ParallelFor(count, num_threads_, kTexelsPerTurn, [&](int64_t i) {
+      const TexelPlace& texel = (*texels)[i];
+      if (texel.num_candidates > 0) colors[i] = Blend(texel, &candidates[i * kMaxCandidates]);
+    });
     for (int64_t i = 0; i < count; ++i) {
       const TexelPlace& texel = (*texels)[i];
       ++summary_.num_texels;
@@ -252,8 +295,7 @@ class Texturer {
       }
       ++summary_.num_seen;
       summary_.mean_photos += texel.num_candidates;
-      const Eigen::Array3f color =
-          BlendSamples(&candidates[i * kMaxCandidates], texel.num_candidates, tones_);
+      const Eigen::Array3f& color = colors[i];
       SetTexel(texel, color, kSeenTexel);
       const Triangle& corners = mesh_.triangles[texel.triangle];
       const std::array<float, 3> weights = {texel.u, texel.v, 1 - texel.u - texel.v};
@@ -262,6 +304,18 @@ class Texturer {
           vertex_sums_[corners[c]] += weights[c] * Eigen::Array4f(color[0], color[1], color[2], 1);
       }
     }
+  }
+
+  Eigen::Array3f Blend(const TexelPlace& texel, const TexelCandidate* candidates) const {
+    std::array<Eigen::Array3f, kMaxCandidates> shades;
+    shades.fill(Eigen::Array3f::Ones());
+    if (!light_.light.is_even()) {
+      const LightTerms transfer = light_.transfer.At(texel.triangle, texel.u, texel.v);
+      for (int k = 0; k < texel.num_candidates; ++k) {
+        shades[k] = light_.light.Shade(photo_lights_[candidates[k].photo], transfer);
+      }
+    }
+    return BlendSamples(candidates, shades.data(), texel.num_candidates, tones_);
   }
 
   void SetTexel(const TexelPlace& texel, const Eigen::Array3f& color, uint8_t state) {
@@ -310,6 +364,7 @@ class Texturer {
               Eigen::Vector2f(static_cast<float>(place.x), static_cast<float>(place.y)));
         }
         textured.triangles.push_back(triangle);
+        light_.mesh_triangles.push_back(t);
         ++textured.pages.back().num_triangles;
       }
     }
@@ -322,12 +377,14 @@ class Texturer {
   const int num_threads_;
   Reporter& reporter_;
   TextureSummary& summary_;
+  TextureLight& light_;
   std::vector<Chart> charts_;
   Packing packing_;
   std::vector<size_t> order_;  // of charts, by page
   std::vector<Image8> pages_;
   std::vector<std::vector<uint8_t>> states_;  // of the pages' texels
   std::vector<PhotoTone> tones_;              // of the photos
+  std::vector<PhotoLight> photo_lights_;      // where the light is not even
   std::vector<Eigen::Array4f> vertex_sums_;   // colours of the texels around, and their weight
   std::vector<TexelPlace> unseen_;
 };
@@ -355,7 +412,8 @@ OptionCheck TextureOptions::Check() const {
 }
 
 TexturedMesh TextureMesh(const TriangleMesh& mesh, const TexturePhotoSource& photos,
-                         const TextureOptions& options, Reporter& reporter, TextureSummary* summary) {
+                         const TextureOptions& options, Reporter& reporter, TextureSummary* summary,
+                         TextureLight* light) {
   const double start = SteadySeconds();
   *summary = {};
   if (photos.size() > 65535) throw UserError("texture is taken from 65535 photos at most");
@@ -363,7 +421,10 @@ TexturedMesh TextureMesh(const TriangleMesh& mesh, const TexturePhotoSource& pho
   with_normals.vertices = mesh.vertices;
   with_normals.triangles = mesh.triangles;
   ComputeNormals(&with_normals);
-  TexturedMesh textured = Texturer(with_normals, photos, options, reporter, summary).Run();
+  TextureLight own;
+  TextureLight& found = light != nullptr ? *light : own;
+  found = {};
+  TexturedMesh textured = Texturer(with_normals, photos, options, reporter, summary, &found).Run();
   summary->seconds = SteadySeconds() - start;
   return textured;
 }

@@ -1,10 +1,13 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
+#include <vector>
 
 #include "mesh/surface/object_view.h"
 #include "mesh/surface/textured_mesh.h"
 #include "mesh/surface/triangle_mesh.h"
+#include "mesh/texture/turn_light.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
@@ -18,6 +21,7 @@ struct TextureOptions {
   int gutter = 4;                  ///< texels around each chart that continue its colours [px].
   bool equalise = true;            ///< take out what exposure and white balance changed from photo to photo.
   double max_memory_gib = 4;  ///< texels are worked off in portions, and made larger where pages do not fit.
+  bool unshade = true;        ///< take out light that stands still while the table turns.
   int num_threads = 0;        ///< 0: one for each core.
 
   OptionCheck Check() const;
@@ -35,6 +39,8 @@ class TexturePhotoSource {
   virtual const ObjectView& Camera(int index) const = 0;
   /// RGB, of the camera's size. Called from several threads at once, as is the next. May throw.
   virtual Image8 Load(int index) const = 0;
+  /// How the table stands in the photo: light that stands still falls on the object from elsewhere.
+  virtual Eigen::Matrix3d WorldFromObject(int /*index*/) const { return Eigen::Matrix3d::Identity(); }
   /// One channel of any size, from 128 on where the object is; without pixels where there is none.
   virtual Image8 LoadMask(int index) const = 0;
 };
@@ -49,15 +55,30 @@ struct TextureSummary {
   double page_use = 0;     ///< share of the pages that is surface.
   double mean_photos = 0;  ///< that a seen texel is blended from.
   double gain_spread = 0;  ///< standard deviation of the photos' gains, as a share.
+  /// What photos that the light was not fitted to are off what the others show of the same places: under even
+  /// light and under that light [grey values, median of the smoothed photos]. 0 where nothing turns.
+  double error_even = 0;
+  double error_lit = 0;
   double seconds = 0;
+};
+
+/// The light under which a textured mesh is seen in photos: its pages hold the colours under the mean of all
+/// photos' light.
+struct TextureLight {
+  TurnLight light;
+  LightTransfer transfer;                ///< of the mesh that was textured; empty when the light is even.
+  std::vector<uint32_t> mesh_triangles;  ///< of that mesh: what each triangle of the textured mesh was.
 };
 
 /// Gives a mesh the colours of photos: charts (charts.h) on pages, and for each texel the best of all photos
 /// that see its place (texture_photo.h, blend_samples.h). A texel's colour depends on its place on the
-/// surface alone, not on its chart, so that charts meet without seams. Texels that no photo sees continue the
-/// colours of the surface around them. The result is bit-identical for any number of threads. Throws
-/// UserError for a mesh without triangles or when no photo shows it, what the source throws, and Interrupted.
+/// surface alone, not on its chart, so that charts meet without seams. Where the table turns, light that
+/// stands still is taken out of the photos first (turn_light.h): colours are those under the light's mean
+/// over all photos. Texels that no photo sees continue the colours of the surface around them. The result is
+/// bit-identical for any number of threads. Throws UserError for a mesh without triangles or when no photo
+/// shows it, what the source throws, and Interrupted.
 TexturedMesh TextureMesh(const TriangleMesh& mesh, const TexturePhotoSource& photos,
-                         const TextureOptions& options, Reporter& reporter, TextureSummary* summary);
+                         const TextureOptions& options, Reporter& reporter, TextureSummary* summary,
+                         TextureLight* light = nullptr);
 
 }  // namespace s2gs

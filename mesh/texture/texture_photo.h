@@ -19,6 +19,10 @@ struct PhotoSample {
   std::array<uint8_t, 3> smooth = {};  ///< the same in the smoothed photo.
 };
 
+inline Eigen::Array3f ColorOf(const std::array<uint8_t, 3>& rgb) {
+  return {static_cast<float>(rgb[0]), static_cast<float>(rgb[1]), static_cast<float>(rgb[2])};
+}
+
 /// A photo as texture is taken from it, prepared so that a point costs one projection.
 class TexturePhoto {
  public:

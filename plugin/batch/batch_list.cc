@@ -124,8 +124,8 @@ BatchObject ParseRow(std::string_view text, int line, const Columns& columns, co
   }
   object.options = *words;
   std::error_code ec;
-  if (!fs::is_directory(object.images, ec)) {
-    object.fault = object.images.string() + ": there is no such folder of photos";
+  if (!fs::is_directory(object.images, ec) && !fs::is_regular_file(object.images, ec)) {
+    object.fault = object.images.string() + ": there is no such folder of photos, and no such video";
     return object;
   }
   try {

@@ -11,6 +11,7 @@
 #include "plugin/report/page_head.h"
 #include "plugin/report/report_input.h"
 #include "plugin/stage/json_file.h"
+#include "s2gs/image/exif.h"
 #include "s2gs/image/photo_folder.h"
 #include "s2gs/image/photos.h"
 #include "sfm_split/base/error.h"
@@ -37,7 +38,9 @@ std::string Picture(const BatchObject& object) {
     }
     const PhotoFolder folder = InspectPhotoFolder(object.images);
     if (folder.photos.empty()) return "";
-    return JpegDataUri(Thumbnail(ReadImage(folder.photos.front().path, 3), kPhotoSide), kQuality);
+    const fs::path& photo = folder.photos.front().path;
+    const Image8 small = Thumbnail(ReadImage(photo, 3), kPhotoSide);
+    return JpegDataUri(TurnUpright(small, ReadOrientation(photo)), kQuality);
   } catch (const UserError&) {
     return "";  // its own scan says what is wrong with it
   }

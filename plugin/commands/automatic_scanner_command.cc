@@ -15,6 +15,7 @@
 
 #include "plugin/cli/shell_quote.h"
 #include "plugin/commands/quality.h"
+#include "plugin/commands/scale_options.h"
 #include "plugin/commands/scan_preflight.h"
 #include "plugin/photos/photo_import.h"
 #include "plugin/plan/plan_parts.h"
@@ -51,7 +52,7 @@ struct Settings {
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
   bool texture = true;
-  double marker_size_mm = 0;
+  ScaleOptions scale;
   fs::path angles_path;
   double step_deg = 0;
   std::vector<std::string> force;  // as given
@@ -134,10 +135,10 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
                      settings.colmap_path.string()),
                 "--angles_path", settings.angles_path.string()),
            "--step_deg", settings.step_deg != 0 ? FormatValue(settings.step_deg) : ""));
-  if (settings.marker_size_mm > 0) {
-    add("model_scaler", "Millimetres",
-        {"--workspace_path", root, "--image_path", images, "--marker_size_mm",
-         FormatValue(settings.marker_size_mm)});
+  if (settings.scale.HasAny()) {
+    std::vector<std::string> arguments = ScaleArguments(settings.scale);
+    arguments.insert(arguments.begin(), {"--workspace_path", root, "--image_path", images});
+    add("model_scaler", "Millimetres", std::move(arguments));
   }
   if (settings.until == Until::kSplit) return steps;
 
@@ -330,11 +331,7 @@ void RunAutomaticScanner(CommandContext& context) {
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
-  options
-      .Add("marker_size_mm", &settings.marker_size_mm,
-           "side of the black squares of the printed markers (ArUco, AprilTag) that lie on the table or "
-           "stand in the background: everything comes out in metres; 0: there are none")
-      .Unit("mm");
+  AddScaleOptions(&options, &settings.scale);
   options.Add("angles_path", &settings.angles_path,
               "table angles that are known: a CSV file of NAME,ANGLE in degrees; used where the photos bear "
               "them out; "
@@ -351,6 +348,7 @@ void RunAutomaticScanner(CommandContext& context) {
               "the colmap executable or its folder; empty: searched for on PATH");
   Reporter& reporter = context.Parse();
   settings.forced = ForcedParts(settings.force);
+  RequireComplete(settings.scale);
 
   const Workspace workspace{settings.workspace_path};
   FindPhotos(workspace, &settings);

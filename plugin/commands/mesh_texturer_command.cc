@@ -31,10 +31,18 @@ void Print(const TextureWorkspaceSummary& summary, std::ostream& out) {
                      texture.num_charts)
       << fmt::format("pages            {}, {:.0f} % of them used\n", pages, 100 * texture.page_use)
       << fmt::format("exposure         differs by {:.1f} % from photo to photo\n", 100 * texture.gain_spread);
+  if (texture.error_even > 0) {
+    out << fmt::format(
+        "light            smoothed photos left out differ by {:.2f} grey values, by {:.2f} under the "
+        "light that stands still\n",
+        texture.error_even, texture.error_lit);
+  }
   if (summary.held_out.num_photos > 0) {
-    out << fmt::format("held out         {} photos: {:.2f} dB on the object, {:.1f} % of it covered\n",
-                       summary.held_out.num_photos, summary.held_out.psnr,
-                       100 * summary.held_out.covered_share);
+    out << fmt::format(
+        "held out         {} photos: {:.2f} dB on the object, {:.2f} under its light; {:.1f} % of it "
+        "covered\n",
+        summary.held_out.num_photos, summary.held_out.psnr, summary.held_out.psnr_lit,
+        100 * summary.held_out.covered_share);
   }
   for (const fs::path& path : summary.written) out << "written          " << path.string() << '\n';
 }
@@ -47,8 +55,9 @@ void RunMeshTexturer(CommandContext& context) {
   Options& options = context.Declare(
       "Gives the mesh of dense/0 the colours of the photos: dense/0/textured-tsdf.obj (with .mtl), .glb (one "
       "file) and .ply, with their texture's pages textured-tsdf_0.png and so on. Each texel is blended from "
-      "the photos that show its place best: large, sharp, without gloss, and with nothing in front. Skipped "
-      "when it is done; with --output_path it always runs.",
+      "the photos that show its place best: large, sharp, without gloss, and with nothing in front. Light "
+      "that stands still while the table turns, and the shadows that the object casts on itself, are found "
+      "from the photos and taken out. Skipped when it is done; with --output_path it always runs.",
       "--workspace_path scan --Texture.texel_size_pixels 0.5");
   options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
   options.Add("output_path", &texturer.output_path,
@@ -60,7 +69,7 @@ void RunMeshTexturer(CommandContext& context) {
               "are free of distortion");
   options.Add("render_path", &texturer.render_path,
               "folder for pictures of the textured mesh in the views of the photos that test_every holds "
-              "out; empty: none");
+              "out, lit as it is there; empty: none");
   auto own = options.Group("", &texturer);
   own.Add("test_every", &TextureWorkspaceOptions::test_every,
           "take no texture from every n-th photo by name, and compare the textured mesh with it; 0: none");
@@ -77,6 +86,10 @@ void RunMeshTexturer(CommandContext& context) {
       .Unit("px");
   texture.Add("equalise", &TextureOptions::equalise,
               "take out what exposure and white balance changed from photo to photo");
+  texture.Add(
+      "unshade", &TextureOptions::unshade,
+      "take out light that stands still while the table turns: colours are those under the light's mean "
+      "over the photos");
   texture
       .Add("max_memory_gib", &TextureOptions::max_memory_gib,
            "work in portions that fit, with larger texels where the pages do not")
@@ -95,7 +108,8 @@ void RunMeshTexturer(CommandContext& context) {
   Stage stage;
   stage.name = "mesh_texturer";
   stage.inputs = {texturer.mesh_path.empty() ? workspace.TsdfMesh() : texturer.mesh_path,
-                  workspace.DenseModel(), workspace.DenseImages(), workspace.DenseMasks()};
+                  workspace.DenseModel(), workspace.DenseImages(), workspace.DenseMasks(),
+                  workspace.Turntable()};
   for (const fs::path& masks : {texturer.mask_path, workspace.Masks()}) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }

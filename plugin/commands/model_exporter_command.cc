@@ -79,8 +79,8 @@ void ExportMetashape(const Settings& s) {
   });
 }
 
-// A file for each photo of the model that has a mask. Returns how many.
-size_t ExportMasks(const Settings& s, Reporter& reporter) {
+// A file for each photo of the model; every one of them has to have a mask.
+void ExportMasks(const Settings& s, Reporter& reporter) {
   const ColmapModel model = ReadColmapModel(s.workspace.ObjectModel());
   const ImageOutputs outputs(s.output_path, s.image_path, {});
   size_t done = 0;
@@ -113,7 +113,6 @@ size_t ExportMasks(const Settings& s, Reporter& reporter) {
     }
     reporter.Progress("export", static_cast<int64_t>(++done), static_cast<int64_t>(model.images.size()));
   }
-  return done;
 }
 
 }  // namespace
@@ -123,14 +122,11 @@ void RunModelExporter(CommandContext& context) {
   Settings s;
   Options& options = context.Declare(
       "Writes a finished workspace in the files of other programs: cameras (nerf: transforms.json and sparse "
-      "points; "
-      "metashape: camera XML), a set for trainers of splats (splat_set: photos without distortion, cameras, "
-      "object "
-      "masks), the object's splats alone (splat_ply: PLY of 3DGS; splat_glb: glTF with "
-      "KHR_gaussian_splatting), masks "
-      "(masks_colmap: NAME.EXT.png; masks_realityscan: NAME.EXT.mask.png) and photos with the mask as alpha "
-      "channel "
-      "(photos_alpha: PNG). Poses are the object's: z is up, lengths are the workspace's.",
+      "points; metashape: camera XML), a set for trainers of splats (splat_set: photos without distortion, "
+      "cameras, object masks), the object's splats alone (splat_ply: PLY of 3DGS; splat_glb: glTF with "
+      "KHR_gaussian_splatting), masks (masks_colmap: NAME.EXT.png; masks_realityscan: NAME.EXT.mask.png) and "
+      "photos with the mask as alpha channel (photos_alpha: PNG). Poses are the object's: z is up, lengths "
+      "are the workspace's.",
       "--workspace_path scan --output_path transforms --output_type nerf");
   options.Add("workspace_path", &workspace_path, "the workspace").Required();
   options

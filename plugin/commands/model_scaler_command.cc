@@ -14,6 +14,7 @@
 #include <system_error>
 #include <vector>
 
+#include "plugin/commands/scale_options.h"
 #include "plugin/outputs/unscaled_scene.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
@@ -45,31 +46,11 @@ constexpr double kMaxRimPx = 5 * kClickPx;
 struct Settings {
   fs::path workspace_path;
   fs::path image_path;
-  double marker_size_mm = 0;
-  std::string marker_dictionary = "auto";
-  std::vector<int32_t> marker_ids;
-  double known_length_mm = 0;
-  std::vector<std::string> point_a;
-  std::vector<std::string> point_b;
-  double disc_diameter_mm = 0;
-  std::vector<std::string> disc_rim;
-  CharucoBoard board;
+  ScaleOptions scale;
 
-  bool HasBoard() const { return board.columns > 0 || board.rows > 0 || board.square_mm > 0; }
-  OptionCheck Check() const {
-    if (!(disc_diameter_mm >= 0) || !(disc_diameter_mm <= 1e6)) {
-      return OptionFault{"disc_diameter_mm", fmt::format("{}", disc_diameter_mm),
-                         "0 <= disc_diameter_mm <= 1000000"};
-    }
-    if (!(marker_size_mm >= 0) || !(marker_size_mm <= 1e5)) {
-      return OptionFault{"marker_size_mm", fmt::format("{}", marker_size_mm),
-                         "0 <= marker_size_mm <= 100000"};
-    }
-    if (!(known_length_mm >= 0) || !(known_length_mm <= 1e6)) {
-      return OptionFault{"known_length_mm", fmt::format("{}", known_length_mm),
-                         "0 <= known_length_mm <= 1000000"};
-    }
-    return std::nullopt;
+  // With the markers' size, which is the board's, too.
+  CharucoBoard Board() const {
+    return {scale.charuco_columns, scale.charuco_rows, scale.charuco_square_mm, scale.marker_size_mm, {}};
   }
 };
 
@@ -105,7 +86,7 @@ size_t CountRepeated(const Sightings& sightings) {
 }
 
 std::string FindDictionary(const Settings& settings, const std::vector<std::string>& names) {
-  if (settings.marker_dictionary != "auto") return settings.marker_dictionary;
+  if (settings.scale.marker_dictionary != "auto") return settings.scale.marker_dictionary;
   // Neighbours, so that they show the same markers.
   std::vector<std::string> probes;
   for (size_t i = 0; i < std::min(kNumProbes, names.size()); ++i) {
@@ -167,8 +148,8 @@ ScaleBar MarkedLength(const Settings& settings, const ColmapModel& model) {
       sightings[place.name][mark] = place.xy;
     }
   };
-  add(settings.point_a, "point_a", 0);
-  add(settings.point_b, "point_b", 1);
+  add(settings.scale.point_a, "point_a", 0);
+  add(settings.scale.point_b, "point_b", 1);
   const std::map<int, LocatedMark> marks = LocateMarks(model, sightings);
   for (const int mark : {0, 1}) {
     if (marks.count(mark) > 0) continue;
@@ -177,7 +158,7 @@ ScaleBar MarkedLength(const Settings& settings, const ColmapModel& model) {
         std::string("the sightings of --point_") + (mark == 0 ? "a" : "b") + " do not meet in one point",
         "Give it in two photos or more, from different sides, to the pixel");
   }
-  return {"marked length", kMetresPerMillimetre * settings.known_length_mm,
+  return {"marked length", kMetresPerMillimetre * settings.scale.known_length_mm,
           (marks.at(0).x - marks.at(1).x).norm(), 0};
 }
 
@@ -188,7 +169,7 @@ ScaleBar DiscDiameter(const Settings& settings, const UnscaledScene& scene) {
   std::map<std::string, const TurntableImage*> turns;
   for (const TurntableImage& image : scene.table.images) turns[image.name] = &image;
   for (const PhotoPlace& place :
-       ParsePlaces(settings.disc_rim, "disc_rim", NamesOf(scene.object), settings.workspace_path)) {
+       ParsePlaces(settings.scale.disc_rim, "disc_rim", NamesOf(scene.object), settings.workspace_path)) {
     const ColmapImage& image = *images.at(place.name);
     const auto turn = turns.find(place.name);
     if (turn == turns.end()) continue;
@@ -206,7 +187,7 @@ ScaleBar DiscDiameter(const Settings& settings, const UnscaledScene& scene) {
                                 rim->rms_px),
                     "Give places on the rim of a round disc that turns about its middle, to the pixel");
   }
-  return {"disc's diameter", kMetresPerMillimetre * settings.disc_diameter_mm, 2 * rim->radius,
+  return {"disc's diameter", kMetresPerMillimetre * settings.scale.disc_diameter_mm, 2 * rim->radius,
           2 * rim->sigma};
 }
 
@@ -283,7 +264,7 @@ void Print(const ScaleEstimate& estimate, const Workspace& workspace, std::ostre
 
 std::vector<ScaleBar> MarkerSides(const Settings& settings, const std::vector<LocatedMarker>& markers,
                                   const std::string& dictionary) {
-  if (settings.marker_size_mm <= 0) {
+  if (settings.scale.marker_size_mm <= 0) {
     std::string list;
     for (const LocatedMarker& marker : markers)
       list += (list.empty() ? "" : ", ") + std::to_string(marker.id);
@@ -292,7 +273,7 @@ std::vector<ScaleBar> MarkerSides(const Settings& settings, const std::vector<Lo
                     "State the side of their black squares as --marker_size_mm");
   }
   std::vector<LocatedMarker> used;
-  const std::set<int32_t> wanted(settings.marker_ids.begin(), settings.marker_ids.end());
+  const std::set<int32_t> wanted(settings.scale.marker_ids.begin(), settings.scale.marker_ids.end());
   for (const LocatedMarker& marker : markers) {
     if (wanted.empty() || wanted.count(marker.id) > 0) used.push_back(marker);
   }
@@ -300,7 +281,7 @@ std::vector<ScaleBar> MarkerSides(const Settings& settings, const std::vector<Lo
     throw UserError(settings.image_path, "no marker is seen well enough in two photos or more",
                     "Take photos with the markers in sight, or state --known_length_mm");
   }
-  return BarsOfMarkers(used, kMetresPerMillimetre * settings.marker_size_mm);
+  return BarsOfMarkers(used, kMetresPerMillimetre * settings.scale.marker_size_mm);
 }
 
 // Lengths of two kinds that cannot both be right have no mean.
@@ -327,16 +308,15 @@ void Scale(const Settings& settings, const Workspace& workspace, Reporter& repor
   std::vector<ScaleBar> bars;
   std::vector<LocatedMarker> markers;
   std::string dictionary;
-  const bool has_length = settings.known_length_mm > 0;
-  const bool has_disc = settings.disc_diameter_mm > 0;
+  const bool has_length = settings.scale.known_length_mm > 0;
+  const bool has_disc = settings.scale.disc_diameter_mm > 0;
   const auto add = [&](const std::vector<ScaleBar>& more) {
     RequireAgreement(bars, more, settings.workspace_path);
     bars.insert(bars.end(), more.begin(), more.end());
   };
-  if (settings.HasBoard()) {
+  if (settings.scale.HasBoard()) {
     const std::vector<std::string> names = NamesOf(scene.object);
-    CharucoBoard board = settings.board;
-    board.marker_mm = settings.marker_size_mm;
+    CharucoBoard board = settings.Board();
     dictionary = board.dictionary = FindDictionary(settings, names);
     // Markers that are not those of such a board yield corners all the same; their sides tell.
     const std::vector<LocatedMarker> seen =
@@ -345,7 +325,7 @@ void Scale(const Settings& settings, const Workspace& workspace, Reporter& repor
     const std::vector<ScaleBar> lengths = BoardLengths(settings, board, scene.object);
     RequireAgreement(bars, lengths, settings.workspace_path);
     bars = lengths;
-  } else if (settings.marker_size_mm > 0 || (!has_length && !has_disc)) {
+  } else if (settings.scale.marker_size_mm > 0 || (!has_length && !has_disc)) {
     const std::vector<std::string> names = NamesOf(scene.object);
     dictionary = FindDictionary(settings, names);
     const Sightings sightings = Detect(settings.image_path, names, dictionary);
@@ -379,44 +359,11 @@ void RunModelScaler(CommandContext& context) {
   options.Add("workspace_path", &settings.workspace_path, "the workspace, with sparse/0 and turntable.json")
       .Required();
   options.Add("image_path", &settings.image_path, "the photos; empty: images in the workspace");
-  auto own = options.Group("", &settings);
-  own.Add("marker_size_mm", &Settings::marker_size_mm, "side of the markers' black squares; 0: no markers")
-      .Unit("mm");
-  options.Add("marker_dictionary", &settings.marker_dictionary,
-              "4X4, 5X5, 6X6, 7X7, ARUCO_ORIGINAL, APRILTAG_16H5, APRILTAG_25H9, APRILTAG_36H10 or "
-              "APRILTAG_36H11; auto: the one of which most are seen");
-  options.Add("marker_ids", &settings.marker_ids, "use these markers alone; empty: all that are found");
-  own.Add("known_length_mm", &Settings::known_length_mm,
-          "distance of two points of the rotating part; 0: none")
-      .Unit("mm");
-  options.Add("point_a", &settings.point_a,
-              "the first point where photos show it: NAME:X:Y in pixels, two or more");
-  options.Add("point_b", &settings.point_b, "the second point, in the same way");
-  own.Add("disc_diameter_mm", &Settings::disc_diameter_mm,
-          "diameter of a round disc that turns about its middle; 0: not known")
-      .Unit("mm");
-  options.Add(
-      "disc_rim", &settings.disc_rim,
-      "places on that disc's rim, NAME:X:Y in pixels, three or more, of its near and of its far side; "
-      "in which photos does not matter");
-  options.Add("charuco_columns", &settings.board.columns,
-              "squares across of a ChArUco board; 0: there is none");
-  options.Add("charuco_rows", &settings.board.rows, "squares down");
-  options
-      .Add("charuco_square_mm", &settings.board.square_mm,
-           "side of its squares; --marker_size_mm is that of its markers, which are numbered from 0")
-      .Unit("mm");
+  AddScaleOptions(&options, &settings.scale);
   Reporter& reporter = context.Parse();
-  if ((settings.known_length_mm > 0) != (!settings.point_a.empty() && !settings.point_b.empty())) {
-    throw CommandLineError("--known_length_mm, --point_a and --point_b belong together.");
-  }
-  if ((settings.disc_diameter_mm > 0) != !settings.disc_rim.empty()) {
-    throw CommandLineError("--disc_diameter_mm and --disc_rim belong together.");
-  }
-  if (settings.HasBoard()) {
-    CharucoBoard board = settings.board;
-    board.marker_mm = settings.marker_size_mm;
-    if (const OptionCheck fault = board.Check()) {
+  RequireComplete(settings.scale);
+  if (settings.scale.HasBoard()) {
+    if (const OptionCheck fault = settings.Board().Check()) {
       throw CommandLineError(fmt::format("--{} {}: {}.", fault->field, fault->value, fault->bound));
     }
   }

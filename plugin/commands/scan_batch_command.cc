@@ -137,8 +137,9 @@ void RunScanBatch(CommandContext& context) {
   Settings settings;
   Options& options = context.Declare(
       "Scans many objects, each by automatic_scanner in a process of its own. The list is a CSV file whose "
-      "first line is `images,workspace,options`: the folder of an object's photos, that of its scan (both "
-      "relative to the list's), and options of automatic_scanner. A row that is wrong is named with its "
+      "first line is `images,workspace,options`: the folder of an object's photos, or a video, the folder of "
+      "its scan (both relative to the list's), and options of automatic_scanner. A row that is wrong is "
+      "named with its "
       "line, and the others run. Ends with a table that says done, doubtful or failed and why, and writes "
       "index.html, one page with a link to each report, and batch.json. Given again, it goes on where it "
       "was: what is done is skipped. Each workspace keeps s2gs/batch.log. Exit code 1 when an object has "

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "plugin/report/html_writer.h"
+
 namespace s2gs {
 namespace {
 
@@ -34,29 +36,6 @@ constexpr const char* kStyle =
     "table{border-collapse:collapse;margin:1em 0}td,th{padding:.2em .8em;border-bottom:1px solid var(--grid);"
     "text-align:right}td:first-child,th:first-child{text-align:left}\n"
     ".row{display:flex;flex-wrap:wrap;gap:1em}\n";
-
-std::string Escaped(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      default:
-        escaped += c;
-    }
-  }
-  return escaped;
-}
 
 // A logarithmic axis.
 struct Axis {
@@ -102,7 +81,7 @@ std::vector<double> Ticks(const Axis& axis) {
 
 std::string Text(double x, double y, const char* anchor, const std::string& text, const char* more = "") {
   return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\"{}>{}</text>\n", x, y, anchor, more,
-                     Escaped(text));
+                     EscapeHtml(text));
 }
 
 std::string Line(const char* kind, double x1, double y1, double x2, double y2) {
@@ -132,7 +111,7 @@ const char* TimeName(const WorkCurve& curve) {
 
 std::string OpenSvg(const std::string& title) {
   return fmt::format("<svg viewBox=\"0 0 {:.0f} {:.0f}\" width=\"{:.0f}\" role=\"img\" aria-label=\"{}\">\n",
-                     kWidth, kHeight, kWidth, Escaped(title));
+                     kWidth, kHeight, kWidth, EscapeHtml(title));
 }
 
 // Error over time for one scene.
@@ -165,7 +144,7 @@ std::string ErrorDiagram(const WorkCurve& curve, const std::vector<WorkSetting>&
       marks += fmt::format(
           "<path class=\"bad\" d=\"M{0:.1f} {2:.1f}L{1:.1f} {3:.1f}M{1:.1f} {2:.1f}L{0:.1f} {3:.1f}\" "
           "stroke-width=\"2\"><title>{4}: {5} of {6} not reached</title></path>\n",
-          px - 4, px + 4, kMissedY - 4, kMissedY + 4, Escaped(setting->value), missed, setting->runs);
+          px - 4, px + 4, kMissedY - 4, kMissedY + 4, EscapeHtml(setting->value), missed, setting->runs);
     }
     if (setting->reached == 0) continue;
     const double py = at(setting->error.median);
@@ -175,7 +154,7 @@ std::string ErrorDiagram(const WorkCurve& curve, const std::vector<WorkSetting>&
     marks += fmt::format(
         "<circle class=\"dot{}\" cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"4\"><title>{}: {:.4g}, {:.3g} s"
         "</title></circle>\n",
-        setting->is_pareto ? " best" : "", px, py, Escaped(setting->value), setting->error.median,
+        setting->is_pareto ? " best" : "", px, py, EscapeHtml(setting->value), setting->error.median,
         time.median);
     marks += Text(px + 6, py - 7, "start", setting->value);
   }
@@ -243,23 +222,24 @@ void WriteCurvePage(const WorkCurve& curve, std::ostream& out) {
   const std::vector<WorkSetting> settings = SumUp(curve);
   out << "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
       << "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n<title>"
-      << Escaped(curve.what) << "</title>\n<style>\n"
-      << kStyle << "</style></head>\n<body>\n<h1>" << Escaped(curve.what) << "</h1>\n"
-      << "<p>Knob <code>" << Escaped(curve.knob) << "</code>, error against <b>" << Escaped(curve.reference)
+      << EscapeHtml(curve.what) << "</title>\n<style>\n"
+      << kStyle << "</style></head>\n<body>\n<h1>" << EscapeHtml(curve.what) << "</h1>\n"
+      << "<p>Knob <code>" << EscapeHtml(curve.knob) << "</code>, error against <b>"
+      << EscapeHtml(curve.reference)
       << "</b>. Points are medians over seeds, bars go from the least to the largest; filled points are the "
          "Pareto "
          "set: nothing is both faster, by "
-      << TimeName(curve) << ", and better. s2gs " << Escaped(curve.program) << ".</p>\n";
+      << TimeName(curve) << ", and better. s2gs " << EscapeHtml(curve.program) << ".</p>\n";
   for (size_t scene = 0; scene < curve.scenes.size(); ++scene) {
     const int index = static_cast<int>(scene);
-    out << "<h2>" << Escaped(curve.scenes[scene]) << "</h2>\n<div class=\"row\">\n"
+    out << "<h2>" << EscapeHtml(curve.scenes[scene]) << "</h2>\n<div class=\"row\">\n"
         << ErrorDiagram(curve, settings, index, true) << ErrorDiagram(curve, settings, index, false)
         << "</div>\n";
     out << "<table><tr><th>value</th><th>CPU time [s]</th><th>wall time [s]</th><th>"
-        << Escaped(curve.error_text) << "</th><th>reached</th><th>Pareto</th></tr>\n";
+        << EscapeHtml(curve.error_text) << "</th><th>reached</th><th>Pareto</th></tr>\n";
     for (const WorkSetting& setting : settings) {
       if (setting.scene != index) continue;
-      out << "<tr><td>" << Escaped(setting.value) << "</td>" << SpreadCell(setting.cpu_seconds)
+      out << "<tr><td>" << EscapeHtml(setting.value) << "</td>" << SpreadCell(setting.cpu_seconds)
           << SpreadCell(setting.wall_seconds) << SpreadCell(setting.error) << "<td>" << setting.reached
           << " of " << setting.runs << "</td><td>" << (setting.is_pareto ? "yes" : "") << "</td></tr>\n";
     }
@@ -280,8 +260,9 @@ void WriteCurvePage(const WorkCurve& curve, std::ostream& out) {
     if (point.failure.empty()) continue;
     if (!any_failure) out << "<h2>Not reached</h2>\n<ul>\n";
     any_failure = true;
-    out << "<li>" << Escaped(curve.scenes[static_cast<size_t>(point.scene)]) << ", " << Escaped(point.value)
-        << ", seed " << point.seed << ": " << Escaped(point.failure) << "</li>\n";
+    out << "<li>" << EscapeHtml(curve.scenes[static_cast<size_t>(point.scene)]) << ", "
+        << EscapeHtml(point.value) << ", seed " << point.seed << ": " << EscapeHtml(point.failure)
+        << "</li>\n";
   }
   if (any_failure) out << "</ul>\n";
   out << "</body></html>\n";

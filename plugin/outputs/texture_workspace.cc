@@ -1,8 +1,10 @@
 #include "plugin/outputs/texture_workspace.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -14,22 +16,47 @@
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/scene/io/turntable_file.h"
 
 namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
 
+// How the table stands in each photo; as if it stood still where turntable.json does not say it of all views.
+class PhotoTurns {
+ public:
+  PhotoTurns(const Workspace& workspace, const std::vector<DenseViewFiles>& views) {
+    if (!Exists(workspace.Turntable())) return;
+    for (const TurntableImage& image : ReadTurntableFile(workspace.Turntable()).images) {
+      turns_[image.name] = image.world_from_object.rotation.toRotationMatrix();
+    }
+    const bool knows_all = std::all_of(
+        views.begin(), views.end(), [&](const DenseViewFiles& view) { return turns_.count(view.name) > 0; });
+    if (!knows_all) turns_.clear();
+  }
+  Eigen::Matrix3d Of(const std::string& name) const {
+    return turns_.empty() ? Eigen::Matrix3d::Identity() : turns_.at(name);
+  }
+
+ private:
+  std::map<std::string, Eigen::Matrix3d> turns_;
+};
+
 class WorkspaceTexturePhotos : public TexturePhotoSource {
  public:
-  explicit WorkspaceTexturePhotos(const std::vector<DenseViewFiles>& files) : photos_(files) {}
+  WorkspaceTexturePhotos(const std::vector<DenseViewFiles>& files, const PhotoTurns& turns) : photos_(files) {
+    for (const DenseViewFiles& view : files) turns_.push_back(turns.Of(view.name));
+  }
   int size() const override { return photos_.size(); }
   const ObjectView& Camera(int index) const override { return photos_.Camera(index); }
   Image8 Load(int index) const override { return photos_.Load(index, 3); }
+  Eigen::Matrix3d WorldFromObject(int index) const override { return turns_[index]; }
   Image8 LoadMask(int index) const override { return photos_.LoadMask(index); }
 
  private:
   DensePhotos photos_;
+  std::vector<Eigen::Matrix3d> turns_;
 };
 
 // The mask's pixels that have all eight neighbours in it.
@@ -49,11 +76,13 @@ PixelMask Eroded(const PixelMask& mask) {
   return eroded;
 }
 
-HeldOutTexture Measure(const TexturedMesh& mesh, const std::vector<DenseViewFiles>& files,
+HeldOutTexture Measure(const TexturedMesh& mesh, const TextureLight& light,
+                       const std::vector<DenseViewFiles>& files, const PhotoTurns& turns,
                        const fs::path& render_path, Reporter& reporter) {
   HeldOutTexture result;
   const DensePhotos photos(files);
   std::vector<double> psnrs;
+  std::vector<double> psnrs_lit;
   int64_t num_pixels = 0;
   int64_t num_covered = 0;
   for (int i = 0; i < photos.size(); ++i) {
@@ -61,10 +90,17 @@ HeldOutTexture Measure(const TexturedMesh& mesh, const std::vector<DenseViewFile
     const Image8 photo = photos.Load(i, 3);
     const Image8 mask_image = photos.LoadMask(i);
     const TexturedRendering rendering = RenderTexturedMesh(mesh, photos.Camera(i));
+    TexturedRendering lit = rendering;
+    if (!light.light.is_even()) {
+      const PhotoLight here = light.light.Turned(turns.Of(files[i].name));
+      lit = RenderTexturedMesh(mesh, photos.Camera(i), 2, [&](uint32_t t, float u, float v) {
+        return light.light.Shade(here, light.transfer.At(light.mesh_triangles[t], u, v));
+      });
+    }
     if (!render_path.empty()) {
       WriteImage(
           ImageOutputs(render_path, {}, {}).Make(render_path, ImageName(files[i].name, render_path), ".png"),
-          rendering.image);
+          lit.image);
     }
     PixelMask mask = rendering.covered;
     if (!mask_image.pixels.empty()) {
@@ -73,6 +109,7 @@ HeldOutTexture Measure(const TexturedMesh& mesh, const std::vector<DenseViewFile
     mask = Eroded(mask);
     if (mask.Count() == 0) continue;
     psnrs.push_back(Psnr(rendering.image, photo, &mask));
+    psnrs_lit.push_back(Psnr(lit.image, photo, &mask));
     num_pixels += mask.Count();
     for (size_t p = 0; p < mask.inside.size(); ++p) {
       num_covered += mask.inside[p] != 0 && rendering.covered.inside[p] != 0 ? 1 : 0;
@@ -80,6 +117,7 @@ HeldOutTexture Measure(const TexturedMesh& mesh, const std::vector<DenseViewFile
   }
   result.num_photos = static_cast<int>(psnrs.size());
   result.psnr = Summarize(psnrs).mean;
+  result.psnr_lit = Summarize(psnrs_lit).mean;
   if (num_pixels > 0)
     result.covered_share = static_cast<double>(num_covered) / static_cast<double>(num_pixels);
   return result;
@@ -123,11 +161,14 @@ TextureWorkspaceSummary TextureWorkspace(const Workspace& workspace, const Textu
   TextureWorkspaceSummary summary;
   summary.num_photos = static_cast<int>(train.size());
   for (const DenseViewFiles& view : train) summary.num_masks += view.mask.empty() ? 0 : 1;
-  const WorkspaceTexturePhotos photos(train);
-  const TexturedMesh textured = TextureMesh(mesh, photos, options.texture, reporter, &summary.texture);
+  const PhotoTurns turns(workspace, views);
+  const WorkspaceTexturePhotos photos(train, turns);
+  TextureLight light;
+  const TexturedMesh textured =
+      TextureMesh(mesh, photos, options.texture, reporter, &summary.texture, &light);
   for (const TexturePage& page : textured.pages)
     summary.pages.push_back({page.image.width, page.image.height});
-  summary.held_out = Measure(textured, held_out, options.render_path, reporter);
+  summary.held_out = Measure(textured, light, held_out, turns, options.render_path, reporter);
   summary.written = WriteTexturedMesh(base, textured);
   return summary;
 }

@@ -15,7 +15,7 @@ struct TextureWorkspaceOptions {
   std::filesystem::path output_path;  ///< without an extension; empty: dense/0/textured-tsdf.
   std::filesystem::path mask_path;    ///< empty: dense/0/masks or, for photos without distortion, masks.
   std::filesystem::path
-      render_path;     ///< of pictures NAME.png of the result in the held-out views; empty: none.
+      render_path;  ///< of pictures NAME.png of the result in the held-out views, lit as there; empty: none.
   int test_every = 0;  ///< every n-th photo by name gives no texture, and the result is compared with it.
   TextureOptions texture;
 
@@ -26,7 +26,8 @@ struct TextureWorkspaceOptions {
 /// eight neighbours are in it, too: outlines mix in the background, which the mesh does not have.
 struct HeldOutTexture {
   int num_photos = 0;
-  double psnr = 0;  ///< mean over the photos [dB]; pixels without mesh are black. NaN without photos.
+  double psnr = 0;      ///< mean over the photos [dB]; pixels without mesh are black. NaN without photos.
+  double psnr_lit = 0;  ///< the same of the mesh in the light that falls on it in each photo.
   double covered_share = 0;  ///< of these pixels, with mesh.
 };
 

@@ -1,5 +1,4 @@
 #include <OpenImageIO/imageio.h>
-#include <lcms2.h>
 
 #include <algorithm>
 #include <array>
@@ -11,10 +10,12 @@
 #include <string_view>
 #include <vector>
 
+#include "plugin/photos/color_profile.h"
 #include "plugin/photos/foreign_exif.h"
 #include "plugin/photos/foreign_photo.h"
 #include "plugin/photos/whole_file.h"
 #include "s2gs/image/image_codec.h"
+#include "s2gs/image/srgb.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 
@@ -27,6 +28,7 @@ using OIIO::ImageSpec;
 using OIIO::TypeDesc;
 
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 32;
+constexpr uint64_t kMaxSearchedBytes = uint64_t{1} << 28;
 constexpr size_t kMaxChannels = 8;  // those of a photo and some between them
 
 std::string LowerCaseExtension(const fs::path& path) {
@@ -99,12 +101,9 @@ std::array<int, 4> FindChannels(const ImageSpec& spec) {
   return channels;
 }
 
-// The sRGB curve (IEC 61966-2-1).
 uint8_t EncodeLight(float value) {
   if (!(value > 0)) return 0;  // NaN, too
-  const double light = std::min<double>(value, 1);
-  const double encoded = light <= 0.0031308 ? 12.92 * light : 1.055 * std::pow(light, 1 / 2.4) - 0.055;
-  return static_cast<uint8_t>(std::lround(255 * encoded));
+  return static_cast<uint8_t>(std::lround(255 * SrgbFromLight(std::min<double>(value, 1))));
 }
 
 bool IsProportionalToLight(const ImageSpec& spec) {
@@ -175,56 +174,13 @@ void DropOpaqueAlpha(Image8* image) {
   image->channels = 3;
 }
 
-struct ProfileCloser {
-  void operator()(void* profile) const { cmsCloseProfile(profile); }
-};
-struct TransformDeleter {
-  void operator()(void* transform) const { cmsDeleteTransform(transform); }
-};
-using Profile = std::unique_ptr<void, ProfileCloser>;
-using Transform = std::unique_ptr<void, TransformDeleter>;
-
-std::string NameOf(const Profile& profile) {
-  std::array<char, 128> name{};
-  cmsGetProfileInfoASCII(profile.get(), cmsInfoDescription, "en", "US", name.data(), name.size() - 1);
-  std::string text = name.data();
-  std::replace_if(
-      text.begin(), text.end(), [](unsigned char c) { return c < 32 || c > 126; }, '?');
-  return text;
-}
-
-// Converts the colours from the profile that the file carries; says so. Profiles that cannot be used are
-// passed over, as by all programs that know none.
-std::string ConvertProfile(const ImageSpec& spec, Image8* image) {
+// Empty when the file has none. OpenImageIO 2.4 does not give that of HEIC and AVIF.
+std::string ProfileOf(const ImageSpec& spec, const fs::path& path) {
   const OIIO::ParamValue* icc = spec.find_attribute("ICCProfile");
-  if (icc == nullptr || icc->datasize() <= 0) return "";
-  const Profile source(cmsOpenProfileFromMem(icc->data(), static_cast<cmsUInt32Number>(icc->datasize())));
-  if (!source) return "its colour profile is damaged and was passed over";
-  const std::string name = NameOf(source);
-  if (name.find("sRGB") != std::string::npos) return "";
-  const bool is_grey = cmsGetColorSpace(source.get()) == cmsSigGrayData;
-  if (!is_grey && cmsGetColorSpace(source.get()) != cmsSigRgbData) return "";
-  const Profile target(cmsCreate_sRGBProfile());
-  const size_t count = static_cast<size_t>(image->width) * image->height;
-  const Transform transform(cmsCreateTransform(source.get(), is_grey ? TYPE_GRAY_8 : TYPE_RGB_8, target.get(),
-                                               TYPE_RGB_8, INTENT_RELATIVE_COLORIMETRIC,
-                                               cmsFLAGS_BLACKPOINTCOMPENSATION));
-  if (!transform) return "its colour profile \"" + name + "\" cannot be used and was passed over";
-  std::vector<uint8_t> row(static_cast<size_t>(image->width) * 3);
-  std::vector<uint8_t> converted(row.size());
-  const size_t channels = static_cast<size_t>(image->channels);
-  for (size_t begin = 0; begin < count; begin += static_cast<size_t>(image->width)) {
-    const size_t in_channels = is_grey ? 1 : 3;
-    for (size_t x = 0; x < static_cast<size_t>(image->width); ++x) {
-      for (size_t c = 0; c < in_channels; ++c)
-        row[x * in_channels + c] = image->pixels[(begin + x) * channels + c];
-    }
-    cmsDoTransform(transform.get(), row.data(), converted.data(), static_cast<cmsUInt32Number>(image->width));
-    for (size_t x = 0; x < static_cast<size_t>(image->width); ++x) {
-      for (size_t c = 0; c < 3; ++c) image->pixels[(begin + x) * channels + c] = converted[x * 3 + c];
-    }
+  if (icc != nullptr && icc->datasize() > 0) {
+    return {static_cast<const char*>(icc->data()), static_cast<size_t>(icc->datasize())};
   }
-  return "colours from \"" + name + "\" to sRGB";
+  return IsHeif(path) ? std::string(FindHeifProfile(ReadWholeFile(path, kMaxSearchedBytes))) : "";
 }
 
 // The block of EXIF wherever a HEIC, AVIF or WebP file keeps it.
@@ -263,7 +219,7 @@ ForeignPhoto ReadForeignPhoto(const fs::path& path) {
       return static_cast<uint8_t>((uint32_t{value} * 255U + 32767U) / 65535U);
     });
   }
-  if (photo.color.empty()) photo.color = ConvertProfile(spec, &photo.image);
+  if (photo.color.empty()) photo.color = ConvertToSrgb(ProfileOf(spec, path), &photo.image);
   DropOpaqueAlpha(&photo.image);
   photo.tags = TagsOf(spec);
   if (!photo.tags.SaysOfLens() && photo.tags.orientation == 1) {

@@ -16,6 +16,7 @@
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/relocalise/unmoved_keypoints.h"
+#include "sfm_split/scene/number_stations.h"
 
 namespace s2gs {
 namespace {
@@ -561,9 +562,7 @@ RefineReport ScanRefiner::Run() {
   WriteModels();
   Relabel(max_error_px);
 
-  std::set<int> stations;
-  for (const View& view : aligned_->scene.views) stations.insert(view.station);
-  aligned_->scene.num_stations = static_cast<int>(stations.size());
+  NumberStations(&aligned_->scene);
   for (const auto& [station, placed] : turned_stations_) report_.placed_stations.push_back(placed);
   if (!has_background_) {
     aligned_->scene.scale_observable = false;

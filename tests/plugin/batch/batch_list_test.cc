@@ -58,6 +58,14 @@ TEST_F(BatchList, ReadsRowsAsSpreadsheetsWriteThem) {
                           (folder_ / "a").string(), "--quality", "low", "--force", "1"));
 }
 
+TEST_F(BatchList, AnObjectMayBeAVideo) {
+  folder_.Write("turn.mp4", "");
+  const std::vector<BatchObject> objects = Parse("images,workspace,options\nturn.mp4,w1,--video_frames 40\n");
+  ASSERT_EQ(objects.size(), 1U);
+  EXPECT_EQ(objects[0].fault, "");
+  EXPECT_EQ(objects[0].images, folder_ / "turn.mp4");
+}
+
 TEST_F(BatchList, TakesSemicolonsAndTabs) {
   EXPECT_EQ(Parse("images;workspace\na;w1\n")[0].workspace, folder_ / "w1");
   EXPECT_EQ(Parse("images\tworkspace\nd,e\tw1\n")[0].images, folder_ / "d,e");
@@ -79,19 +87,20 @@ TEST_F(BatchList, NamesWrongRowsAndKeepsTheOthers) {
       "b c,w1/inner,\n"
       "b c,.,\n"
       "b c,w9,\n");
-  const std::vector<std::string> faults = {"",
-                                           "nothing here: there is no such folder of photos",
-                                           "unknown option --bad.",
-                                           "a quote is not closed, or something follows it",
-                                           "a quote in its options is not closed",
-                                           "does not say which workspace",
-                                           "does not say which folder of images",
-                                           "it has 4 cells, and there are 3 columns",
-                                           "a quote is not closed, or something follows it",
-                                           "the workspace is also that of line 2",
-                                           "the workspace lies in that of line 2",
-                                           "the workspace holds that of line 2",
-                                           ""};
+  const std::vector<std::string> faults = {
+      "",
+      "nothing here: there is no such folder of photos, and no such video",
+      "unknown option --bad.",
+      "a quote is not closed, or something follows it",
+      "a quote in its options is not closed",
+      "does not say which workspace",
+      "does not say which folder of images",
+      "it has 4 cells, and there are 3 columns",
+      "a quote is not closed, or something follows it",
+      "the workspace is also that of line 2",
+      "the workspace lies in that of line 2",
+      "the workspace holds that of line 2",
+      ""};
   ASSERT_EQ(objects.size(), faults.size());
   for (size_t i = 0; i < faults.size(); ++i) {
     EXPECT_EQ(objects[i].line, static_cast<int>(i) + 2);

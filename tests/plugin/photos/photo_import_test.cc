@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "plugin/photos/color_profile.h"
 #include "plugin/photos/foreign_exif.h"
 #include "plugin/photos/foreign_photo.h"
 #include "plugin/photos/whole_file.h"
@@ -214,6 +215,24 @@ TEST_F(PhotoImportTest, ProfilesAreConverted) {
       EXPECT_NEAR(photo.image.pixels[3 * i + row], value, 1.1) << i << " " << row;
     }
   }
+}
+
+// A box `colr` with a profile of 200 bytes, behind one that only names numbers and one that is cut off.
+TEST(HeifProfileBadInput, FindsTheBoxThatHoldsAProfile) {
+  std::string icc(200, 'p');
+  icc.replace(36, 4, "acsp");
+  const std::string box = std::string("\0\0\0\xD4", 4) + "colrprof" + icc;
+  const std::string file = "ftypheic" + std::string("\0\0\0\x13", 4) + "colrnclx1234567" +
+                           std::string("\xFF\xFF\xFF\xFF", 4) + "colrprof" + box;
+  EXPECT_EQ(FindHeifProfile(file), icc);
+  EXPECT_EQ(FindHeifProfile(file + "more"), icc);
+  for (size_t length = 0; length < file.size(); ++length) {
+    EXPECT_TRUE(FindHeifProfile(std::string_view(file).substr(0, length)).empty()) << length;
+  }
+  std::string other = file;
+  other.replace(other.find("acsp"), 4, "none");
+  EXPECT_TRUE(FindHeifProfile(other).empty());
+  EXPECT_TRUE(FindHeifProfile("colrprof").empty());
 }
 
 TEST_F(PhotoImportTest, GoesOnWhereItWasAndRemovesWhatIsStale) {

@@ -1,0 +1,268 @@
+#include "mesh/texture/turn_light.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "mesh/surface/vertex_normals.h"
+#include "mesh/texture/light_transfer.h"
+#include "mesh/texture/texture_mesh.h"
+#include "sfm_split/base/angles.h"
+#include "tests/mesh/texture/box_photos.h"
+#include "tests/support/random_numbers.h"
+
+namespace s2gs {
+namespace {
+
+// What a place of that normal adds up of the harmonics when it sees the whole half space above it: the
+// clamped cosine's bands are pi, 2 pi / 3, pi / 4 and 0 (Ramamoorthi and Hanrahan, SIGGRAPH 2001).
+LightTerms OpenTransfer(const Eigen::Vector3f& normal) {
+  LightTerms terms = LightHarmonics(normal);
+  const double bands[] = {kPi, 2 * kPi / 3, kPi / 4, 0};
+  for (int i = 0; i < kLightTerms; ++i)
+    terms[i] *= static_cast<float>(bands[i < 1 ? 0 : i < 4 ? 1 : i < 9 ? 2 : 3]);
+  return terms;
+}
+
+Eigen::Matrix3d TurnAboutZ(double degrees) {
+  return Eigen::AngleAxisd(degrees * kPi / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+}
+
+// A tube of radius 1 along z with a floor at 0, its inside outwards.
+TriangleMesh Well(double depth, int sides) {
+  TriangleMesh mesh;
+  mesh.vertices.emplace_back(0, 0, 0);
+  for (const double z : {0.0, depth}) {
+    for (int i = 0; i < sides; ++i) {
+      const double angle = 2 * kPi * i / sides;
+      mesh.vertices.push_back(Eigen::Vector3d(std::cos(angle), std::sin(angle), z).cast<float>());
+    }
+  }
+  for (int i = 0; i < sides; ++i) {
+    const uint32_t a = 1 + i;
+    const uint32_t b = 1 + (i + 1) % sides;
+    mesh.triangles.emplace_back(0, a, b);
+    mesh.triangles.emplace_back(a, a + sides, b);
+    mesh.triangles.emplace_back(b, a + sides, b + sides);
+  }
+  ComputeNormals(&mesh);
+  return mesh;
+}
+
+// Its floor's middle sees a cone of the sky: the integral of the cosine is pi sin^2 of its half angle.
+TEST(LightTransfer, WallsHideTheSkyByTheClosedForm) {
+  for (const double depth : {0.3, 1.0, 2.0}) {
+    const TriangleMesh mesh = Well(depth, 64);
+    const LightTransfer transfer(mesh, 0);
+    const double expected = kPi / (1 + depth * depth);
+    const double measured = transfer.At(0, 1, 0)[0] / LightHarmonics(Eigen::Vector3f::UnitZ())[0];
+    // Of 192 directions some lie on the cones' edges; measured: .007, .013 and .0001 of pi.
+    EXPECT_NEAR(measured, expected, 0.02 * kPi);
+  }
+}
+
+// The box's faces apart, so that each has its own normals.
+TriangleMesh FacesOf(const PaintedBox& box) {
+  const TriangleMesh shared = MeshOf({box});
+  TriangleMesh mesh;
+  for (const Triangle& corners : shared.triangles) {
+    const auto first = static_cast<uint32_t>(mesh.vertices.size());
+    for (int i = 0; i < 3; ++i) mesh.vertices.push_back(shared.vertices[corners[i]]);
+    mesh.triangles.emplace_back(first, first + 1, first + 2);
+  }
+  return mesh;
+}
+
+TEST(LightTransfer, ConvexSurfacesSeeAllThatIsAboveThem) {
+  TriangleMesh mesh = FacesOf({{-0.5, -0.4, -0.3}, {0.5, 0.4, 0.3}, {}});
+  ComputeNormals(&mesh);
+  const LightTransfer transfer(mesh, 0);
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Triangle& corners = mesh.triangles[t];
+    const auto corner = [&](int i) { return mesh.vertices[corners[i]]; };
+    const Eigen::Vector3f normal = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+    const LightTerms error = transfer.At(t, 0.31F, 0.27F) - OpenTransfer(normal);
+    // 192 directions add up to the integrals within .0024.
+    EXPECT_LT(error.cwiseAbs().maxCoeff(), 0.01) << t;
+  }
+}
+
+// Light that is brighter from one side and bluish from another; no more than bands 0 and 1.
+Eigen::Matrix<double, kLightTerms, 3> World() {
+  Eigen::Matrix<double, kLightTerms, 3> light = Eigen::Matrix<double, kLightTerms, 3>::Zero();
+  light.row(0).setOnes();
+  light.row(1) << 0.3, 0.25, 0.1;
+  light.row(2) << 0.3, 0.3, 0.4;
+  light.row(3) << -0.35, -0.35, -0.2;
+  return light;
+}
+
+// The irradiance of a normal in the world by hand: 1 + a z with harmonics of band 1 is pi Y0 + 2 pi / 3 a Y1
+// n.
+Eigen::Array3d IrradianceByHand(const Eigen::Vector3d& n) {
+  const auto light = World();
+  const double c1 = 0.4886025119029199;
+  Eigen::Array3d sum;
+  for (int c = 0; c < 3; ++c) {
+    sum[c] = kPi * 0.28209479177387814 * light(0, c) +
+             2 * kPi / 3 * c1 * (-n.y() * light(1, c) + n.z() * light(2, c) - n.x() * light(3, c));
+  }
+  return sum;
+}
+
+TEST(TurnLight, ShadesAreIrradianceBesideItsMean) {
+  std::vector<Eigen::Matrix3d> turns;
+  for (int i = 0; i < 8; ++i) turns.push_back(TurnAboutZ(45 * i));
+  const TurnLight light(World(), turns);
+  RandomNumbers random(1);
+  for (int k = 0; k < 20; ++k) {
+    const Eigen::Vector3d normal =
+        Eigen::Vector3d(random.Uniform(-1, 1), random.Uniform(-1, 1), random.Uniform(-1, 1)).normalized();
+    Eigen::Array3d mean = Eigen::Array3d::Zero();
+    for (const Eigen::Matrix3d& turn : turns) mean += IrradianceByHand(turn * normal) / 8;
+    const Eigen::Array3d expected = IrradianceByHand(turns[3] * normal) / mean;
+    const Eigen::Array3f shade = light.Shade(light.Turned(turns[3]), OpenTransfer(normal.cast<float>()));
+    EXPECT_LT((shade.cast<double>() - expected).abs().maxCoeff(), 1e-5);
+  }
+}
+
+// Places of random colours and normals, each seen in half of the photos, with noise and with gloss in some.
+TEST(FitTurnLight, FindsTheLightThatSamplesWereMadeWith) {
+  std::vector<Eigen::Matrix3d> turns;
+  for (int i = 0; i < 24; ++i) turns.push_back(TurnAboutZ(15 * i));
+  const TurnLight truth(World(), turns);
+  for (const bool is_lit : {true, false}) {
+    RandomNumbers random(2);
+    std::vector<LitSample> samples;
+    std::vector<LightTerms> transfers;
+    for (uint32_t k = 0; k < 3000; ++k) {
+      const Eigen::Vector3f normal =
+          Eigen::Vector3d(random.Uniform(-1, 1), random.Uniform(-1, 1), random.Uniform(-1, 1))
+              .normalized()
+              .cast<float>();
+      transfers.push_back(OpenTransfer(normal));
+      const Eigen::Array3f color(random.Uniform(40, 150), random.Uniform(40, 150), random.Uniform(40, 150));
+      for (uint16_t p = 0; p < turns.size(); ++p) {
+        if (random.Uniform(0, 1) < 0.5) continue;
+        const Eigen::Array3f shade =
+            is_lit ? truth.Shade(truth.Turned(turns[p]), transfers[k]) : Eigen::Array3f::Ones();
+        Eigen::Array3f seen = UnderLight(color, shade) + static_cast<float>(random.Normal());
+        if (random.Uniform(0, 1) < 0.05) seen += 60;
+        samples.push_back({k, p, seen});
+      }
+    }
+    const LightFinding found = FitTurnLight(samples, transfers, turns);
+    double worst = 0;
+    for (uint32_t k = 0; k < transfers.size(); k += 50) {
+      for (const int p : {0, 5, 13}) {
+        const Eigen::Array3f shade = found.light.Shade(found.light.Turned(turns[p]), transfers[k]);
+        const Eigen::Array3f expected =
+            is_lit ? truth.Shade(truth.Turned(turns[p]), transfers[k]) : Eigen::Array3f::Ones();
+        worst = std::max<double>(worst, (shade - expected).abs().maxCoeff());
+      }
+    }
+    RecordProperty(is_lit ? "worst_lit" : "worst_even", std::to_string(worst));
+    EXPECT_LT(worst, 0.02);
+    if (is_lit) {
+      EXPECT_LT(found.error_lit, 0.25 * found.error_even);
+    }
+  }
+  EXPECT_TRUE(FitTurnLight({}, {}, turns).light.is_even());
+}
+
+TEST(FitTurnLight, ATableThatStandsStillHasEvenLight) {
+  const std::vector<Eigen::Matrix3d> turns(5, TurnAboutZ(30));
+  std::vector<LitSample> samples;
+  for (uint16_t p = 0; p < 5; ++p) samples.push_back({0, p, Eigen::Array3f::Constant(50.0F * p)});
+  EXPECT_TRUE(FitTurnLight(samples, {OpenTransfer(Eigen::Vector3f::UnitX())}, turns).light.is_even());
+}
+
+// Photos of a box that turns under that light.
+class LitBoxPhotos : public TexturePhotoSource {
+ public:
+  LitBoxPhotos(const PaintedBox& box, int count) {
+    for (int i = 0; i < count; ++i) {
+      const Eigen::Matrix3d turn = TurnAboutZ(360.0 * i / count);
+      ObjectView view = LookAtOrigin(Eigen::Vector3d(4, 0, i % 2 == 0 ? 1.5 : 3.5), 200, 400);
+      view.cam_from_object.rotation = view.cam_from_object.rotation * Eigen::Quaterniond(turn);
+      PaintedBox lit = box;
+      lit.color = [&](const Eigen::Vector3d& x) {
+        const Eigen::Array3d light = IrradianceByHand(turn * NormalAt(box, x)) / MeanLight(NormalAt(box, x));
+        return UnderLight(box.color(x).cast<float>(), light.cast<float>()).cast<double>().eval();
+      };
+      photos_.push_back(BoxPhotos({lit}, {view}).Load(0));
+      views_.push_back(view);
+      turns_.push_back(turn);
+    }
+  }
+  int size() const override { return static_cast<int>(views_.size()); }
+  const ObjectView& Camera(int index) const override { return views_[index]; }
+  Image8 Load(int index) const override { return photos_[index]; }
+  Image8 LoadMask(int /*index*/) const override { return {}; }
+  Eigen::Matrix3d WorldFromObject(int index) const override { return turns_[index]; }
+
+  static Eigen::Vector3d NormalAt(const PaintedBox& box, const Eigen::Vector3d& x) {
+    const Eigen::Vector3d inside = (2 * x - box.low - box.high).cwiseQuotient(box.high - box.low);
+    int axis = 0;
+    inside.cwiseAbs().maxCoeff(&axis);
+    return (inside[axis] > 0 ? 1.0 : -1.0) * Eigen::Vector3d::Unit(axis);
+  }
+
+ private:
+  // Over a full turn band 1 leaves what is along z.
+  static Eigen::Array3d MeanLight(const Eigen::Vector3d& normal) {
+    return IrradianceByHand({0, 0, normal.z()});
+  }
+
+  std::vector<ObjectView> views_;
+  std::vector<Image8> photos_;
+  std::vector<Eigen::Matrix3d> turns_;
+};
+
+TEST(TextureMesh, LightThatStandsStillIsTakenOut) {
+  const PaintedBox box = {{-0.6, -0.5, -0.4}, {0.6, 0.5, 0.5}, [](const Eigen::Vector3d& x) {
+                            return Eigen::Array3d(110 + 40 * std::sin(9 * x.x()),
+                                                  110 + 40 * std::sin(8 * x.y()),
+                                                  110 + 40 * std::sin(7 * x.z()));
+                          }};
+  const LitBoxPhotos photos(box, 18);
+  Reporter reporter;
+  double rms[2] = {};
+  for (const bool unshade : {false, true}) {
+    TextureOptions options;
+    options.unshade = unshade;
+    TextureSummary summary;
+    const TexturedMesh mesh = TextureMesh(FacesOf(box), photos, options, reporter, &summary);
+    int count = 0;
+    for (const TexturePage& page : mesh.pages) {
+      for (uint64_t t = page.first_triangle; t < page.first_triangle + page.num_triangles; ++t) {
+        const Triangle& corners = mesh.triangles[t];
+        Eigen::Vector3d x = Eigen::Vector3d::Zero();
+        Eigen::Vector2f texel = Eigen::Vector2f::Zero();
+        for (int i = 0; i < 3; ++i) {
+          x += mesh.vertices[corners[i]].cast<double>() / 3;
+          texel += mesh.texels[corners[i]] / 3;
+        }
+        if (LitBoxPhotos::NormalAt(box, x).z() < -0.5) continue;  // no photo shows it
+        const uint8_t* pixel = page.image.Pixel(static_cast<int>(texel.x()), static_cast<int>(texel.y()));
+        for (int c = 0; c < 3; ++c) rms[unshade] += std::pow(pixel[c] - box.color(x)[c], 2);
+        count += 3;
+      }
+    }
+    EXPECT_EQ(count, 30);
+    rms[unshade] = std::sqrt(rms[unshade] / count);
+    if (unshade) {
+      EXPECT_LT(summary.error_lit, 0.5 * summary.error_even);
+    }
+  }
+  RecordProperty("rms", std::to_string(rms[1]));
+  RecordProperty("rms_without", std::to_string(rms[0]));
+  EXPECT_LT(rms[1], 4);
+  EXPECT_GT(rms[0], 2 * rms[1]);
+}
+
+}  // namespace
+}  // namespace s2gs
