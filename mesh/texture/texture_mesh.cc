@@ -190,6 +190,7 @@ class Texturer {
   // Exposures look different under uneven light, and light by wrong exposures: in turn.
   void FindLight(const std::vector<SurfacePlace>& places, std::vector<ToneSample>* samples) {
     std::vector<Eigen::Matrix3d> turns;
+    turns.reserve(source_.size());
     for (int i = 0; i < source_.size(); ++i) turns.push_back(source_.WorldFromObject(i));
     if (!Turns(turns)) return;
     light_.transfer = LightTransfer(mesh_, num_threads_);
@@ -211,6 +212,7 @@ class Texturer {
       summary_.error_lit = found.error_lit;
       if (light_.light.is_even()) break;
       photo_lights_.clear();
+      photo_lights_.reserve(turns.size());
       for (const Eigen::Matrix3d& turn : turns) photo_lights_.push_back(light_.light.Turned(turn));
       for (ToneSample& s : *samples) s.shade = light_.light.Shade(photo_lights_[s.photo], transfers[s.place]);
       EstimateAllTones(*samples);

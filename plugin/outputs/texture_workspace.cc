@@ -46,6 +46,7 @@ class PhotoTurns {
 class WorkspaceTexturePhotos : public TexturePhotoSource {
  public:
   WorkspaceTexturePhotos(const std::vector<DenseViewFiles>& files, const PhotoTurns& turns) : photos_(files) {
+    turns_.reserve(files.size());
     for (const DenseViewFiles& view : files) turns_.push_back(turns.Of(view.name));
   }
   int size() const override { return photos_.size(); }
