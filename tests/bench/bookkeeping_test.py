@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of run.py, report.py, compare.py and mutants.py on made-up results and sources. Needs the standard library only."""
+"""Tests of run.py, report.py, compare.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
 import argparse
 import contextlib
 import io
@@ -13,6 +13,7 @@ import unittest
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import compare
+import method_tables
 import mutants
 import report
 import results
@@ -302,6 +303,37 @@ class Mutants(unittest.TestCase):
         self.assertIn('mesh       1 of 2 killed (50 %)', text)
         self.assertIn('mesh/a.cc:4: sign', text)
         self.assertNotIn('mesh/a.cc:3', text)
+
+
+class Curves(unittest.TestCase):
+    CURVE = {'knob': 'voxel', 'what': 'edge', 'error': 'e', 'error_text': 'error [px]', 'reference': 'ground truth', 'scenes': ['a', 'b'],
+             'settings': [{'scene': scene, 'value': str(value), 'runs': 1, 'reached': 1, 'pareto': True,
+                           'cpu_s': {'min': 7, 'median': 7, 'max': 7},
+                           'wall_s': {'min': value, 'median': value, 'max': value},
+                           'error': {'min': 1 / value, 'median': 1 / value, 'max': 1 / value}}
+                          for scene in (0, 1) for value in (2, 4, 8)]}
+
+    def test_the_time_that_counts(self):
+        # 7 CPU seconds all: one place along x; wall seconds stand at three, and each scene has its table and its line.
+        by_cpu, by_wall = (report.curve_plot({**self.CURVE, 'time': clock}) for clock in ('cpu', 'wall'))
+        places = lambda svg: {word.split('"')[1] for word in svg.split('<circle ')[1:]}
+        self.assertEqual((len(places(by_cpu)), len(places(by_wall))), (1, 3))
+        self.assertIn('wall seconds', by_wall)
+        lines = report.curves_part({'mesh_gpu': {**self.CURVE, 'time': 'wall'}})
+        self.assertIn('### Edge (mesh gpu)', lines)
+        self.assertIn('a:', lines)
+        self.assertIn('b:', lines)
+        self.assertIn('wall [s]', '\n'.join(lines))
+
+    def test_method_runs_become_one_table(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            run_of = lambda seed, psnr: {'scene': 'a', 'variant': 'ours', 'seed': seed, 'iterations': 3000, 'psnr_db': psnr}
+            (folder / '1.jsonl').write_text(''.join(json.dumps(run_of(s, v)) + '\n' for s, v in ((0, 30.0), (1, 35.0))))
+            (folder / '2.jsonl').write_text(json.dumps(run_of(2, 31.0)) + '\n' + json.dumps(run_of(1, 32.0)) + '\n')
+            method_tables.merge([str(folder / '1.jsonl'), str(folder / '2.jsonl'), str(folder / 'out')])
+            self.assertIn('| ours: the defaults | 31.00 (30.00 to 32.00) |', (folder / 'out' / 'method.md').read_text())
+            self.assertEqual(len((folder / 'out' / 'method.jsonl').read_text().splitlines()), 3)
 
 
 if __name__ == '__main__':
