@@ -457,7 +457,8 @@ class Trainer {
       std::iota(kept.begin(), kept.end(), 0U);
     }
     if (options_.unseen_weight > 0 || options_.unseen_static_weight > 0) {
-      const std::vector<float> peak = backend_->PeakWeights(training_views_, scene_.bodies());
+      const std::vector<float> peak =
+          backend_->PeakWeights(training_views_, scene_.bodies(), DrawnBody::kAll);
       if (!peak.empty()) {
         int64_t num_unseen_static = 0;
         const auto is_unseen = [&](uint32_t i) {

@@ -10,6 +10,7 @@
 #include "s2gs/core/knn.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/kernel/foreground.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -39,8 +40,8 @@ float MostDifferent(const uint8_t* a, const uint8_t* b) {
   return static_cast<float>(most);
 }
 
-std::vector<float> GreyOf(const Image8& image) {
-  std::vector<float> grey;
+std::vector<uint8_t> GreyOf(const Image8& image) {
+  std::vector<uint8_t> grey;
   grey.reserve(image.pixels.size() / 3);
   for (size_t i = 0; i + 2 < image.pixels.size(); i += 3) grey.push_back(GreyFromRgb(&image.pixels[i]));
   return grey;
@@ -48,15 +49,21 @@ std::vector<float> GreyOf(const Image8& image) {
 
 // All pixels of which one within `margin` along both axes is set.
 std::vector<uint8_t> Widened(const std::vector<uint8_t>& inside, int width, int height, int margin) {
+  std::vector<uint8_t> along_rows(inside.size(), 0);
+  for (int y = 0; y < height; ++y) {
+    const size_t row = static_cast<size_t>(y) * width;
+    for (int x = 0; x < width; ++x) {
+      if (inside[row + x] == 0) continue;
+      for (int u = std::max(0, x - margin); u <= std::min(width - 1, x + margin); ++u)
+        along_rows[row + u] = 1;
+    }
+  }
   std::vector<uint8_t> wide(inside.size(), 0);
   for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      if (inside[static_cast<size_t>(y) * width + x] == 0) continue;
-      for (int v = std::max(0, y - margin); v <= std::min(height - 1, y + margin); ++v) {
-        for (int u = std::max(0, x - margin); u <= std::min(width - 1, x + margin); ++u) {
-          wide[static_cast<size_t>(v) * width + u] = 1;
-        }
-      }
+    uint8_t* const to = wide.data() + static_cast<size_t>(y) * width;
+    for (int v = std::max(0, y - margin); v <= std::min(height - 1, y + margin); ++v) {
+      const uint8_t* const from = along_rows.data() + static_cast<size_t>(v) * width;
+      for (int x = 0; x < width; ++x) to[x] |= from[x];
     }
   }
   return wide;
@@ -94,40 +101,72 @@ PinholeView ReducedView(const PinholeView& view) {
                     std::max(1, static_cast<int>(view.height * scale)));
 }
 
+// Sums over the patches about the pixels of one row of two grey pictures. Whole numbers: exact in any order.
+struct PatchSums {
+  int32_t a = 0, b = 0, aa = 0, bb = 0, ab = 0;
+
+  void Add(int in_a, int in_b, int sign) {
+    a += sign * in_a;
+    b += sign * in_b;
+    aa += sign * in_a * in_a;
+    bb += sign * in_b * in_b;
+    ab += sign * in_a * in_b;
+  }
+  void Add(const PatchSums& other, int sign) {
+    a += sign * other.a;
+    b += sign * other.b;
+    aa += sign * other.aa;
+    bb += sign * other.bb;
+    ab += sign * other.ab;
+  }
+};
+
+// Those of a row's columns, moved from row to row.
+class PatchColumns {
+ public:
+  PatchColumns(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b, int width)
+      : a_(a), b_(b), columns_(static_cast<size_t>(width)) {
+    for (int y = 0; y < 2 * kPatchRadius; ++y) AddRow(y, 1);
+  }
+
+  /// The columns about row y; rows in order, from kPatchRadius on.
+  const std::vector<PatchSums>& Row(int y) {
+    if (y > kPatchRadius) AddRow(y - kPatchRadius - 1, -1);
+    AddRow(y + kPatchRadius, 1);
+    return columns_;
+  }
+
+ private:
+  void AddRow(int y, int sign) {
+    const size_t row = static_cast<size_t>(y) * columns_.size();
+    for (size_t x = 0; x < columns_.size(); ++x) columns_[x].Add(a_[row + x], b_[row + x], sign);
+  }
+
+  const std::vector<uint8_t>& a_;
+  const std::vector<uint8_t>& b_;
+  std::vector<PatchSums> columns_;
+};
+
 // Correlation of the patches about a pixel, and the standard deviation of the first.
 struct Likeness {
   float correlation = 0;
   float deviation = 0;
 };
 
-Likeness ComparePatches(const std::vector<float>& a, const std::vector<float>& b, int width, int x, int y) {
-  double sum_a = 0;
-  double sum_b = 0;
-  double sum_aa = 0;
-  double sum_bb = 0;
-  double sum_ab = 0;
-  for (int v = y - kPatchRadius; v <= y + kPatchRadius; ++v) {
-    for (int u = x - kPatchRadius; u <= x + kPatchRadius; ++u) {
-      const double in_a = a[static_cast<size_t>(v) * width + u];
-      const double in_b = b[static_cast<size_t>(v) * width + u];
-      sum_a += in_a;
-      sum_b += in_b;
-      sum_aa += in_a * in_a;
-      sum_bb += in_b * in_b;
-      sum_ab += in_a * in_b;
-    }
-  }
+Likeness LikenessOf(const PatchSums& sums) {
   constexpr double kCount = (2 * kPatchRadius + 1) * (2 * kPatchRadius + 1);
-  const double var_a = std::max(0.0, sum_aa - sum_a * sum_a / kCount);
-  const double var_b = std::max(0.0, sum_bb - sum_b * sum_b / kCount);
+  const double a = sums.a;
+  const double b = sums.b;
+  const double var_a = std::max(0.0, sums.aa - a * a / kCount);
+  const double var_b = std::max(0.0, sums.bb - b * b / kCount);
   const double product = std::sqrt(var_a * var_b);
   Likeness likeness;
   likeness.deviation = static_cast<float>(std::sqrt(var_a / kCount));
-  if (product > 0) likeness.correlation = static_cast<float>((sum_ab - sum_a * sum_b / kCount) / product);
+  if (product > 0) likeness.correlation = static_cast<float>((sums.ab - a * b / kCount) / product);
   return likeness;
 }
 
-std::vector<uint32_t> RotatingOnes(const Gaussians& all) {
+std::vector<uint32_t> RotatingOnes(const Placement& all) {
   std::vector<uint32_t> rotating;
   for (size_t i = 0; i < all.size(); ++i) {
     const float* x = all.centre.data() + 3 * i;
@@ -145,21 +184,20 @@ struct RotatingAlone {
   std::vector<std::vector<uint8_t>> opaque;      // by view and pixel: what a mask has.
 };
 
-RotatingAlone LookAlone(const Gaussians& rotating, const std::vector<PinholeView>& views, Backend* backend) {
+RotatingAlone LookAlone(const std::vector<uint32_t>& rotating, const std::vector<PinholeView>& views,
+                        Backend* backend) {
   RotatingAlone alone;
-  TrainState state;
-  state.gaussians = rotating;
-  backend->SetState(state);
   for (const PinholeView& view : views) {
-    const std::vector<float> peaks = backend->PeakWeights({view}, SceneBodies::kBoth);
-    if (peaks.size() != rotating.size()) return {};
+    const std::vector<float> peaks = backend->PeakWeights({view}, SceneBodies::kBoth, DrawnBody::kForeground);
+    if (peaks.empty()) return {};
     std::vector<uint8_t> is_visible;
-    is_visible.reserve(peaks.size());
-    for (const float peak : peaks) is_visible.push_back(peak >= kMinWeight ? 1 : 0);
+    is_visible.reserve(rotating.size());
+    for (const uint32_t i : rotating) is_visible.push_back(peaks[i] >= kMinWeight ? 1 : 0);
     alone.is_visible.push_back(std::move(is_visible));
     RenderRequest request;
     request.view = view;
     request.freeze_foreground = true;
+    request.drawn = DrawnBody::kForeground;
     const RenderedView rendered = backend->Render(request);
     std::vector<uint8_t> inside;
     std::vector<uint8_t> opaque;
@@ -170,8 +208,13 @@ RotatingAlone LookAlone(const Gaussians& rotating, const std::vector<PinholeView
       opaque.push_back(alpha > 0.5F ? 1 : 0);
     }
     alone.opaque.push_back(std::move(opaque));
-    alone.covered.push_back(Widened(inside, view.width, view.height, kCoverMargin));
+    alone.covered.push_back(std::move(inside));
   }
+  ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t v) {
+    std::vector<uint8_t>& covered = alone.covered[static_cast<size_t>(v)];
+    const PinholeView& view = views[static_cast<size_t>(v)];
+    covered = Widened(covered, view.width, view.height, kCoverMargin);
+  });
   return alone;
 }
 
@@ -231,44 +274,69 @@ std::vector<std::vector<PixelSight>> TurnEvidence::Look(
     const std::vector<std::vector<uint8_t>>& covered) const {
   std::vector<std::vector<PixelSight>> sights(views_.size());
   for (const Camera& camera : cameras_) {
-    Image8 background = pictures_[camera.first];
-    const int width = background.width;
-    const int height = background.height;
-    const size_t count = static_cast<size_t>(width) * height;
-    std::vector<uint8_t> is_seen(count, 0);
+    std::vector<uint8_t> is_seen;
+    const Image8 background = Background(camera, covered, &is_seen);
+    const std::vector<uint8_t> behind = GreyOf(background);
+    ParallelFor(static_cast<int64_t>(camera.end - camera.first), 0, [&](int64_t i) {
+      const size_t picture = camera.first + static_cast<size_t>(i);
+      sights[picture] = Compare(camera, pictures_[picture], background, behind, is_seen);
+    });
+  }
+  return sights;
+}
+
+// Medians of the photos that leave a pixel free.
+Image8 TurnEvidence::Background(const Camera& camera, const std::vector<std::vector<uint8_t>>& covered,
+                                std::vector<uint8_t>* is_seen) const {
+  Image8 background = pictures_[camera.first];
+  const auto width = static_cast<size_t>(background.width);
+  is_seen->assign(width * background.height, 0);
+  ParallelFor(background.height, 0, [&](int64_t y) {
     std::array<std::vector<uint8_t>, 3> channels;
-    for (size_t p = 0; p < count; ++p) {
+    for (size_t p = width * static_cast<size_t>(y); p < width * static_cast<size_t>(y + 1); ++p) {
       for (std::vector<uint8_t>& channel : channels) channel.clear();
       for (size_t i = camera.first; i < camera.end; ++i) {
         if (covered[i][p] != 0) continue;
         for (int c = 0; c < 3; ++c) channels[c].push_back(pictures_[i].pixels[3 * p + c]);
       }
       if (channels[0].size() < kMinUncovered) continue;
-      is_seen[p] = 1;
+      (*is_seen)[p] = 1;
       for (int c = 0; c < 3; ++c) background.pixels[3 * p + c] = UpperMedian(channels[c]);
     }
-    const std::vector<float> behind = GreyOf(background);
-    for (size_t i = camera.first; i < camera.end; ++i) {
-      sights[i].assign(count, PixelSight::kNeverFree);
-      const std::vector<float> grey = GreyOf(pictures_[i]);
-      for (int y = kPatchRadius; y < height - kPatchRadius; ++y) {
-        for (int x = kPatchRadius; x < width - kPatchRadius; ++x) {
-          const size_t p = static_cast<size_t>(y) * width + x;
-          if (is_seen[p] == 0) continue;
-          sights[i][p] = PixelSight::kAlike;
-          const float slope = (MostDifferent(background.Pixel(x - 1, y), background.Pixel(x + 1, y)) +
-                               MostDifferent(background.Pixel(x, y - 1), background.Pixel(x, y + 1))) /
-                              2;
-          if (MostDifferent(pictures_[i].Pixel(x, y), background.Pixel(x, y)) >
-              camera.tolerance + kPoseError * slope) {
-            sights[i][p] = PixelSight::kOther;
-            continue;
-          }
-          const Likeness likeness = ComparePatches(behind, grey, width, x, y);
-          if (likeness.deviation >= kTextureFactor * camera.noise && likeness.correlation >= kCorrelation) {
-            sights[i][p] = PixelSight::kBackground;
-          }
-        }
+  });
+  return background;
+}
+
+std::vector<PixelSight> TurnEvidence::Compare(const Camera& camera, const Image8& picture,
+                                              const Image8& background, const std::vector<uint8_t>& behind,
+                                              const std::vector<uint8_t>& is_seen) {
+  const int width = picture.width;
+  const int height = picture.height;
+  std::vector<PixelSight> sights(static_cast<size_t>(width) * height, PixelSight::kNeverFree);
+  if (width <= 2 * kPatchRadius || height <= 2 * kPatchRadius) return sights;
+  const std::vector<uint8_t> grey = GreyOf(picture);
+  PatchColumns patches(behind, grey, width);
+  for (int y = kPatchRadius; y < height - kPatchRadius; ++y) {
+    const std::vector<PatchSums>& columns = patches.Row(y);
+    PatchSums sums;
+    for (int x = 0; x < 2 * kPatchRadius; ++x) sums.Add(columns[x], 1);
+    for (int x = kPatchRadius; x < width - kPatchRadius; ++x) {
+      sums.Add(columns[x + kPatchRadius], 1);
+      if (x > kPatchRadius) sums.Add(columns[x - kPatchRadius - 1], -1);
+      const size_t p = static_cast<size_t>(y) * width + x;
+      if (is_seen[p] == 0) continue;
+      sights[p] = PixelSight::kAlike;
+      const float slope = (MostDifferent(background.Pixel(x - 1, y), background.Pixel(x + 1, y)) +
+                           MostDifferent(background.Pixel(x, y - 1), background.Pixel(x, y + 1))) /
+                          2;
+      if (MostDifferent(picture.Pixel(x, y), background.Pixel(x, y)) >
+          camera.tolerance + kPoseError * slope) {
+        sights[p] = PixelSight::kOther;
+        continue;
+      }
+      const Likeness likeness = LikenessOf(sums);
+      if (likeness.deviation >= kTextureFactor * camera.noise && likeness.correlation >= kCorrelation) {
+        sights[p] = PixelSight::kBackground;
       }
     }
   }
@@ -278,11 +346,9 @@ std::vector<std::vector<PixelSight>> TurnEvidence::Look(
 std::optional<SightShares> MeasureSights(const TurnEvidence& evidence, Backend* backend) {
   SightShares shares;
   if (!evidence.IsAvailable()) return shares;
-  const TrainState state = backend->GetState();
-  const std::vector<uint32_t> rotating = RotatingOnes(state.gaussians);
+  const std::vector<uint32_t> rotating = RotatingOnes(backend->GetPlacement());
   if (rotating.empty()) return std::nullopt;
-  const RotatingAlone look = LookAlone(SelectGaussians(state.gaussians, rotating), evidence.views(), backend);
-  backend->SetState(state);
+  const RotatingAlone look = LookAlone(rotating, evidence.views(), backend);
   if (look.covered.empty()) return std::nullopt;
   const std::vector<std::vector<PixelSight>> sights = evidence.Look(look.covered);
   int64_t count = 0;
@@ -307,24 +373,26 @@ std::optional<SightShares> MeasureSights(const TurnEvidence& evidence, Backend* 
 
 std::vector<uint32_t> FindStandingGaussians(const TurnEvidence& evidence, Backend* backend) {
   if (!evidence.IsAvailable()) return {};
-  const TrainState state = backend->GetState();
-  const Gaussians& all = state.gaussians;
+  const Placement all = backend->GetPlacement();
   const std::vector<uint32_t> rotating = RotatingOnes(all);
   if (rotating.empty()) return {};
-  const Gaussians alone = SelectGaussians(all, rotating);
   const std::vector<PinholeView>& views = evidence.views();
-  const RotatingAlone look = LookAlone(alone, views, backend);
-  backend->SetState(state);
+  const RotatingAlone look = LookAlone(rotating, views, backend);
   if (look.covered.empty()) return {};
+  std::vector<float> centres;
+  centres.reserve(3 * rotating.size());
+  for (const uint32_t i : rotating) {
+    for (int axis = 0; axis < 3; ++axis) centres.push_back(all.centre[3 * i + axis]);
+  }
 
   const std::vector<std::vector<PixelSight>> sights = evidence.Look(look.covered);
-  const Neighbours near = FindNeighbours(alone.centre, kNeighbours);
+  const Neighbours near = FindNeighbours(centres, kNeighbours);
   std::vector<SightVotes> votes(rotating.size());
   std::vector<int> seen(rotating.size());
   for (size_t v = 0; v < views.size(); ++v) {
     for (size_t i = 0; i < rotating.size(); ++i) {
       seen[i] = 0;
-      const float* x = alone.centre.data() + 3 * i;
+      const float* x = centres.data() + 3 * i;
       Eigen::Vector2d pixel;
       if (look.is_visible[v][i] == 0 ||
           !Project(views[v], views[v].cam_from_object, Eigen::Vector3d(x[0], x[1], x[2]), &pixel))

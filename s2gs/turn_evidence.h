@@ -55,6 +55,12 @@ class TurnEvidence {
     float tolerance = 0;  // of the most different channel of two pictures, with light that drifts.
   };
 
+  Image8 Background(const Camera& camera, const std::vector<std::vector<uint8_t>>& covered,
+                    std::vector<uint8_t>* is_seen) const;
+  static std::vector<PixelSight> Compare(const Camera& camera, const Image8& picture,
+                                         const Image8& background, const std::vector<uint8_t>& behind,
+                                         const std::vector<uint8_t>& is_seen);
+
   std::vector<PinholeView> views_;
   std::vector<Image8> pictures_;  // RGB
   std::vector<Camera> cameras_;

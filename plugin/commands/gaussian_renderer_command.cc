@@ -1,6 +1,7 @@
 #include "plugin/commands/gaussian_renderer_command.h"
 
 #include <fmt/format.h>
+#include <omp.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -33,6 +34,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/task_queue.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/io/colmap_maps.h"
 
@@ -173,15 +175,21 @@ class Renderer {
         reporter_(reporter),
         output_(a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path),
         in_workspace_(workspace.root, a_.image_path, NamesOf(scene_)),
-        in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)) {
+        in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)),
+        writers_(omp_get_max_threads()) {
     if (scene_.mode == TrainMode::kS2gs) shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
   }
 
   // What other stages and COLMAP work on. \param dense_view  null: no maps.
   void RenderForWorkspace(const ScenePhoto& photo, const PinholeView* dense_view) {
     if (a_.masks) {
-      WriteImage(in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
-                 DistortedMask(photo, Mask(photo)));
+      const Undistortion& plan = PlanOf(photo);
+      Later([&plan, path = in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
+             view = Render(MaskRequest(scene_, shape_, photo.view))] {
+        // Masks are those of the photos as they are, with their distortion.
+        Reporter silent;
+        WriteImage(path, DistortMask(plan, MaskImage(RotatingMask(view)), silent));
+      });
     }
     if (dense_view != nullptr) WriteStereo(NameOf(photo), *dense_view);
   }
@@ -192,22 +200,30 @@ class Renderer {
       return in_output_.Make(output_ / folder, NameOf(photo), ".png");
     };
     if (a_.color || a_.foreground || a_.comparison) {
-      const RenderedView view = Render(WholeScene(photo.view));
-      const Image8 color = ToImage8(view);
-      if (a_.color) WriteImage(path("color"), color);
-      if (a_.foreground) WriteImage(path("foreground"), SoftForeground(photo));
+      const Image8 color = ToImage8(Render(WholeScene(photo.view)));
+      if (a_.color) Later([path = path("color"), color] { WriteImage(path, color); });
+      if (a_.foreground) {
+        Later([path = path("foreground"), p = SoftForeground(photo)] { WriteImage(path, p); });
+      }
       if (a_.comparison) {
-        WriteImage(path("comparison"), ComparisonPicture(Photo(photo), color, Mask(photo)));
+        Later([path = path("comparison"), color, real = Photo(photo), mask = Mask(photo)] {
+          WriteImage(path, ComparisonPicture(real, color, mask));
+        });
       }
     }
     if (a_.pictures) {
-      const RenderedView view = Render(ForegroundAlone(photo.view));
-      const std::vector<float>& depth =
-          a_.depth == DepthKind::kMedian ? view.median_depth : view.expected_depth;
-      WriteImage(path("depth"), DepthPicture(depth, view.width, view.height));
-      WriteImage(path("normal"), NormalPicture(view));
+      Later([depth_path = path("depth"), normal_path = path("normal"), kind = a_.depth,
+             view = Render(ForegroundAlone(photo.view))] {
+        const std::vector<float>& depth =
+            kind == DepthKind::kMedian ? view.median_depth : view.expected_depth;
+        WriteImage(depth_path, DepthPicture(depth, view.width, view.height));
+        WriteImage(normal_path, NormalPicture(view));
+      });
     }
   }
+
+  // Returns when everything is written.
+  void Finish() { writers_.Finish(); }
 
   // Comparisons of a few photos, spread evenly, below each other.
   void WriteOverview() {
@@ -236,9 +252,10 @@ class Renderer {
     const double angle = 2 * kPi * frame / a_.num_frames;
     PinholeView turned = view;
     turned.cam_from_object = view.cam_from_object * TurnAbout(axis, angle);
-    const RenderedView rendered = Render(WholeScene(turned));
     const ImageName name(fmt::format("{:04}", frame), output_);
-    WriteImage(in_output_.Make(output_ / "frames", name, ".png"), ToImage8(rendered));
+    Later([path = in_output_.Make(output_ / "frames", name, ".png"), view = Render(WholeScene(turned))] {
+      WriteImage(path, ToImage8(view));
+    });
   }
 
   const TrainingScene& scene() const { return scene_; }
@@ -255,6 +272,12 @@ class Renderer {
     if (reporter_.StopRequested()) throw Interrupted();
     request.stop_requested = [this] { return reporter_.StopRequested(); };
     return backend_->Render(request);
+  }
+
+  // Compresses and writes while the next picture is drawn.
+  template <typename Task>
+  void Later(Task task) {
+    writers_.Add([shared = std::make_shared<Task>(std::move(task))] { (*shared)(); });
   }
 
   ImageName NameOf(const ScenePhoto& photo) const { return {photo.name, workspace_.ObjectModel()}; }
@@ -280,11 +303,6 @@ class Renderer {
     return plans_.at(photo.name);
   }
 
-  // Masks are those of the photos as they are, with their distortion.
-  Image8 DistortedMask(const ScenePhoto& photo, const Image8& mask) {
-    return DistortMask(PlanOf(photo), mask, reporter_);
-  }
-
   Image8 Photo(const ScenePhoto& photo) {
     const Undistortion& plan = PlanOf(photo);
     return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole, reporter_);
@@ -299,14 +317,22 @@ class Renderer {
   void WriteStereo(const ImageName& name, PinholeView view) {
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
-    WriteImage(in_workspace_.Make(workspace_.DenseMasks(), name, ".png"),
-               MaskImage(OpaqueMask(Render(silhouette))));
+    Later([path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"), drawn = Render(silhouette)] {
+      WriteImage(path, MaskImage(OpaqueMask(drawn)));
+    });
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
-    const RenderedView rendered = Render(ForMaps(view));
+    Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
+           normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
+           drawn = Render(ForMaps(view)), kind = a_.depth,
+           size = scene_.size] { WriteMaps(drawn, kind, size, depth_path, normal_path); });
+  }
+
+  static void WriteMaps(const RenderedView& rendered, DepthKind kind, double scene_size,
+                        const fs::path& depth_path, const fs::path& normal_path) {
     const std::vector<float>& depth =
-        a_.depth == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
+        kind == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
     ColmapMap depth_map{rendered.width, rendered.height, 1, {}};
     ColmapMap normal_map{rendered.width, rendered.height, 3, {}};
     const size_t count = depth.size();
@@ -318,11 +344,11 @@ class Renderer {
                                    rendered.normal[3 * i + 2]);
       const float length = normal.norm();
       if (!(length > 0)) continue;
-      depth_map.values[i] = static_cast<float>(depth[i] * scene_.size);
+      depth_map.values[i] = static_cast<float>(depth[i] * scene_size);
       for (int c = 0; c < 3; ++c) normal_map.values[c * count + i] = normal[c] / length;
     }
-    WriteColmapMap(in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix), depth_map);
-    WriteColmapMap(in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix), normal_map);
+    WriteColmapMap(depth_path, depth_map);
+    WriteColmapMap(normal_path, normal_map);
   }
 
   const Arguments& a_;
@@ -335,6 +361,7 @@ class Renderer {
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;
   std::map<std::string, Undistortion> plans_;
+  TaskQueue writers_;  // the last member: its threads end before what they use.
 };
 
 // The model and the scene, loaded when the first picture is wanted.
@@ -365,7 +392,9 @@ class LazyRenderer {
       if (names_.count(photo.name) == 0) continue;
       if (reporter_.StopRequested()) throw Interrupted();
       render(renderer, photo);
-      reporter_.Progress(task, ++done, static_cast<int64_t>(names_.size()));
+      // The last photo counts when its files are there.
+      if (++done == static_cast<int64_t>(names_.size())) renderer.Finish();
+      reporter_.Progress(task, done, static_cast<int64_t>(names_.size()));
     }
   }
 
@@ -406,6 +435,7 @@ void RenderFrames(const Arguments& a, const Workspace& workspace, LazyRenderer* 
   for (int frame = 0; frame < a.num_frames; ++frame) {
     if (reporter.StopRequested()) throw Interrupted();
     renderer.RenderFrame(frame, first->view, *renderer.scene().axis);
+    if (frame + 1 == a.num_frames) renderer.Finish();
     reporter.Progress("frames", frame + 1, a.num_frames);
   }
 }

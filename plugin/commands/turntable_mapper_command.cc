@@ -109,8 +109,7 @@ void AddOptions(Options& options, Settings* settings) {
   joint.Add("compute_covariance", &JointOptions::compute_covariance, "report standard deviations");
   joint.Add(
       "num_threads", &JointOptions::num_threads,
-      "0: all cores; with several, sums are taken in another order each time, and results differ in their "
-      "last digits");
+      "0: all cores; results depend on it only beyond a thousand camera-side parameters, where 0 is one");
   auto refine = options.Group("Refine", &settings->placement.refine);
   refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
   refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")

@@ -211,7 +211,9 @@ class Backend {
   virtual void ResetOpacity(float max_opacity) = 0;
   /// The largest share w = alpha * transmittance that each Gaussian has in any pixel of these views, to find
   /// those that no photo shows. p counts as settled. Empty: this backend cannot tell.
-  virtual std::vector<float> PeakWeights(const std::vector<PinholeView>& /*views*/, SceneBodies /*bodies*/) {
+  /// \param drawn  the others are not there, and get 0.
+  virtual std::vector<float> PeakWeights(const std::vector<PinholeView>& /*views*/, SceneBodies /*bodies*/,
+                                         DrawnBody /*drawn*/) {
     return {};
   }
   /// Finds the k nearest neighbours of each centre, for (10).

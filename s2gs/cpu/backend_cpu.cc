@@ -128,11 +128,13 @@ class CpuBackend : public Backend {
     std::fill(state_.second_moment.opacity_logit.begin(), state_.second_moment.opacity_logit.end(), 0.0F);
   }
 
-  std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies) override {
+  std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies,
+                                 DrawnBody drawn) override {
     std::vector<float> peaks(state_.gaussians.size(), 0.0F);
     std::vector<float> by_slot;
     for (const PinholeView& view : views) {
-      const ViewSetup setup = MakeViewSetup(view, bodies, true, 0);
+      ViewSetup setup = MakeViewSetup(view, bodies, true, 0);
+      setup.selection.body = drawn;
       view_.Prepare(view.width, view.height, false, false, false);
       Forward(setup, false, false, &by_slot, sizeof(float));
       for (size_t i = 0; i < peaks.size(); ++i) {

@@ -350,7 +350,8 @@ class CudaBackend : public Backend {
     ClampOpacity(parameters(), first_moments(), second_moments(), count_, max_logit, stream_);
   }
 
-  std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies) override {
+  std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies,
+                                 DrawnBody drawn) override {
     if (count_ == 0) return {};
     peak_weights_.Reserve(static_cast<size_t>(count_));
     CheckCuda(cudaMemsetAsync(peak_weights_.get(), 0, sizeof(float) * static_cast<size_t>(count_), stream_),
@@ -359,6 +360,7 @@ class CudaBackend : public Backend {
       ProjectOptions options;
       options.camera = ToSplatCamera(view);
       options.rule = RuleFor(bodies, true);
+      options.selection.body = drawn;
       options.sh_degree = 0;
       RenderPeakWeights(PrepareToDraw(options), peak_weights_.get(), stream_);
     }

@@ -63,7 +63,9 @@ struct JointOptions {
   int min_free_observations = 12;        ///< of one body; images with fewer share their station's camera.
   bool compute_covariance = true;
   int max_dense_parameters = 1500;  ///< no covariance for more camera-side parameters than these.
-  int num_threads = 1;  ///< 0: all cores. With one, the same input gives the same result to the last bit.
+  /// 0: all cores. Up to a thousand camera-side parameters the result is the same to the last bit for any
+  /// number; with more it is so with one thread alone, which 0 then means.
+  int num_threads = 0;
 
   OptionCheck Check() const;
 };

@@ -8,14 +8,18 @@
 #include <cstddef>
 #include <map>
 #include <memory>
-#include <thread>
 #include <unordered_map>
+#include <unordered_set>
 #include <vector>
 
+#include "sfm_split/adjust/dense_schur.h"
 #include "sfm_split/adjust/joint_system.h"
 
 namespace s2gs {
 namespace {
+
+constexpr int kMaxDenseParameters = 1000;
+constexpr int kMaxSparseParameters = 10000;
 
 class ReportingCallback : public ceres::IterationCallback {
  public:
@@ -114,12 +118,8 @@ class PriorCost : public ceres::CostFunction {
   std::vector<size_t> place_;  // of each part's block
 };
 
-}  // namespace
-
-JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
-                           JointProblem* problem) {
-  JointSolved solved;
-  JointSystem system(*problem, options, true);
+void SolveByCeres(const JointSystem& system, int camera_parameters, const JointOptions& options,
+                  double function_tolerance, Reporter& reporter, JointSolved* solved) {
   OrderedParameters parameters(system);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
   std::map<double, std::unique_ptr<ceres::LossFunction>> scaled_losses;  // by weight
@@ -130,7 +130,6 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
   problem_options.disable_all_safety_checks = true;
   ceres::Problem ceres_problem(problem_options);
   auto* ordering = new ceres::ParameterBlockOrdering;
-  int camera_parameters = 0;
   for (const JointSystem::Block& block : system.blocks()) {
     if (!block.used) continue;
     double* const values = parameters.At(block.values);
@@ -145,9 +144,7 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
       }
       ceres_problem.SetManifold(values, new ceres::SubsetManifold(block.size, held));
     }
-    camera_parameters += static_cast<int>(block.free.size());
   }
-  int points = 0;
   for (const JointSystem::Term& term : system.terms()) {
     std::array<double*, 5> values{};
     for (int k = 0; k <= term.num_blocks; ++k) values[k] = parameters.At(term.values[k]);
@@ -155,7 +152,6 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
     if (!ceres_problem.HasParameterBlock(point)) {
       ceres_problem.AddParameterBlock(point, 3);
       ordering->AddElementToGroup(point, 0);
-      ++points;
     }
     ceres::LossFunction* term_loss = loss.get();
     if (term.weight != 1) {
@@ -174,25 +170,16 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
       values.push_back(parameters.At(system.blocks()[block].values));
     ceres_problem.AddResidualBlock(priors.back().get(), nullptr, values);
   }
-  solved.parameters = camera_parameters + 3 * points;
-  double weights = 0;
-  for (const JointSystem::Term& term : system.terms()) weights += term.weight;
-  solved.residuals = static_cast<int>(std::lround(2 * weights));
   ceres::Solver::Options solver;
   solver.linear_solver_ordering.reset(ordering);
-  if (system.terms().empty()) return solved;
-
-  if (camera_parameters <= 1000) {
-    solver.linear_solver_type = ceres::DENSE_SCHUR;
-  } else if (camera_parameters <= 10000) {
+  if (camera_parameters <= kMaxSparseParameters) {
     solver.linear_solver_type = ceres::SPARSE_SCHUR;
   } else {
     solver.linear_solver_type = ceres::ITERATIVE_SCHUR;
     solver.preconditioner_type = ceres::SCHUR_JACOBI;
   }
-  solver.num_threads = options.num_threads > 0
-                           ? options.num_threads
-                           : static_cast<int>(std::max(1U, std::thread::hardware_concurrency()));
+  // Its sums are in the order in which threads come.
+  solver.num_threads = std::max(1, options.num_threads);
   solver.max_num_iterations = options.max_iterations;
   solver.function_tolerance = function_tolerance;
   solver.gradient_tolerance = 1e-14;
@@ -204,12 +191,45 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &ceres_problem, &summary);
   if (callback.stopped()) throw Interrupted();
-  solved.cost = 2 * summary.final_cost;
-  solved.iterations = static_cast<int>(summary.iterations.size()) - 1;
-  solved.converged = summary.termination_type == ceres::CONVERGENCE;
-  solved.linear_solver = ceres::LinearSolverTypeToString(solver.linear_solver_type);
-  if (!summary.IsSolutionUsable()) return solved;
-  parameters.WriteBack();
+  solved->cost = 2 * summary.final_cost;
+  solved->iterations = static_cast<int>(summary.iterations.size()) - 1;
+  solved->converged = summary.termination_type == ceres::CONVERGENCE;
+  solved->linear_solver = ceres::LinearSolverTypeToString(solver.linear_solver_type);
+  if (summary.IsSolutionUsable()) parameters.WriteBack();
+}
+
+}  // namespace
+
+JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
+                           JointProblem* problem) {
+  JointSolved solved;
+  JointSystem system(*problem, options, true);
+  int camera_parameters = 0;
+  for (const JointSystem::Block& block : system.blocks()) {
+    if (block.used) camera_parameters += static_cast<int>(block.free.size());
+  }
+  double weights = 0;
+  std::unordered_set<const double*> points;
+  for (const JointSystem::Term& term : system.terms()) {
+    weights += term.weight;
+    points.insert(term.values[static_cast<size_t>(term.num_blocks)]);
+  }
+  solved.parameters = camera_parameters + 3 * static_cast<int>(points.size());
+  solved.residuals = static_cast<int>(std::lround(2 * weights));
+  if (system.terms().empty()) return solved;
+  if (camera_parameters <= kMaxDenseParameters) {
+    DenseSchurOptions dense;
+    dense.max_iterations = options.max_iterations;
+    dense.function_tolerance = function_tolerance;
+    dense.num_threads = options.num_threads;
+    const DenseSchurSummary summary = SolveDenseSchur(system, MakeLoss(options).get(), dense, reporter);
+    solved.cost = 2 * summary.cost;
+    solved.iterations = summary.iterations;
+    solved.converged = summary.converged;
+    solved.linear_solver = "DENSE_SCHUR";
+  } else {
+    SolveByCeres(system, camera_parameters, options, function_tolerance, reporter, &solved);
+  }
   system.WriteBack(problem);
   return solved;
 }

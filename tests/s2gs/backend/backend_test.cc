@@ -816,7 +816,7 @@ TEST(BackendParity, CudaTrainsAsTheCpuDoes) {
   EXPECT_NEAR(from_cuda.cloned, from_cpu.cloned, 20);
   EXPECT_NEAR(from_cuda.split, from_cpu.split, 20);
   EXPECT_NEAR(from_cuda.removed, from_cpu.removed, 5);
-  const auto peaks = cuda->PeakWeights({photo.view}, SceneBodies::kBoth);
+  const auto peaks = cuda->PeakWeights({photo.view}, SceneBodies::kBoth, DrawnBody::kAll);
   EXPECT_EQ(peaks.size(), static_cast<size_t>(cuda->Count()));
 }
 

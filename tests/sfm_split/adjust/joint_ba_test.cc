@@ -8,10 +8,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <random>
 #include <utility>
 #include <vector>
 
+#include "sfm_split/adjust/dense_schur.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
@@ -406,6 +408,91 @@ TEST(JointBa, ErrorsThatATrackSharesWidenTheStandardDeviations) {
   EXPECT_GE(found.ordinary_focal.Rms(), 1.2 * found.focal.Rms());
 }
 
+// Terms, losses and what is held of a system as a problem of Ceres, which moves the system's own values.
+void FillCeres(const JointSystem& system, ceres::LossFunction* loss, ceres::Problem* problem,
+               std::vector<const double*>* free_blocks) {
+  for (const JointSystem::Term& term : system.terms()) {
+    ceres::LossFunction* scaled = nullptr;  // the problem's own
+    if (loss != nullptr) scaled = new ceres::ScaledLoss(loss, term.weight, ceres::DO_NOT_TAKE_OWNERSHIP);
+    problem->AddResidualBlock(term.cost.get(), scaled, term.values.data(), term.num_blocks + 1);
+  }
+  for (const JointSystem::Block& block : system.blocks()) {
+    if (!block.used) continue;
+    std::vector<int> held;
+    for (int k = 0; k < block.size; ++k) {
+      if (std::find(block.free.begin(), block.free.end(), k) == block.free.end()) held.push_back(k);
+    }
+    if (block.free.empty()) {
+      problem->SetParameterBlockConstant(block.values);
+    } else {
+      if (!held.empty()) problem->SetManifold(block.values, new ceres::SubsetManifold(block.size, held));
+      free_blocks->push_back(block.values);
+    }
+  }
+}
+
+// The same minimum as Ceres' own solver, by QR of the whole Jacobian, and the same bits for any number of
+// threads.
+TEST(JointBa, DenseSchurEndsWhereCeresDoes) {
+  for (const JointLoss kind : {JointLoss::kSquared, JointLoss::kHuber, JointLoss::kCauchy}) {
+    Scene scene;
+    scene.steps = 5;
+    scene.step_deg = 40;
+    scene.object_points = 40;
+    scene.background_points = 30;
+    scene.noise_px = 0.5;
+    scene.outliers = 0.02;
+    scene.Build(8);
+    scene.Perturb(0.005, 1.02, 4);
+    for (size_t k = 0; k < scene.start.object.observations.size(); k += 3)
+      scene.start.object.observations[k].weight = 0.5;
+    JointOptions options;
+    options.loss = kind;
+    options.loss_scale_px = 1;
+    FilterObservations(options, 1e3, &scene.start);
+    const std::unique_ptr<ceres::LossFunction> loss =
+        kind == JointLoss::kSquared ? std::make_unique<ceres::TrivialLoss>() : MakeLoss(options);
+
+    const JointSystem theirs(scene.start, options, true);
+    ceres::Problem::Options keep;
+    keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    ceres::Problem problem(keep);
+    std::vector<const double*> free_blocks;
+    FillCeres(theirs, loss.get(), &problem, &free_blocks);
+    ceres::Solver::Options solver;
+    solver.linear_solver_type = ceres::DENSE_QR;
+    solver.function_tolerance = 1e-14;
+    solver.gradient_tolerance = 1e-14;
+    solver.parameter_tolerance = 1e-14;
+    solver.max_num_iterations = 200;
+    solver.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem, &summary);
+    JointProblem expected = scene.start;
+    theirs.WriteBack(&expected);
+
+    DenseSchurOptions ours;
+    ours.function_tolerance = 1e-14;
+    ours.max_iterations = 200;
+    JointProblem first;
+    for (const int threads : {1, 2, 5}) {
+      ours.num_threads = threads;
+      const JointSystem system(scene.start, options, true);
+      Reporter silent;
+      const DenseSchurSummary found = SolveDenseSchur(system, MakeLoss(options).get(), ours, silent);
+      EXPECT_TRUE(found.converged);
+      EXPECT_LT(std::abs(found.cost - summary.final_cost), 1e-9 * summary.final_cost);  // measured 2e-13
+      JointProblem result = scene.start;
+      system.WriteBack(&result);
+      EXPECT_LT(MaxError(result, expected), 1e-6);  // measured 1e-8
+      if (threads == 1) first = result;
+      EXPECT_EQ(MaxError(result, first), 0);
+      EXPECT_EQ(result.object.points, first.object.points);
+    }
+    EXPECT_GT(MaxError(first, scene.start), 1e-3);
+  }
+}
+
 // The covariance of the reduced system against Ceres', by dense decomposition of the whole Jacobian.
 TEST(JointBa, CovarianceEqualsCeres) {
   Scene scene;
@@ -424,23 +511,8 @@ TEST(JointBa, CovarianceEqualsCeres) {
   ceres::Problem::Options keep;
   keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(keep);
-  for (const JointSystem::Term& term : system.terms()) {
-    problem.AddResidualBlock(term.cost.get(), nullptr, term.values.data(), term.num_blocks + 1);
-  }
   std::vector<const double*> blocks;
-  for (const JointSystem::Block& block : system.blocks()) {
-    if (!block.used) continue;
-    std::vector<int> held;
-    for (int k = 0; k < block.size; ++k) {
-      if (std::find(block.free.begin(), block.free.end(), k) == block.free.end()) held.push_back(k);
-    }
-    if (block.free.empty()) {
-      problem.SetParameterBlockConstant(block.values);
-    } else {
-      if (!held.empty()) problem.SetManifold(block.values, new ceres::SubsetManifold(block.size, held));
-      blocks.push_back(block.values);
-    }
-  }
+  FillCeres(system, nullptr, &problem, &blocks);
   ceres::Covariance::Options covariance_options;
   covariance_options.algorithm_type = ceres::DENSE_SVD;
   covariance_options.null_space_rank = 0;
