@@ -1,5 +1,7 @@
 #include "sfm_split/adjust/dense_schur.h"
 
+#include <omp.h>
+
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
@@ -25,6 +27,9 @@ using Eigen::VectorXd;
 
 // Parts of the points, each with a matrix of its own: as many threads at most can work.
 constexpr int kParts = 16;
+// A pass over so many observations takes about a millisecond, far longer than to wake a thread and wait for
+// it.
+constexpr size_t kTermsOfAThread = 1000;
 // Two poses and COLMAP's largest camera model.
 constexpr int kMaxColumns = 6 + 6 + 12;
 
@@ -55,7 +60,10 @@ struct Place {
 class Solver {
  public:
   Solver(const JointSystem& system, const ceres::LossFunction* loss, const DenseSchurOptions& options)
-      : system_(system), loss_(loss), num_threads_(options.num_threads) {
+      : system_(system), loss_(loss) {
+    const int asked = options.num_threads > 0 ? options.num_threads : omp_get_max_threads();
+    num_threads_ = static_cast<int>(
+        std::clamp<size_t>(system.terms().size() / kTermsOfAThread, 1, static_cast<size_t>(asked)));
     ListColumns();
     SortByPoint();
     rows_.resize(system.terms().size());
@@ -117,7 +125,7 @@ class Solver {
 
   const JointSystem& system_;
   const ceres::LossFunction* loss_;
-  int num_threads_;
+  int num_threads_ = 1;
   std::vector<Place> columns_;
   std::vector<std::vector<int>> column_of_;  // by block and value; -1: held.
   std::vector<size_t> terms_;                // by point.
