@@ -31,7 +31,9 @@ constexpr double kTidyUntil = 0.95;         // what goes later could not be made
 constexpr double kSettleCheckEvery = 0.01;  // of the run.
 constexpr double kMessageEvery = 0.05;      // of the run.
 constexpr double kRegionMargin = 0.01;      // [scene sizes]
-constexpr int kMaxBadReports = 3;           // of losses that are no numbers, in a row.
+// Less is done again sooner than several copies of a large model are written.
+constexpr double kWorthSaving = 30;  // [s] of training
+constexpr int kMaxBadReports = 3;    // of losses that are no numbers, in a row.
 
 double CpuNow() {
   timespec now = {};
@@ -118,7 +120,8 @@ class Trainer {
         resumed_(Begin(seed)),
         log_(files.log, resumed_ ? cursor_.iteration : -1),
         order_(CountTrained(scene), seed),
-        clock_(&cursor_) {
+        clock_(&cursor_),
+        saved_at_(cursor_.wall_seconds) {
     for (const ScenePhoto& photo : scene.photos) {
       has_held_out_ = has_held_out_ || photo.held_out;
       has_masks_ = has_masks_ || (!photo.held_out && !photo.mask.empty());
@@ -573,13 +576,16 @@ class Trainer {
       if (stop) throw Interrupted();
       return;
     }
-    if (stop || (Passed(before, now, options_.checkpoint_every) && now < 1)) Save();
+    const bool is_due = Passed(before, now, options_.checkpoint_every) && now < 1 &&
+                        clock_.WallSeconds() - saved_at_ >= kWorthSaving;
+    if (stop || is_due) Save();
     if (stop) throw Interrupted();
   }
 
   void Save() {
     clock_.Lap();
     WriteCheckpoint(files_.checkpoint, {cursor_, backend_->GetState()});
+    saved_at_ = cursor_.wall_seconds;
     log_.Write();
     clock_.LapMeasuring();
   }
@@ -615,6 +621,7 @@ class Trainer {
   TrainLog log_;
   PhotoOrder order_;
   Stopwatch clock_;
+  double saved_at_ = 0;  // of the wall time of training
   bool has_held_out_ = false;
   int64_t num_held_out_ = 0;
   int max_sh_degree_ = 0;

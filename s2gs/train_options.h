@@ -89,7 +89,8 @@ struct TrainOptions {
   int min_coarse_size = 96;   ///< no level has a longer side below this [px].
 
   // Care.
-  double checkpoint_every = 0.2;    ///< of the run; 0: only when interrupted.
+  /// Of the run, where 30 s or more would be lost; 0: only when interrupted.
+  double checkpoint_every = 0.2;
   int num_measurements = 12;        ///< of the held-out photos, at log-spaced moments from 1 % on; 0: none.
   double max_normalised_scale = 0;  ///< larger Gaussians are removed; 0: none [scene sizes].
 

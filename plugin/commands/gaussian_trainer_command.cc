@@ -185,7 +185,8 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("coarse_levels", &T::coarse_levels, "training starts at 1 / 2^n of the photo size");
   group.Add("coarse_until", &T::coarse_until, "when the full size is reached, as share of the run");
   group.Add("min_coarse_size", &T::min_coarse_size, "no photo is reduced below this longer side").Unit("px");
-  group.Add("checkpoint_every", &T::checkpoint_every, "as share of the run; 0: only when interrupted");
+  group.Add("checkpoint_every", &T::checkpoint_every,
+            "as share of the run, where 30 s or more would be lost; 0: only when interrupted");
   group.Add("num_measurements", &T::num_measurements, "of held-out photos, at log-spaced moments; 0: none");
 }
 
