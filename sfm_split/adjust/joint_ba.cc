@@ -13,6 +13,7 @@
 #include "sfm_split/adjust/joint_sigmas.h"
 #include "sfm_split/adjust/joint_solve.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
@@ -26,6 +27,8 @@ using Eigen::Vector3d;
 
 constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
+constexpr int kWobbleRounds = 8;
+constexpr double kWobbleSettled = 0.05;  // relative change of its standard deviations
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The loss' scale that the residuals of a problem ask for.
@@ -66,6 +69,25 @@ JointSolved SolveInRounds(bool fit_loss, Reporter& reporter, JointOptions* fitte
       report->iterations += solved.iterations;
       break;
     }
+  }
+  return solved;
+}
+
+// Object poses that are free lie about the table's turn by as much as they themselves tell: with poses that
+// few keypoints see, both follow from each other.
+JointSolved SolveWobbling(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
+                          JointReport* report) {
+  JointSolved solved;
+  for (int round = 0; round < kWobbleRounds; ++round) {
+    const double sigma_px = SigmaOfLossPx(fit_loss ? LossScaleOf(*problem) : options->loss_scale_px);
+    const std::optional<WobblePrior> before = problem->priors.wobble;
+    problem->priors.wobble = FitWobble(*problem, *options, sigma_px);
+    solved = SolveInRounds(fit_loss, reporter, options, problem, report);
+    if (!problem->priors.wobble) break;
+    const auto is_near = [](double a, double b) { return std::abs(a - b) <= kWobbleSettled * b; };
+    if (before && is_near(problem->priors.wobble->sigma_tilt_rad, before->sigma_tilt_rad) &&
+        is_near(problem->priors.wobble->sigma_shift, before->sigma_shift))
+      break;
   }
   return solved;
 }
@@ -186,6 +208,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
     report.model = JointModel::kFreeObject;
   }
   JointSolved solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
+  if (working.free_object) solved = SolveWobbling(fit_loss, reporter, &options, &working, &report);
 
   if (options.model == JointModel::kAuto && !working.free_object) {
     for (const JointModel general : {JointModel::kFreeCameras, JointModel::kFreeObject}) {
@@ -222,6 +245,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
       report.removed_observations += counts.observations;
       report.undetermined_points += counts.points;
       solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
+      if (working.free_object) solved = SolveWobbling(fit_loss, reporter, &options, &working, &report);
     }
   }
 

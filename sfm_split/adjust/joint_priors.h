@@ -33,9 +33,17 @@ struct EqualStepsPrior {
   double sigma_rad = 0;  ///< of an angle about equal steps.
 };
 
+/// Poses of an object that is free of its axis lie about pure turns: a table that wobbles does so by as much
+/// at every photo.
+struct WobblePrior {
+  double sigma_tilt_rad = 0;  ///< of either component across the axis.
+  double sigma_shift = 0;     ///< of each coordinate of where the axis' point goes, world units.
+};
+
 struct JointPriors {
   std::vector<LensPrior> lenses;  ///< one per camera, or none at all.
   std::vector<EqualStepsPrior> turns;
+  std::optional<WobblePrior> wobble;  ///< where every image has its own object pose.
   /// How much larger variances of the data are than those of independent keypoint errors: the data count by
   /// so much less against the priors. At least 1.
   double data_inflation = 1;

@@ -6,6 +6,7 @@
 #include <numeric>
 #include <optional>
 
+#include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/union_find.h"
@@ -173,7 +174,10 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     distortion.scale_px = scale_px;
     priors_.push_back(std::move(distortion));
   }
-  if (free_object_) return;
+  if (free_object_) {
+    if (problem.priors.wobble) AddWobble(problem, scale_px);
+    return;
+  }
   for (size_t t = 0; t < problem.priors.turns.size(); ++t) {
     const EqualStepsPrior& turn = problem.priors.turns[t];
     Block steps;
@@ -196,6 +200,32 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
       priors_.push_back(std::move(term));
     }
     blocks_.push_back(std::move(steps));
+  }
+}
+
+// Small deviations from pure turns: tilts add up like vectors, and the axis' point stays where they turn.
+void JointSystem::AddWobble(const JointProblem& problem, double scale_px) {
+  const Vector3d axis = problem.AxisDirection();
+  const Vector3d across = axis.unitOrthogonal();
+  for (size_t i = 0; i < problem.images.size(); ++i) {
+    const int block = ObjectPoseBlock(static_cast<int>(i));
+    if (!blocks_[block].used || blocks_[block].free.size() < 6) continue;
+    const WobbleOfPose wobble =
+        DeviationFromTurn(axis, problem.AxisPoint(), problem.images[i].world_from_object);
+    PriorTerm term;
+    term.scale_px = scale_px;
+    term.sigma = problem.priors.wobble->sigma_tilt_rad;
+    for (const Vector3d& about : {across, Vector3d(axis.cross(across))}) {
+      term.parts = {{block, 0, about.x()}, {block, 1, about.y()}, {block, 2, about.z()}};
+      term.mean = -about.dot(wobble.tilt_rad);
+      priors_.push_back(term);
+    }
+    term.sigma = problem.priors.wobble->sigma_shift;
+    for (int k = 0; k < 3; ++k) {
+      term.parts = {{block, 3 + k, 1}};
+      term.mean = problem.images[i].world_from_object.translation(k) - wobble.shift(k);
+      priors_.push_back(term);
+    }
   }
 }
 
