@@ -14,6 +14,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/turntable/turn_reach.h"
 
 namespace s2gs {
 namespace {
@@ -26,9 +27,7 @@ constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their rob
 constexpr double kNoiseRange = 6;       // of the bound, over which errors are looked at
 constexpr int kLeastSupport = 15;       // COLMAP's least motion between two photos
 constexpr double kRisk = 1.0 / 400;     // that chance alone places one of a scan's photos
-constexpr double kMagnification = 2;    // of what is near over what is far, on a turntable, at most
 constexpr double kFarMoving = 0.8;      // of matches move less: those at the axis hardly move
-constexpr double kOutlying = 0.02;      // of keypoints, left out on either side of what the object sweeps
 
 class Gatherer {
  public:
@@ -290,15 +289,10 @@ void Gatherer::Steps(ScanEvidence* evidence) {
     std::nth_element(values.begin(), at, values.end());
     return *at;
   };
-  const auto extent = [](std::vector<float>* values) {
-    std::sort(values->begin(), values->end());
-    const auto out = static_cast<size_t>(kOutlying * static_cast<double>(values->size()));
-    return values->empty() ? 0.0 : static_cast<double>((*values)[values->size() - 1 - out] - (*values)[out]);
-  };
   std::vector<double> steps;
   std::vector<double> least;
   for (const auto& [station, pairs] : pairs_of) {
-    const double swept = std::max(extent(&x_of[station]), extent(&y_of[station]));
+    const double swept = SweptPx(x_of[station], y_of[station]);
     if (!(swept > 0)) continue;
     for (const ImagePairMatches* pair : pairs) {
       const View& one = *view_of_[static_cast<size_t>(pair->image1)];

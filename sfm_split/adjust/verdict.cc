@@ -70,6 +70,10 @@ class Judge {
       }
     }
     if (result.reasons.empty()) result.reasons = Good();
+    if (evidence_.angle_prior_share && *evidence_.angle_prior_share > kMaxPriorShare) {
+      result.reasons.emplace_back(
+          "most of what is known of the table angles is that the table's steps are equal");
+    }
     return result;
   }
 
@@ -283,9 +287,6 @@ class Judge {
                              static_cast<long long>(evidence_.seam.agreeing)));
     }
     add(evidence_.across_stations, "between camera places");
-    if (evidence_.angle_prior_share && *evidence_.angle_prior_share > kMaxPriorShare) {
-      reasons.emplace_back("most of what is known of the table angles is that the table's steps are equal");
-    }
     return reasons;
   }
 

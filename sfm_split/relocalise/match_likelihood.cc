@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <string>
 #include <vector>
 
 #include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/rotation.h"
 #include "sfm_split/relocalise/possible_matches.h"
 
 namespace s2gs {
@@ -75,12 +77,17 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
     const auto j = static_cast<size_t>(pair.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
     errors.emplace_back();
+    // A match in one station that moves farther than the table's turn can move it is wrong.
+    const double turn = AngleBetween(posed[i].cam_from_body.rotation, posed[j].cam_from_body.rotation);
+    const double farthest_px =
+        pair.reach_px > 0 ? pair.reach_px * 2 * std::sin(turn / 2) : std::numeric_limits<double>::infinity();
     for (size_t m = 0; m < pair.matches.size(); ++m) {
       const FeatureMatch& match = pair.matches[m];
-      errors.back().push_back(
-          {MatchErrorPx(posed[i], posed[j], features.images[i].keypoints[match.point2D_idx1].cast<double>(),
-                        features.images[j].keypoints[match.point2D_idx2].cast<double>()),
-           pair.chance[m]});
+      const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
+      const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
+      errors.back().push_back({(xy2 - xy1).norm() <= farthest_px ? MatchErrorPx(posed[i], posed[j], xy1, xy2)
+                                                                 : std::numeric_limits<double>::infinity(),
+                               pair.chance[m]});
     }
   }
   MatchLikelihood result;

@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/adjust/step_width.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
@@ -23,14 +25,25 @@ namespace {
 constexpr double kCertain = 8;         // e^8 to one
 constexpr double kAgreeingSigmas = 4;  // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;
+constexpr double kRisk = 0.01;  // that chance takes a photo off its place among equal steps
 
-// What all poses explain, less half the logarithm of the matches for each of their unknowns.
+// Half the logarithm of the matches for each unknown of the poses.
+double Charge(const ScanCandidate& candidate, double inliers) {
+  const auto views = static_cast<double>(candidate.aligned.scene.views.size());
+  double angles = views;
+  // Angles that lie about given steps are not unknown as far as these tell them.
+  if (candidate.has_given_steps) {
+    for (const double share : candidate.refined.joint.angle_prior_share) angles -= share;
+  }
+  double unknowns = angles + 6.0 * candidate.aligned.scene.num_stations;
+  if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
+  return 0.5 * unknowns * std::log(std::max(2.0, inliers));
+}
+
+// What all poses explain, less what their unknowns cost.
 double LogLikelihood(const ScanFeatures& features, const ScanCandidate& candidate) {
   const MatchLikelihood matches = LikelihoodOfMatches(features, candidate.aligned, false);
-  const auto views = static_cast<double>(candidate.aligned.scene.views.size());
-  double unknowns = views + 6.0 * candidate.aligned.scene.num_stations;
-  if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
-  return matches.gain - 0.5 * unknowns * std::log(std::max(2.0, matches.inliers));
+  return matches.gain - Charge(candidate, matches.inliers);
 }
 
 class Placement {
@@ -44,7 +57,9 @@ class Placement {
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
   double MoveStations(double sigma_px, AlignedScene* aligned) const;
-  void RefineAgreeing(double sigma_px, ScanCandidate* candidate);
+  void RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanCandidate* candidate);
+  ScanCandidate RefineCircle(AlignedScene aligned, double sigma_px, bool steps_are_equal);
+  StepsFinding EqualSteps(const TurntableScene& scene) const;
   ScanCandidate ByCircularMotion(const CircularFinding& finding, AlignedScene aligned);
   ScanCandidate BySingleAxis();
   void TryCircularMotion();
@@ -103,14 +118,39 @@ double Placement::MoveStations(double sigma_px, AlignedScene* aligned) const {
   return ascent.sigma_px;
 }
 
+// What all matches, also those that contradict the scene, say of its equal steps.
+StepsFinding Placement::EqualSteps(const TurntableScene& scene) const {
+  std::map<std::string, const View*> view_of_name;
+  for (const View& view : scene.views) view_of_name[view.name] = &view;
+  std::vector<const Camera*> cameras;
+  std::vector<const View*> views;
+  for (const ScanImage& image : features_.images) {
+    const auto view = view_of_name.find(image.name);
+    const auto camera = std::find_if(scene.cameras.begin(), scene.cameras.end(),
+                                     [&](const Camera& c) { return c.camera_id == image.camera_id; });
+    const bool is_posed = view != view_of_name.end() && camera != scene.cameras.end();
+    cameras.push_back(is_posed ? &*camera : nullptr);
+    views.push_back(is_posed ? view->second : nullptr);
+  }
+  StepsFinding finding = StepsByMatches(features_, cameras, views, scene.axis, kRisk);
+  for (const EqualStepsPrior& steps : finding.steps) {
+    reporter_.Debug("steps of " + std::to_string(steps.step_rad / kDegree) + " degrees are equal to " +
+                    std::to_string(steps.sigma_rad / kDegree) + " by the matches, which put " +
+                    std::to_string(finding.elsewhere.size()) + " photos elsewhere");
+  }
+  return finding;
+}
+
 // With the matches that agree with a circle alone: it needs no others, and where texture is poor most
 // verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
-void Placement::RefineAgreeing(double sigma_px, ScanCandidate* candidate) {
+void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanCandidate* candidate) {
   const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
   RefineOptions refine = options_.refine;
   refine.max_error_px = std::min(refine.max_error_px, bound_px);
   // Matches that agree are cut off at the bound, and tell no noise.
   refine.noise_px = sigma_px;
+  refine.equal_steps = steps.steps;
+  candidate->has_given_steps = !steps.steps.empty();
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
     agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
@@ -120,13 +160,35 @@ void Placement::RefineAgreeing(double sigma_px, ScanCandidate* candidate) {
         RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate->aligned);
   }
   candidate->is_usable = true;
+  candidate->log_likelihood = LogLikelihood(features_, *candidate);
+}
+
+// Free angles follow wrong matches where right ones are few; so steps that are equal are kept to. Where
+// matches put photos elsewhere or widen the steps, both are adjusted, and the likelihood of all matches
+// decides.
+ScanCandidate Placement::RefineCircle(AlignedScene aligned, double sigma_px, bool steps_are_equal) {
+  ScanCandidate about_steps;
+  StepsFinding steps;
+  if (steps_are_equal) steps = EqualSteps(aligned.scene);
+  if (!steps.steps.empty()) {
+    about_steps.aligned = aligned;
+    RefineAgreeing(sigma_px, steps, &about_steps);
+    if (steps.elsewhere.empty() && !steps.is_wide) return about_steps;
+  }
+  ScanCandidate free;
+  free.aligned = std::move(aligned);
+  RefineAgreeing(sigma_px, {}, &free);
+  if (about_steps.is_usable) {
+    reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
+                    ", with free angles " + std::to_string(free.log_likelihood));
+  }
+  return about_steps.IsBetterThan(free) ? about_steps : free;
 }
 
 ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
-  ScanCandidate candidate;
-  candidate.aligned = std::move(aligned);
-  const size_t found = candidate.aligned.scene.views.size();
-  RefineAgreeing(MoveStations(finding.motion.sigma_px, &candidate.aligned), &candidate);
+  const size_t found = aligned.scene.views.size();
+  const double sigma_px = MoveStations(finding.motion.sigma_px, &aligned);
+  ScanCandidate candidate = RefineCircle(std::move(aligned), sigma_px, finding.motion.steps_are_equal);
   const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
                                     [](const CircularStationFit& fit) { return fit.found && fit.closes; });
   candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +
@@ -138,8 +200,12 @@ ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, Aligne
 
 bool Placement::IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const {
   if (!IsEnough(result_.best)) return true;
+  const MatchLikelihood matches = LikelihoodOfMatches(features_, result_.best.aligned, inside_stations);
   const double here = LikelihoodOfMatches(features_, aligned, inside_stations).gain;
-  const double best = LikelihoodOfMatches(features_, result_.best.aligned, inside_stations).gain;
+  double best = matches.gain;
+  // A pose for each photo follows wrong matches as well, and pays for it.
+  if (result_.best.refined.model != JointModel::kSharedStations)
+    best -= Charge(result_.best, matches.inliers);
   reporter_.Debug("log-likelihood of the matches" + std::string(inside_stations ? " inside stations" : "") +
                   ": " + std::to_string(best) + ", by " + how + " " + std::to_string(here));
   return here > best + kCertain;
@@ -179,7 +245,7 @@ void Placement::TryRiggedCircle() {
   if (found == 0) {
     candidate.finding = "no circle goes with the background's cameras";
   } else {
-    RefineAgreeing(sigma_px, &candidate);
+    candidate = RefineCircle(std::move(candidate.aligned), sigma_px, true);
     candidate.finding = "a circle through the background's cameras placed " + std::to_string(found) +
                         " images, " + std::to_string(candidate.aligned.scene.views.size()) + " after mending";
   }

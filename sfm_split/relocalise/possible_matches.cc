@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "sfm_split/turntable/turn_reach.h"
 #include "sfm_split/turntable/wrong_matches.h"
 
 namespace s2gs {
@@ -52,6 +53,20 @@ struct StepsApart {
   int steps = 0;  // between the photos, around their station's circle; 0: of two stations
 };
 
+// What a station's matches sweep [px].
+double Swept(const ScanFeatures& features, const std::vector<StepsApart>& pairs) {
+  std::vector<float> x;
+  std::vector<float> y;
+  for (const StepsApart& apart : pairs) {
+    const Keypoints& keypoints = features.images[static_cast<size_t>(apart.pair.image1)].keypoints;
+    for (const FeatureMatch& match : apart.pair.matches) {
+      x.push_back(keypoints[match.point2D_idx1].x());
+      y.push_back(keypoints[match.point2D_idx1].y());
+    }
+  }
+  return SweptPx(std::move(x), std::move(y));
+}
+
 }  // namespace
 
 double MixtureGain(const std::vector<double>& over, double* share) {
@@ -83,7 +98,8 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
     const int station = features.images[i].station;
     const bool same_station = station == features.images[j].station;
     if (within_stations && !same_station) continue;
-    StepsApart apart{{given.image1, given.image2, EvenChoice(PossibleObjectMatches(features, given)), {}}, 0};
+    StepsApart apart{{given.image1, given.image2, EvenChoice(PossibleObjectMatches(features, given)), {}, 0},
+                     0};
     if (same_station) {
       const int steps = std::abs(place[i] - place[j]);
       apart.steps = std::min(steps, size_of_station[station] - steps);
@@ -103,9 +119,11 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
       for (const FeatureMatch& match : apart.pair.matches) moves.push_back(displacement(apart.pair, match));
     }
     const WrongMatches wrong(moves, extent.Px());
+    const double reach_px = station < 0 ? 0 : kMagnification * Swept(features, pairs);
     for (StepsApart& apart : pairs) {
       for (const FeatureMatch& match : apart.pair.matches)
         apart.pair.chance.push_back(wrong.Chance(displacement(apart.pair, match)));
+      apart.pair.reach_px = reach_px;
       result.push_back(std::move(apart.pair));
     }
   }
@@ -117,7 +135,7 @@ std::vector<PossiblePair> PossibleBackgroundPairs(const ScanFeatures& features) 
   std::vector<PossiblePair> result;
   Extent extent;
   for (const ImagePairMatches& given : has_raw ? features.raw_static_pairs : features.static_pairs) {
-    result.push_back({given.image1, given.image2, given.matches, {}});
+    result.push_back({given.image1, given.image2, given.matches, {}, 0});
     AddTo(features, result.back(), &extent);
   }
   for (PossiblePair& pair : result) pair.chance.assign(pair.matches.size(), 1 / extent.Px());

@@ -13,6 +13,9 @@ struct PossiblePair {
   int image2 = 0;
   FeatureMatches matches;  ///< of many, an even choice.
   std::vector<double> chance;
+  /// How far a right match moves at most, per chord of the table's turn on a circle of radius 1 [px]; 0
+  /// between stations: no bound.
+  double reach_px = 0;
 };
 
 /// Of all pairs of photos, placed or not: what wrong matches look like is then the same for every scene. In

@@ -13,6 +13,7 @@ struct ScanCandidate {
   RefineReport refined;
   std::string finding;  ///< what came of it, for the report.
   bool is_usable = false;
+  bool has_given_steps = false;  ///< its angles were adjusted about equal steps (RefineOptions::equal_steps).
 
   /// Of all matches, by LikelihoodOfMatches, less what the Bayesian information criterion charges for the
   /// poses' unknowns: ways of placing the same photos compare by it, whichever comes first.

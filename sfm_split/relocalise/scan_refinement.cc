@@ -11,6 +11,7 @@
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/match_noise.h"
+#include "sfm_split/adjust/step_width.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/stopwatch.h"
@@ -329,6 +330,45 @@ std::vector<CapturePlace> ScanRefiner::CapturePlaces(const JointProblem& problem
   return places;
 }
 
+// Steps that were given before, as the scene's angles have them now.
+std::vector<EqualStepsPrior> ScanRefiner::GivenSteps(const JointProblem& problem) const {
+  std::map<int, int> problem_image_of;
+  for (size_t k = 0; k < problem.images.size(); ++k)
+    problem_image_of[image_of_name_.at(problem.images[k].name)] = static_cast<int>(k);
+  std::map<int, int> num_photos;
+  for (const ScanImage& image : features_.images) ++num_photos[image.station];
+  std::vector<EqualStepsPrior> result;
+  for (const EqualStepsPrior& given : options_.equal_steps) {
+    std::vector<AngleAtPlace> angles;
+    int station = 0;
+    for (const EqualStepsPrior::Place& place : given.places) {
+      const auto found = problem_image_of.find(place.image);
+      if (found == problem_image_of.end()) continue;
+      station = StationOf(place.image);
+      angles.push_back({found->second, static_cast<int>(place.steps),
+                        problem.images[static_cast<size_t>(found->second)].angle_rad});
+    }
+    EqualStepsPrior steps = NearestEqualSteps(angles, num_photos[station]);
+    if (steps.places.empty()) continue;
+    steps.sigma_rad = given.sigma_rad;
+    result.push_back(std::move(steps));
+  }
+  return result;
+}
+
+// How much the data count beside steps that were given is told by an adjustment without them; and angles that
+// are stated are compared with its angles.
+void ScanRefiner::WeighGivenSteps(JointOptions options, JointProblem* problem) {
+  JointProblem free = *problem;
+  free.priors.turns.clear();
+  options.model = JointModel::kSharedStations;
+  const JointReport report = AdjustJointly(options, reporter_, &free);
+  problem->priors.data_inflation = DataInflation(free, report);
+  free.priors.turns = problem->priors.turns;
+  PreferKnownAngles(report, &free);
+  problem->priors.turns = free.priors.turns;
+}
+
 // Stated angles that the photos bear out stand for equal steps of their stations.
 void ScanRefiner::PreferKnownAngles(const JointReport& report, JointProblem* problem) {
   if (options_.stated_angles_deg.empty()) return;
@@ -362,8 +402,11 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
   problem.priors.lenses = LensPriors(problem);
+  if (!problem.free_object) problem.priors.turns = GivenSteps(problem);
+  const bool has_given_steps = !problem.priors.turns.empty();
+  if (has_given_steps && options.compute_covariance) WeighGivenSteps(options, &problem);
   JointReport report = AdjustJointly(options, reporter_, &problem);
-  if (options.compute_covariance && report.model == JointModel::kSharedStations) {
+  if (options.compute_covariance && report.model == JointModel::kSharedStations && !has_given_steps) {
     // What the scan itself says of its steps, now that their errors are known; and how much the data count.
     problem.priors.turns = FindEqualSteps(problem, CapturePlaces(problem), report);
     PreferKnownAngles(report, &problem);

@@ -6,6 +6,7 @@
 
 #include "sfm_split/adjust/held_back.h"
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/joint_priors.h"
 #include "sfm_split/adjust/known_angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
@@ -27,6 +28,10 @@ struct RefineOptions {
   std::map<std::string, double> stated_angles_deg;
   /// Standard deviation of a keypoint's coordinate, where it is known; 0: as the verified matches tell it.
   double noise_px = 0;
+  /// Steps that are equal by something better than the angles that the adjustment frees (StepsByMatches): a
+  /// prior from its first round on, in place of what the adjusted angles say. By images of the features;
+  /// offset and sense are those of the scene as it stands.
+  std::vector<EqualStepsPrior> equal_steps;
 
   OptionCheck Check() const;
 };

@@ -98,6 +98,8 @@ class ScanRefiner {
   JointReport AdjustWith(JointOptions options, bool is_rough);
   std::vector<LensPrior> LensPriors(const JointProblem& problem) const;
   std::vector<CapturePlace> CapturePlaces(const JointProblem& problem) const;
+  std::vector<EqualStepsPrior> GivenSteps(const JointProblem& problem) const;
+  void WeighGivenSteps(JointOptions options, JointProblem* problem);
   void Relabel(double max_error_px);
   void WriteModels();
 

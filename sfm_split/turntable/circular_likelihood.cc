@@ -82,8 +82,10 @@ struct PairErrors {
   std::vector<Vector6d> derivatives;  // by log focal length, distortion, turn of the frame, angle
 };
 
-void ErrorsOf(const CircularMatches::Pair& pair, const CircularLens& lens, const CircularTurn& turn,
-              bool with_derivatives, PairErrors* result) {
+// Matches that move farther than the turn can move them have none: an axis beside the camera and a turn of
+// next to nothing explain any displacements.
+void ErrorsOf(const CircularMatches::Pair& pair, double reach_px, const CircularLens& lens,
+              const CircularTurn& turn, bool with_derivatives, PairErrors* result) {
   const double angle =
       turn.angles[static_cast<size_t>(pair.photo2)] - turn.angles[static_cast<size_t>(pair.photo1)];
   const Matrix3d e = turn.frame * EssentialInFrame(angle) * turn.frame.transpose();
@@ -99,7 +101,10 @@ void ErrorsOf(const CircularMatches::Pair& pair, const CircularLens& lens, const
   const size_t num = pair.matches.size();
   result->errors.assign(num, std::numeric_limits<double>::infinity());
   if (with_derivatives) result->derivatives.assign(num, Vector6d::Zero());
+  const double farthest_px =
+      reach_px > 0 ? reach_px * 2 * std::abs(std::sin(angle / 2)) : std::numeric_limits<double>::infinity();
   for (size_t m = 0; m < num; ++m) {
+    if ((pair.matches[m].second - pair.matches[m].first).norm() > farthest_px) continue;
     const LensPoint first = ThroughLens(lens, pair.matches[m].first);
     const LensPoint second = ThroughLens(lens, pair.matches[m].second);
     if (!first.is_valid || !second.is_valid) continue;
@@ -235,7 +240,8 @@ NormalEquations Linearize(const std::vector<CircularMatches>& data, const Circul
   for (size_t s = 0; s < data.size(); ++s) {
     const CircularMatches& station = data[s];
     for (const CircularMatches::Pair& pair : station.pairs) {
-      ErrorsOf(pair, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], true, &errors);
+      ErrorsOf(pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], true,
+               &errors);
       const PairMixture mixture = MixtureOf(pair, errors.errors, state.sigma_px);
       Matrix6d matrix = Matrix6d::Zero();
       Vector6d right = Vector6d::Zero();
@@ -337,7 +343,8 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
     figures.inliers_of_station.push_back(0);
     if (with_photos) figures.gain_of_photo.emplace_back(static_cast<size_t>(station.num_photos), 0.0);
     for (const CircularMatches::Pair& pair : station.pairs) {
-      ErrorsOf(pair, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], false, &errors);
+      ErrorsOf(pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], false,
+               &errors);
       const PairMixture mixture = MixtureOf(pair, errors.errors, state.sigma_px);
       figures.gain.back() += mixture.gain;
       for (size_t m = 0; m < errors.errors.size(); ++m) {

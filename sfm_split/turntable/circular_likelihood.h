@@ -37,6 +37,8 @@ struct CircularMatch {
 struct CircularMatches {
   int lens = 0;
   int num_photos = 0;
+  /// How far a right match moves at most, per chord of a turn on a circle of radius 1 [px]; 0: no bound.
+  double reach_px = 0;
   struct Pair {
     int photo1 = 0;
     int photo2 = 0;

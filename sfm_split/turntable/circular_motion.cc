@@ -14,6 +14,7 @@
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_likelihood.h"
 #include "sfm_split/turntable/table_views.h"
+#include "sfm_split/turntable/turn_reach.h"
 #include "sfm_split/turntable/wrong_matches.h"
 
 namespace s2gs {
@@ -83,7 +84,7 @@ class Fitter {
   CircularPriors PriorsOf(size_t lens) const;
   CircularPriors AllPriors(bool with_distortion) const;
   CircularFigures Settle(const CircularPriors& priors, CircularSteps steps, CircularState* state) const;
-  void Report(const CircularState& state, CircularMotion* motion) const;
+  void Report(const CircularState& state, CircularSteps steps, CircularMotion* motion) const;
 
   const std::vector<CircularStation>& stations_;
   const std::vector<Camera>& cameras_;
@@ -135,6 +136,8 @@ std::optional<CircularMatches> Fitter::Collect(const CircularStation& station) {
   Vector2d sum = Vector2d::Zero();
   Vector2d squares = Vector2d::Zero();
   double num = 0;
+  std::vector<float> x;
+  std::vector<float> y;
   for (const CircularPair& given : station.pairs) {
     if (given.matches.empty()) continue;
     CircularMatches::Pair pair{given.photo1, given.photo2, {}};
@@ -149,11 +152,14 @@ std::optional<CircularMatches> Fitter::Collect(const CircularStation& station) {
       sum += match.first + match.second;
       squares += match.first.cwiseAbs2() + match.second.cwiseAbs2();
       num += 2;
+      x.push_back(static_cast<float>(match.first.x()));
+      y.push_back(static_cast<float>(match.first.y()));
     }
     result.pairs.push_back(std::move(pair));
   }
   if (num < 2 * kMinMatches) return std::nullopt;
   const Vector2d mean = sum / num;
+  result.reach_px = kMagnification * SweptPx(std::move(x), std::move(y));
   FillChance(kUniformWidth * std::sqrt(std::max(1.0, (squares / num - mean.cwiseAbs2()).mean())), &result);
   return result;
 }
@@ -423,7 +429,7 @@ Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
   return all;
 }
 
-void Fitter::Report(const CircularState& state, CircularMotion* motion) const {
+void Fitter::Report(const CircularState& state, CircularSteps steps, CircularMotion* motion) const {
   const CircularFigures figures = EvaluateCircular(data_, AllPriors(false), state, true);
   for (size_t s = 0; s < data_.size(); ++s) {
     const CircularMatches& data = data_[s];
@@ -434,9 +440,12 @@ void Fitter::Report(const CircularState& state, CircularMotion* motion) const {
     fit.axis = state.turns[s].frame.col(2);
     fit.foot = state.turns[s].frame.col(0);
     fit.angles_rad = state.turns[s].angles;
-    for (const double gain : figures.gain_of_photo[s]) fit.placed.push_back(gain > kCertain ? 1 : 0);
+    // Equal steps place photos that their own matches do not.
+    const bool are_free = steps == CircularSteps::kFree;
+    for (const double gain : figures.gain_of_photo[s])
+      fit.placed.push_back(!are_free || gain > kCertain ? 1 : 0);
     // By the Bayesian information criterion against chance, which has no parameters.
-    const double parameters = 5.0 + data.num_photos - 1;
+    const double parameters = 5.0 + (are_free ? data.num_photos - 1 : steps == CircularSteps::kEqual ? 1 : 0);
     fit.found = fit.gain > 0.5 * parameters * std::log(std::max(2, fit.matches)) + kCertain &&
                 std::count(fit.placed.begin(), fit.placed.end(), 1) >= 3;
     double span = 0;
@@ -529,7 +538,7 @@ CircularMotion Fitter::Fit() {
     camera.params[*place] = best.state.lenses[c].distortion;
     motion.distortion_is_free[c] = 1;
   }
-  Report(best.state, &motion);
+  Report(best.state, best.steps, &motion);
   return motion;
 }
 

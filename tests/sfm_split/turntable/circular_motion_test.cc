@@ -107,6 +107,38 @@ TEST(CircularMotion, ATurnThatClosesClosesToTheLastDigit) {
   }
 }
 
+TEST(CircularMotion, MatchesThatTheTurnCannotMoveSoFarAreWrong) {
+  // A point on the epipolar line of a turn, whatever its size: an axis along the camera's x, seen edge on,
+  // keeps what lies in the plane y = 0.
+  CircularMatches data;
+  data.num_photos = 2;
+  data.reach_px = 100;
+  CircularMatches::Pair pair{0, 1, {}};
+  for (int k = 0; k < 20; ++k)
+    pair.matches.push_back({Eigen::Vector2d(-30 + k, 0), Eigen::Vector2d(k, 0), 0.01});
+  data.pairs = {pair};
+  CircularState state;
+  state.lenses = {{std::log(500.0), 0}};
+  CircularTurn turn;
+  turn.frame.col(0) = Eigen::Vector3d::UnitZ();
+  turn.frame.col(1) = Eigen::Vector3d::UnitX();
+  turn.frame.col(2) = Eigen::Vector3d::UnitY();
+  CircularPriors priors;
+  priors.focal.resize(1);
+  priors.focal[0] = {500, 1};
+  // They move by 30 pixels: as far as a chord of .3.
+  for (const auto& [angle, is_right] : std::vector<std::pair<double, bool>>{{0.31, true}, {0.29, false}}) {
+    turn.angles = {0, angle};
+    state.turns = {turn};
+    const CircularFigures figures = EvaluateCircular({data}, priors, state, false);
+    if (is_right) {
+      EXPECT_NEAR(figures.inliers, 20, 1);
+    } else {
+      EXPECT_EQ(figures.inliers, 0);
+    }
+  }
+}
+
 // Steps of 10 degrees, 24 of them: two thirds of a turn. The last photos share nothing with the first.
 TEST(CircularMotion, APartOfATurnStaysOne) {
   for (const uint64_t seed : {1, 2}) {
