@@ -238,6 +238,7 @@ void Gatherer::Angles(ScanEvidence* evidence) const {
     evidence->worst_misturn_deg = std::max(evidence->worst_misturn_deg, std::abs(photo.off_deg));
   }
   for (const int image : steps.untold) evidence->untold.push_back(name(image));
+  for (const int image : steps.untold_stations) evidence->untold_stations.push_back(name(image));
 }
 
 // The steps of a station in order, and the one from its last photo to its first, in whole turns. Nothing

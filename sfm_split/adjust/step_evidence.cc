@@ -23,6 +23,8 @@ constexpr size_t kNumTurns = 2 * kTurnsDeg.size() + 1;  // in order; that of the
 constexpr size_t kAsPosed = kTurnsDeg.size();
 
 constexpr double kLeastAwayDeg = 5;
+constexpr double kCertain = 8;         // e^8 to one: against other angles between stations
+constexpr size_t kLeastOfStation = 4;  // photos that are a turn
 
 using Gains = std::array<double, kNumTurns>;
 
@@ -42,6 +44,41 @@ double AngleBetweenDeg(const View& a, const View& b) {
   return std::abs(WrapAngle((b.angle_deg - a.angle_deg) * kDegree)) / kDegree;
 }
 
+// Stations whose photos all are turned against those of the other stations.
+std::vector<int> UntoldStations(const ScanFeatures& features, const std::vector<const View*>& views,
+                                const std::set<std::pair<int, uint32_t>>& others,
+                                const std::map<int, std::vector<int>>& stations,
+                                const TurnLikelihood& likelihood) {
+  std::vector<int> untold;
+  const auto num_turns = std::count_if(stations.begin(), stations.end(), [](const auto& station) {
+    return station.second.size() >= kLeastOfStation;
+  });
+  if (num_turns < 2) return untold;
+  const std::vector<TurnPair> pairs = CrossingPairs(features, views, others);
+  const double noise = likelihood.Noise(pairs);
+  const std::vector<double> turns = TurnsDeg();
+  std::map<int, Gains> gains_of;
+  for (const TurnPair& pair : pairs) {
+    const std::vector<double> gains = likelihood.OfTurns(pair, turns, noise);
+    Gains& of_first = gains_of[features.images[pair.image1].station];
+    Gains& of_second = gains_of[features.images[pair.image2].station];
+    for (size_t t = 0; t < kNumTurns; ++t) {
+      of_second[t] += gains[t] - gains[kAsPosed];
+      of_first[kNumTurns - 1 - t] += gains[t] - gains[kAsPosed];
+    }
+  }
+  for (const auto& [station, images] : stations) {
+    if (images.size() < kLeastOfStation) continue;
+    const Gains& gains = gains_of[station];
+    for (size_t t = 0; t < kNumTurns; ++t) {
+      if (t == kAsPosed || gains[t] <= -kCertain) continue;
+      untold.push_back(images[0]);
+      break;
+    }
+  }
+  return untold;
+}
+
 }  // namespace
 
 StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Camera*>& cameras,
@@ -54,6 +91,7 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
   }
   const TurnLikelihood likelihood(cameras, views, axis);
   const std::vector<double> turns = TurnsDeg();
+  evidence.untold_stations = UntoldStations(features, views, others, stations, likelihood);
   // Each photo, alone and with those that follow, at each turn.
   const double least = std::log(2.0 * static_cast<double>(views.size() * (kNumTurns - 1)) / risk);
   for (const auto& [station, by_name] : stations) {

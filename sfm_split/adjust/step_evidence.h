@@ -23,6 +23,9 @@ struct StepEvidence {
   /// Images whose matches are hardly less likely half a step of the table away (five degrees at least), or
   /// farther: they do not tell the photo's place in the turn.
   std::vector<int> untold;
+  /// The first images of stations whose matches with other stations are not surer of the angle at which the
+  /// station begins than of another one, a degree away or farther: it is not told, or told otherwise.
+  std::vector<int> untold_stations;
 };
 
 /// Asks the matches of photos near each other whether the table stood elsewhere. Cameras, axis and lens are

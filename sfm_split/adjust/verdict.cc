@@ -212,6 +212,13 @@ class Judge {
                static_cast<int>(evidence_.untold.size()), evidence_.untold[0].c_str()),
           {kTexture, kSmallerSteps});
     }
+    if (!evidence_.untold_stations.empty()) {
+      Add(Verdict::kDoubtful,
+          Text(
+              "the matches between camera places do not tell the table's angle between them, like that of %s",
+              evidence_.untold_stations[0].c_str()),
+          {kTexture});
+    }
     if (evidence_.neighbour_pairs == 0 && evidence_.verified.all < kLeastMatches) {
       Add(Verdict::kDoubtful, "no pair of photos proves by itself how the object turns",
           {kTexture, kSmallerSteps});

@@ -62,7 +62,9 @@ struct ScanEvidence {
   /// at most.
   std::vector<std::string> misturned;
   double worst_misturn_deg = 0;
-  std::vector<std::string> untold;            ///< photos whose matches would be as likely half a step away.
+  std::vector<std::string> untold;  ///< photos whose matches would be as likely half a step away.
+  /// First photos of stations whose angle against the others the matches between stations do not tell.
+  std::vector<std::string> untold_stations;
   std::optional<double> neighbour_apart_deg;  ///< table angle between the photos of such a pair (median).
   /// Pairs of both kinds that share at least half as many details as neighbours do in the mean, but are more
   /// than three times as far apart by the poses; and the widest of them.

@@ -297,7 +297,10 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
   for (const Vector2d& up : UpDirections()) {
     for (const double sense : {1.0, -1.0}) views.emplace_back(up, sense);
   }
+  const double reach_px = data_[station].reach_px;
   for (const bool is_closed : {true, false}) {
+    // A turn of a known size moves matches as far as it does; one of any size may become next to nothing.
+    few[0].reach_px = many[0].reach_px = is_closed ? 0 : reach_px;
     std::vector<Start> starts;
     for (const double factor : {-1.5, 0.0, 1.5}) {
       const double focal_px = priors_[lens].focal_px * std::exp(factor * priors_[lens].sigma_log);
@@ -440,10 +443,14 @@ void Fitter::Report(const CircularState& state, CircularSteps steps, CircularMot
     fit.axis = state.turns[s].frame.col(2);
     fit.foot = state.turns[s].frame.col(0);
     fit.angles_rad = state.turns[s].angles;
-    // Equal steps place photos that their own matches do not.
+    // Equal steps place photos that their own matches do not; a photo without any may be anything.
     const bool are_free = steps == CircularSteps::kFree;
-    for (const double gain : figures.gain_of_photo[s])
-      fit.placed.push_back(!are_free || gain > kCertain ? 1 : 0);
+    std::vector<char> has_matches(static_cast<size_t>(data.num_photos), 0);
+    for (const CircularMatches::Pair& pair : data.pairs)
+      has_matches[static_cast<size_t>(pair.photo1)] = has_matches[static_cast<size_t>(pair.photo2)] = 1;
+    for (size_t i = 0; i < has_matches.size(); ++i)
+      fit.placed.push_back(figures.gain_of_photo[s][i] > kCertain || (!are_free && has_matches[i] != 0) ? 1
+                                                                                                        : 0);
     // By the Bayesian information criterion against chance, which has no parameters.
     const double parameters = 5.0 + (are_free ? data.num_photos - 1 : steps == CircularSteps::kEqual ? 1 : 0);
     fit.found = fit.gain > 0.5 * parameters * std::log(std::max(2, fit.matches)) + kCertain &&

@@ -7,6 +7,7 @@
 #include <map>
 #include <vector>
 
+#include "sfm_split/adjust/step_evidence.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/scene/axis_turn.h"
@@ -71,16 +72,28 @@ class StepWidth : public testing::Test {
   explicit StepWidth(const SyntheticTurntableOptions& options = Options())
       : turntable_(MakeSyntheticTurntable(options)), features_(SyntheticScanFeatures(turntable_)) {}
 
-  StepsFinding Find() const {
+  struct Posed {
     std::vector<const Camera*> cameras;
     std::vector<const View*> views;
+  };
+  Posed AllPosed() const {
+    Posed posed;
     for (const ScanImage& image : features_.images) {
-      const View& view = *std::find_if(turntable_.scene.views.begin(), turntable_.scene.views.end(),
-                                       [&](const View& v) { return v.name == image.name; });
-      cameras.push_back(&features_.cameras.at(image.camera_id));
-      views.push_back(&view);
+      posed.cameras.push_back(&features_.cameras.at(image.camera_id));
+      posed.views.push_back(&*std::find_if(turntable_.scene.views.begin(), turntable_.scene.views.end(),
+                                           [&](const View& view) { return view.name == image.name; }));
     }
-    return StepsByMatches(features_, cameras, views, turntable_.scene.axis, 0.01);
+    return posed;
+  }
+
+  StepsFinding Find() const {
+    const Posed posed = AllPosed();
+    return StepsByMatches(features_, posed.cameras, posed.views, turntable_.scene.axis, 0.01);
+  }
+
+  std::vector<int> UntoldStations() const {
+    const Posed posed = AllPosed();
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {}, 0.01).untold_stations;
   }
 
   // A photo's keypoints as those of a photo at another angle: its view says that it is where it is not.
@@ -126,6 +139,22 @@ TEST_F(StepWidth, AStationWhoseMatchesTellNothingHasTheOthersWidth) {
   ASSERT_EQ(finding.steps.size(), 2U);
   EXPECT_EQ(finding.steps[0].sigma_rad, finding.steps[1].sigma_rad);
   EXPECT_LT(finding.steps[0].sigma_rad, 3 * both);
+}
+
+TEST_F(StepWidth, MatchesBetweenStationsTellWhereTheyBegin) {
+  EXPECT_TRUE(UntoldStations().empty());
+  for (size_t image = 24; image < 48; ++image) Turn(image, 7);
+  EXPECT_EQ(UntoldStations(), (std::vector<int>{0, 24}));
+}
+
+TEST_F(StepWidth, StationsThatShareNothingMayBeginAnywhere) {
+  const auto is_crossing = [&](const ImagePairMatches& pair) {
+    return features_.images[static_cast<size_t>(pair.image1)].station !=
+           features_.images[static_cast<size_t>(pair.image2)].station;
+  };
+  for (auto* pairs : {&features_.object_pairs, &features_.raw_pairs})
+    pairs->erase(std::remove_if(pairs->begin(), pairs->end(), is_crossing), pairs->end());
+  EXPECT_EQ(UntoldStations(), (std::vector<int>{0, 24}));
 }
 
 class UnequalSteps : public StepWidth {
