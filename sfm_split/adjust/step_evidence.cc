@@ -36,6 +36,7 @@ double TurnDeg(size_t t) {
 // In order; that of the poses in the middle.
 std::vector<double> TurnsDeg() {
   std::vector<double> turns;
+  turns.reserve(kNumTurns);
   for (size_t t = 0; t < kNumTurns; ++t) turns.push_back(TurnDeg(t));
   return turns;
 }

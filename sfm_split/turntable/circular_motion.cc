@@ -429,6 +429,8 @@ Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
     all.state = std::move(free);
     all.steps = CircularSteps::kFree;
   }
+  // The views count here as they do in the search: starts of different ones are compared.
+  for (const CircularTurn& turn : all.state.turns) all.log_posterior += LogPriorOfView(turn.frame.col(2));
   return all;
 }
 

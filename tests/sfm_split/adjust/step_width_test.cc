@@ -60,6 +60,8 @@ class StepWidth : public testing::Test {
     SyntheticTurntableOptions options;
     options.stations = 2;
     options.steps = 24;
+    options.min_elevation_deg = 15;  // from where both see much of the same
+    options.max_elevation_deg = 30;
     options.num_object_points = 150;
     options.num_platter_points = 0;
     options.num_background_points = 60;
