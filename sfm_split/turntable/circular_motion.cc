@@ -92,7 +92,12 @@ class Fitter {
   const CircularOptions& options_;
   Reporter& reporter_;
   std::mt19937 rng_;
+  // Whether matches are bound to move no farther than a turn can move them: only where the turn may become
+  // next to nothing.
+  void BindMoves(bool are_bound);
+
   std::vector<CircularMatches> data_;
+  std::vector<double> reach_px_;  // of data_
   std::vector<size_t> station_of_data_;
 };
 
@@ -429,8 +434,6 @@ Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
     all.state = std::move(free);
     all.steps = CircularSteps::kFree;
   }
-  // The views count here as they do in the search: starts of different ones are compared.
-  for (const CircularTurn& turn : all.state.turns) all.log_posterior += LogPriorOfView(turn.frame.col(2));
   return all;
 }
 
@@ -465,6 +468,10 @@ void Fitter::Report(const CircularState& state, CircularSteps steps, CircularMot
   }
 }
 
+void Fitter::BindMoves(bool are_bound) {
+  for (size_t s = 0; s < data_.size(); ++s) data_[s].reach_px = are_bound ? reach_px_[s] : 0;
+}
+
 CircularMotion Fitter::Fit() {
   CircularMotion motion;
   motion.cameras = cameras_;
@@ -474,6 +481,7 @@ CircularMotion Fitter::Fit() {
   for (size_t s = 0; s < stations_.size(); ++s) {
     std::optional<CircularMatches> data = Collect(stations_[s]);
     if (!data) continue;
+    reach_px_.push_back(data->reach_px);
     data_.push_back(std::move(*data));
     station_of_data_.push_back(s);
   }
@@ -486,6 +494,7 @@ CircularMotion Fitter::Fit() {
     Search(s, &best_closed, &best_open);
     if (!best_closed || !best_open) {
       data_.erase(data_.begin() + static_cast<std::ptrdiff_t>(s));
+      reach_px_.erase(reach_px_.begin() + static_cast<std::ptrdiff_t>(s));
       station_of_data_.erase(station_of_data_.begin() + static_cast<std::ptrdiff_t>(s));
       --s;
       continue;
@@ -502,8 +511,10 @@ CircularMotion Fitter::Fit() {
     all_open.push_back(&open[s]);
     each_best.push_back(closed[s].log_posterior >= open[s].log_posterior ? &closed[s] : &open[s]);
   }
+  BindMoves(false);
   Start best = RefineAll(all_closed);
   motion.closed_log_posterior = best.log_posterior;
+  BindMoves(true);
   Start other = RefineAll(all_open);
   motion.open_log_posterior = other.log_posterior;
   if (other.log_posterior > best.log_posterior) best = std::move(other);
@@ -511,6 +522,7 @@ CircularMotion Fitter::Fit() {
     other = RefineAll(each_best);
     if (other.log_posterior > best.log_posterior) best = std::move(other);
   }
+  BindMoves(!best.is_closed);
 
   // Distortion counts as one unknown a camera and has to be worth it.
   CircularPriors priors = AllPriors(true);
