@@ -302,10 +302,9 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
   for (const Vector2d& up : UpDirections()) {
     for (const double sense : {1.0, -1.0}) views.emplace_back(up, sense);
   }
-  const double reach_px = data_[station].reach_px;
+  // Whether a turn that became next to nothing explains anything is asked when all matches are compared.
+  few[0].reach_px = many[0].reach_px = 0;
   for (const bool is_closed : {true, false}) {
-    // A turn of a known size moves matches as far as it does; one of any size may become next to nothing.
-    few[0].reach_px = many[0].reach_px = is_closed ? 0 : reach_px;
     std::vector<Start> starts;
     for (const double factor : {-1.5, 0.0, 1.5}) {
       const double focal_px = priors_[lens].focal_px * std::exp(factor * priors_[lens].sigma_log);
