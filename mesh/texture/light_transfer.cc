@@ -78,8 +78,6 @@ float Visibility(const MeshRaster& raster, const ObjectView& view, const Eigen::
   return visible;
 }
 
-size_t LatticeSize(size_t steps) { return (steps + 1) * (steps + 2) / 2; }
-
 // Row i, so many steps towards the first corner, has steps + 1 - i values.
 size_t LatticeIndex(size_t steps, size_t i, size_t j) { return i * (steps + 1) - i * (i - 1) / 2 + j; }
 
