@@ -163,9 +163,9 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanC
   candidate->log_likelihood = LogLikelihood(features_, *candidate);
 }
 
-// Free angles follow wrong matches where right ones are few; so steps that are equal are kept to. Where
-// matches put photos elsewhere or widen the steps, both are adjusted, and the likelihood of all matches
-// decides.
+// Free angles follow wrong matches where right ones are few; equal steps may be those of a turn that does not
+// close. Both are adjusted, and the likelihood of all matches decides, in which angles that are free cost
+// what is not known of them.
 ScanCandidate Placement::RefineCircle(AlignedScene aligned, double sigma_px, bool steps_are_equal) {
   ScanCandidate about_steps;
   StepsFinding steps;
@@ -173,7 +173,6 @@ ScanCandidate Placement::RefineCircle(AlignedScene aligned, double sigma_px, boo
   if (!steps.steps.empty()) {
     about_steps.aligned = aligned;
     RefineAgreeing(sigma_px, steps, &about_steps);
-    if (steps.elsewhere.empty() && !steps.is_wide) return about_steps;
   }
   ScanCandidate free;
   free.aligned = std::move(aligned);
