@@ -75,8 +75,8 @@ JointSolved SolveInRounds(bool fit_loss, Reporter& reporter, JointOptions* fitte
 
 // Object poses that are free lie about the table's turn by as much as they themselves tell: with poses that
 // few keypoints see, both follow from each other.
-JointSolved SolveWobbling(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
-                          JointReport* report) {
+JointSolved SolveWithWobble(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
+                            JointReport* report) {
   JointSolved solved;
   for (int round = 0; round < kWobbleRounds; ++round) {
     const double sigma_px = SigmaOfLossPx(fit_loss ? LossScaleOf(*problem) : options->loss_scale_px);
@@ -89,6 +89,13 @@ JointSolved SolveWobbling(bool fit_loss, Reporter& reporter, JointOptions* optio
         is_near(problem->priors.wobble->sigma_shift, before->sigma_shift))
       break;
   }
+  return solved;
+}
+
+JointSolved Solve(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
+                  JointReport* report) {
+  JointSolved solved = SolveInRounds(fit_loss, reporter, options, problem, report);
+  if (problem->free_object) solved = SolveWithWobble(fit_loss, reporter, options, problem, report);
   return solved;
 }
 
@@ -207,8 +214,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
     working = WithFreeObject(working);
     report.model = JointModel::kFreeObject;
   }
-  JointSolved solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
-  if (working.free_object) solved = SolveWobbling(fit_loss, reporter, &options, &working, &report);
+  JointSolved solved = Solve(fit_loss, reporter, &options, &working, &report);
 
   if (options.model == JointModel::kAuto && !working.free_object) {
     for (const JointModel general : {JointModel::kFreeCameras, JointModel::kFreeObject}) {
@@ -244,8 +250,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
       const FilterCounts counts = FilterObservations(options, options.max_reprojection_error_px, &working);
       report.removed_observations += counts.observations;
       report.undetermined_points += counts.points;
-      solved = SolveInRounds(fit_loss, reporter, &options, &working, &report);
-      if (working.free_object) solved = SolveWobbling(fit_loss, reporter, &options, &working, &report);
+      solved = Solve(fit_loss, reporter, &options, &working, &report);
     }
   }
 

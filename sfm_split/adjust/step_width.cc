@@ -242,7 +242,6 @@ StepsFinding StepsByMatches(const ScanFeatures& features, const std::vector<cons
   }
   if (of_photos.empty()) return finding;
   const double width_deg = MedianWidth(turns_deg, of_photos);
-  finding.is_wide = width_deg > kHalf * kMostWidthDeg;
   for (EqualStepsPrior& steps : finding.steps) steps.sigma_rad = width_deg * kDegree;
   return finding;
 }

@@ -25,7 +25,6 @@ struct StepsFinding {
   std::vector<EqualStepsPrior> steps;  ///< per station; images are those of the features.
   /// Images whose matches, right ones beside wrong ones, are surer of another place than chance explains.
   std::vector<int> elsewhere;
-  bool is_wide = false;  ///< steps that are hardly equal.
 };
 
 /// How closely table angles that are taken for equal steps lie about them, by what the matches themselves say

@@ -8,6 +8,7 @@
 #include "sfm_split/adjust/pair_proof.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/axis_turn.h"
+#include "sfm_split/turntable/match_mixture.h"
 #include "sfm_split/turntable/wrong_matches.h"
 
 namespace s2gs {
@@ -17,12 +18,10 @@ constexpr size_t kMaxMatches = 100;  // of a pair, evenly
 constexpr int kNoiseRounds = 20;
 constexpr double kFirstNoisePx = 1;
 constexpr double kNoiseSettled = 0.01;
-constexpr int kShareRounds = 6;
 constexpr double kRootTwoPi = 2.50662827463100050;
-constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
-constexpr double kLeastNoisePx = 0.5;     // keypoints are hardly better
-constexpr double kMostNoisePx = 2;        // more is what the poses are wrong by
-constexpr int kNear = 2;                  // places
+constexpr double kLeastNoisePx = 0.5;  // keypoints are hardly better
+constexpr double kMostNoisePx = 2;     // more is what the poses are wrong by
+constexpr int kNear = 2;               // places
 
 // Densities of errors, were the matches right, over those of wrong ones.
 std::vector<double> OverChance(const TurnPair& pair, const PosedImage& first, const PosedImage& second,
@@ -35,25 +34,6 @@ std::vector<double> OverChance(const TurnPair& pair, const PosedImage& first, co
     if (errors != nullptr) errors->push_back(error);
   }
   return over;
-}
-
-// The share of right matches that fits best.
-double RightShare(const std::vector<double>& over) {
-  double share = 0.5;
-  for (int k = 0; k < kShareRounds; ++k) {
-    double sum = 1;
-    for (const double o : over) sum += share * o / (share * o + 1 - share);
-    share = sum / (static_cast<double>(over.size()) + 2);
-  }
-  return share;
-}
-
-// Log-likelihood of errors over that of all being wrong.
-double Gain(const std::vector<double>& over) {
-  const double share = RightShare(over);
-  double gain = 0;
-  for (const double o : over) gain += std::log(1 - share + share * o);
-  return gain;
 }
 
 Eigen::Vector2d Move(const ScanFeatures& features, const ImagePairMatches& pair, const FeatureMatch& match) {
@@ -69,8 +49,7 @@ WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>
   const int count = static_cast<int>(order.size());
   std::vector<std::pair<int, ImagePairMatches>> pairs;
   size_t all = 0;
-  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
-  Eigen::Vector2d squares = Eigen::Vector2d::Zero();
+  KeypointExtent extent;
   for (const ImagePairMatches& given : AllPairs(features)) {
     const auto first = place.find(given.image1);
     const auto second = place.find(given.image2);
@@ -79,10 +58,8 @@ WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>
     pairs.push_back({std::min(steps, count - steps),
                      {given.image1, given.image2, PossibleObjectMatches(features, given)}});
     for (const FeatureMatch& match : pairs.back().second.matches) {
-      const Eigen::Vector2d xy =
-          features.images[static_cast<size_t>(given.image1)].keypoints[match.point2D_idx1].cast<double>();
-      sum += xy;
-      squares += xy.cwiseAbs2();
+      extent.Add(
+          features.images[static_cast<size_t>(given.image1)].keypoints[match.point2D_idx1].cast<double>());
       ++all;
     }
   }
@@ -93,10 +70,7 @@ WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>
     if (static_cast<double>(moves.size()) > kFarShare * static_cast<double>(all)) break;
     for (const FeatureMatch& match : pair.matches) moves.push_back(Move(features, pair, match));
   }
-  const double num = std::max<double>(1, static_cast<double>(all));
-  const double extent =
-      kUniformWidth * std::sqrt(std::max(1.0, (squares / num - (sum / num).cwiseAbs2()).mean()));
-  return {moves, extent};
+  return {moves, extent.Px()};
 }
 
 }  // namespace
@@ -143,9 +117,7 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
 std::vector<TurnPair> CrossingPairs(const ScanFeatures& features, const std::vector<const View*>& views,
                                     const std::set<std::pair<int, uint32_t>>& others) {
   std::vector<TurnPair> pairs;
-  Eigen::Vector2d sum = Eigen::Vector2d::Zero();
-  Eigen::Vector2d squares = Eigen::Vector2d::Zero();
-  double num = 0;
+  KeypointExtent extent;
   for (const ImagePairMatches& given : AllPairs(features)) {
     const auto i = static_cast<size_t>(given.image1);
     const auto j = static_cast<size_t>(given.image2);
@@ -168,17 +140,12 @@ std::vector<TurnPair> CrossingPairs(const ScanFeatures& features, const std::vec
       const Eigen::Vector2d xy1 = keypoints1[match.point2D_idx1].cast<double>();
       const Eigen::Vector2d xy2 = keypoints2[match.point2D_idx2].cast<double>();
       pair.matches.push_back({xy1, xy2, 0});
-      sum += xy1;
-      squares += xy1.cwiseAbs2();
-      num += 1;
+      extent.Add(xy1);
     }
     pairs.push_back(std::move(pair));
   }
-  if (num == 0) return pairs;
-  const double extent =
-      kUniformWidth * std::sqrt(std::max(1.0, (squares / num - (sum / num).cwiseAbs2()).mean()));
   for (TurnPair& pair : pairs) {
-    for (TurnPair::Match& match : pair.matches) match.chance = 1 / extent;
+    for (TurnPair::Match& match : pair.matches) match.chance = 1 / extent.Px();
   }
   return pairs;
 }
@@ -194,8 +161,10 @@ std::vector<double> TurnLikelihood::OfTurns(const TurnPair& pair, const std::vec
   std::vector<double> gains;
   gains.reserve(turns_deg.size());
   const PosedImage first = Posed(pair.image1, 0);
+  double share = 0;
   for (const double turn_deg : turns_deg)
-    gains.push_back(Gain(OverChance(pair, first, Posed(pair.image2, turn_deg), noise_px, nullptr)));
+    gains.push_back(
+        MixtureGain(OverChance(pair, first, Posed(pair.image2, turn_deg), noise_px, nullptr), &share));
   return gains;
 }
 
@@ -208,7 +177,8 @@ double TurnLikelihood::Noise(const std::vector<TurnPair>& pairs) const {
       std::vector<double> errors;
       const std::vector<double> over =
           OverChance(pair, Posed(pair.image1, 0), Posed(pair.image2, 0), noise, &errors);
-      const double share = RightShare(over);
+      double share = 0;
+      MixtureGain(over, &share);
       for (size_t m = 0; m < over.size(); ++m) {
         const double right = share * over[m] / (share * over[m] + 1 - share);
         if (!(right > 0)) continue;

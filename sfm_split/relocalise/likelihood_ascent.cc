@@ -21,6 +21,7 @@
 #include "sfm_split/relocalise/possible_matches.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/focal_prior.h"
+#include "sfm_split/turntable/match_mixture.h"
 
 namespace s2gs {
 namespace {
@@ -145,19 +146,26 @@ std::vector<T> ErrorsOf(const PairOfPhotos& pair, const State& state, const Turn
   return errors;
 }
 
-// A pair's part of the logarithm of the likelihood over chance, and of a Gauss-Newton step on it: each match
-// counts by its probability to be right.
-struct PairSum {
+// A pair's part of the logarithm of the likelihood over chance: each match counts by its probability to be
+// right.
+struct PairValue {
   double value = 0;
-  Eigen::Matrix<double, kOfPair, kOfPair> normal = Eigen::Matrix<double, kOfPair, kOfPair>::Zero();
-  Eigen::Matrix<double, kOfPair, 1> right = Eigen::Matrix<double, kOfPair, 1>::Zero();
   double inliers = 0;
   double squares = 0;
 };
 
+// As jets, its part of a Gauss-Newton step as well.
+struct PairStep : PairValue {
+  Eigen::Matrix<double, kOfPair, kOfPair> normal = Eigen::Matrix<double, kOfPair, kOfPair>::Zero();
+  Eigen::Matrix<double, kOfPair, 1> right = Eigen::Matrix<double, kOfPair, 1>::Zero();
+};
+
 template <typename T>
-PairSum SumOf(const PairOfPhotos& pair, const State& state, const TurntableAxis& axis, double sigma_px) {
-  PairSum sum;
+using PairSum = std::conditional_t<std::is_same_v<T, Jet>, PairStep, PairValue>;
+
+template <typename T>
+PairSum<T> SumOf(const PairOfPhotos& pair, const State& state, const TurntableAxis& axis, double sigma_px) {
+  PairSum<T> sum;
   const std::vector<T> errors = ErrorsOf<T>(pair, state, axis);
   const double peak = 1 / (sigma_px * kRootTwoPi);
   std::vector<double> over;
@@ -192,7 +200,8 @@ PairSum SumOf(const PairOfPhotos& pair, const State& state, const TurntableAxis&
 
 class Ascent {
  public:
-  Ascent(const ScanFeatures& features, const AlignedScene& aligned);
+  Ascent(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+         const AlignedScene& aligned);
 
   bool HasStations() const { return are_shared_ && state_.stations.size() >= 2 && !pairs_.empty(); }
   /// From the likeliest of several starts about where the cameras are.
@@ -212,7 +221,7 @@ class Ascent {
   }
   std::array<int, kOfPair> PlacesOf(const PairOfPhotos& pair) const;
   template <typename T>
-  std::vector<PairSum> SumsOf(double sigma_px) const;
+  std::vector<PairSum<T>> SumsOf(double sigma_px) const;
   void Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const;
   State Moved(const VectorXd& step) const;
   void Thin(size_t max_matches);
@@ -231,7 +240,9 @@ class Ascent {
   std::vector<PairOfPhotos> pairs_;
 };
 
-Ascent::Ascent(const ScanFeatures& features, const AlignedScene& aligned) : axis_(aligned.scene.axis) {
+Ascent::Ascent(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+               const AlignedScene& aligned)
+    : axis_(aligned.scene.axis) {
   std::map<std::string, size_t> view_of_name;
   for (size_t v = 0; v < aligned.scene.views.size(); ++v) {
     const View& view = aligned.scene.views[v];
@@ -254,7 +265,7 @@ Ascent::Ascent(const ScanFeatures& features, const AlignedScene& aligned) : axis
     view_of_.push_back(found == view_of_name.end() ? std::nullopt : std::optional<size_t>(found->second));
   }
   if (state_.stations.size() < 2) return;
-  AddPairs(features, aligned, PossibleObjectPairs(features, false), true);
+  AddPairs(features, aligned, object_pairs, true);
   // Without a model of the background the cameras of different stations have no common world.
   if (!aligned.background.images.empty())
     AddPairs(features, aligned, PossibleBackgroundPairs(features), false);
@@ -310,8 +321,8 @@ std::array<int, kOfPair> Ascent::PlacesOf(const PairOfPhotos& pair) const {
 }
 
 template <typename T>
-std::vector<PairSum> Ascent::SumsOf(double sigma_px) const {
-  std::vector<PairSum> sums(pairs_.size());
+std::vector<PairSum<T>> Ascent::SumsOf(double sigma_px) const {
+  std::vector<PairSum<T>> sums(pairs_.size());
   ParallelFor(static_cast<int64_t>(pairs_.size()), 0, [&](int64_t p) {
     const auto at = static_cast<size_t>(p);
     sums[at] = SumOf<T>(pairs_[at], state_, axis_, sigma_px);
@@ -321,7 +332,7 @@ std::vector<PairSum> Ascent::SumsOf(double sigma_px) const {
 
 double Ascent::Value(double sigma_px) const {
   double value = 0;
-  for (const PairSum& sum : SumsOf<double>(sigma_px)) value += sum.value;
+  for (const PairValue& sum : SumsOf<double>(sigma_px)) value += sum.value;
   for (size_t c = 0; c < priors_.size(); ++c) {
     const double off = state_.log_focal[c] - std::log(priors_[c].focal_px);
     value -= 0.5 * off * off / (priors_[c].sigma_log * priors_[c].sigma_log);
@@ -332,7 +343,7 @@ double Ascent::Value(double sigma_px) const {
 void Ascent::Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const {
   *normal = MatrixXd::Zero(NumUnknowns(), NumUnknowns());
   *right = VectorXd::Zero(NumUnknowns());
-  const std::vector<PairSum> sums = SumsOf<Jet>(sigma_px);
+  const std::vector<PairStep> sums = SumsOf<Jet>(sigma_px);
   for (size_t p = 0; p < pairs_.size(); ++p) {
     const std::array<int, kOfPair> places = PlacesOf(pairs_[p]);
     for (int a = 0; a < kOfPair; ++a) {
@@ -405,7 +416,7 @@ double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter, int hel
 double Ascent::Noise(double sigma_px) const {
   double squares = 0;
   double inliers = 0;
-  const std::vector<PairSum> sums = SumsOf<double>(sigma_px);
+  const std::vector<PairValue> sums = SumsOf<double>(sigma_px);
   for (size_t p = 0; p < pairs_.size(); ++p) {
     if (!pairs_[p].is_object || pairs_[p].station1 != pairs_[p].station2) continue;
     inliers += sums[p].inliers;
@@ -515,13 +526,9 @@ void Ascent::Apply(AlignedScene* aligned) const {
     after += distance(station.cam_from_world);
   }
   const double scale = after > 0 ? before / after : 1;
-  const auto scaled = [&](const Rigid3& cam_from_world) {
-    // About the axis' point.
-    Rigid3 result = cam_from_world;
-    const Vector3d point = cam_from_world.rotation * axis_.point;
-    result.translation = scale * (cam_from_world.translation + point) - point;
-    return result;
-  };
+  Sim3 about_axis;
+  about_axis.scale = scale;
+  about_axis.translation = (1 - scale) * axis_.point;
   std::map<std::string, Rigid3> pose_of;
   double reference_rad = 0;
   for (const View& view : scene.views) {
@@ -530,7 +537,7 @@ void Ascent::Apply(AlignedScene* aligned) const {
   }
   for (View& view : scene.views) {
     const StationState& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
-    view.cam_from_world = scaled(station.cam_from_world);
+    view.cam_from_world = TransformPose(about_axis, station.cam_from_world);
     const double angle = view.angle_deg * kDegree + station.turn_rad - reference_rad;
     view.angle_deg = WrapAngle(angle) / kDegree;
     view.world_from_object = TurnAbout(axis_, angle);
@@ -554,9 +561,10 @@ void Ascent::Apply(AlignedScene* aligned) const {
 
 }  // namespace
 
-LikelihoodAscent AscendLikelihood(const ScanFeatures& features, Reporter& reporter, AlignedScene* aligned) {
+LikelihoodAscent AscendLikelihood(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+                                  Reporter& reporter, AlignedScene* aligned) {
   LikelihoodAscent result;
-  Ascent ascent(features, *aligned);
+  Ascent ascent(features, object_pairs, *aligned);
   if (!ascent.HasStations()) return result;
   const Ascent start = ascent;
   result.sigma_px = kSearchSigmaPx;

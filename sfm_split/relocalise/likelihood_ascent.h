@@ -1,6 +1,9 @@
 #pragma once
 
+#include <vector>
+
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/relocalise/possible_matches.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -22,6 +25,8 @@ struct LikelihoodAscent {
 /// station's camera, with two stations or more; others stay as they are, and `after` is `before`. The
 /// background's model keeps its points, which are no longer where its cameras see them. Throws Interrupted
 /// when the reporter asks to stop.
-LikelihoodAscent AscendLikelihood(const ScanFeatures& features, Reporter& reporter, AlignedScene* aligned);
+/// \param object_pairs  of PossibleObjectPairs(), also those between stations.
+LikelihoodAscent AscendLikelihood(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+                                  Reporter& reporter, AlignedScene* aligned);
 
 }  // namespace s2gs

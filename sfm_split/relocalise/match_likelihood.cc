@@ -9,7 +9,7 @@
 
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/rotation.h"
-#include "sfm_split/relocalise/possible_matches.h"
+#include "sfm_split/turntable/match_mixture.h"
 
 namespace s2gs {
 namespace {
@@ -69,10 +69,10 @@ std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene
 }  // namespace
 
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
-                                    bool within_stations) {
+                                    const std::vector<PossiblePair>& object_pairs) {
   const std::vector<PosedImage> posed = PosedBy(features, aligned);
   std::vector<std::vector<Error>> errors;
-  for (const PossiblePair& pair : PossibleObjectPairs(features, within_stations)) {
+  for (const PossiblePair& pair : object_pairs) {
     const auto i = static_cast<size_t>(pair.image1);
     const auto j = static_cast<size_t>(pair.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;

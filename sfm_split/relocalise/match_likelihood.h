@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "sfm_split/relocalise/possible_matches.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -18,10 +19,10 @@ struct MatchLikelihood {
 /// that is normal if it is right, or what chance makes of it (in one station WrongMatches) if it is wrong;
 /// the share of right ones is each pair's own, and sigma that of all. Photos that the scene lacks add
 /// nothing. So one figure compares ways of placing the same photos: more photos, and matches that others
-/// contradict, count for what they are. \param within_stations  leave out pairs of photos of different
+/// contradict, count for what they are. \param object_pairs  of PossibleObjectPairs(): all, or those inside
 /// stations.
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
-                                    bool within_stations);
+                                    const std::vector<PossiblePair>& object_pairs);
 
 /// The matches that agree with a scene's poses, verified or not, of the pairs of photos that it has.
 std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, const AlignedScene& aligned,

@@ -40,17 +40,16 @@ double Charge(const ScanCandidate& candidate, double inliers) {
   return 0.5 * unknowns * std::log(std::max(2.0, inliers));
 }
 
-// What all poses explain, less what their unknowns cost.
-double LogLikelihood(const ScanFeatures& features, const ScanCandidate& candidate) {
-  const MatchLikelihood matches = LikelihoodOfMatches(features, candidate.aligned, false);
-  return matches.gain - Charge(candidate, matches.inliers);
-}
-
 class Placement {
  public:
   Placement(const ScanFeatures& features, const ColmapModel* background, const PlacementOptions& options,
             Reporter& reporter)
-      : features_(features), background_(background), options_(options), reporter_(reporter) {}
+      : features_(features),
+        background_(background),
+        options_(options),
+        reporter_(reporter),
+        pairs_(PossibleObjectPairs(features, false)),
+        pairs_inside_(PossibleObjectPairs(features, true)) {}
 
   ScanPlacement Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors);
 
@@ -70,6 +69,8 @@ class Placement {
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
+  // What all poses explain, less what their unknowns cost.
+  double LogLikelihood(const ScanCandidate& candidate) const;
   // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos.
   bool IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const;
   bool IsEnough(const ScanCandidate& candidate) const {
@@ -81,10 +82,17 @@ class Placement {
   const ColmapModel* background_;
   const PlacementOptions& options_;
   Reporter& reporter_;
+  const std::vector<PossiblePair> pairs_;
+  const std::vector<PossiblePair> pairs_inside_;  // stations
   Stopwatch watch_;
   TurntableMotion motion_ = TurntableMotion::kTooFewImages;  // as free SfM sees it
   ScanPlacement result_;
 };
+
+double Placement::LogLikelihood(const ScanCandidate& candidate) const {
+  const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
+  return matches.gain - Charge(candidate, matches.inliers);
+}
 
 ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
                                    const char* how) {
@@ -110,7 +118,7 @@ ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel*
 
 // To where all matches are likeliest. Returns the noise of right ones, by these matches where they tell it.
 double Placement::MoveStations(double sigma_px, AlignedScene* aligned) const {
-  const LikelihoodAscent ascent = AscendLikelihood(features_, reporter_, aligned);
+  const LikelihoodAscent ascent = AscendLikelihood(features_, pairs_, reporter_, aligned);
   if (!(ascent.after > ascent.before)) return sigma_px;
   reporter_.Debug("stations moved to where all matches are likeliest: " + std::to_string(ascent.before) +
                   " to " + std::to_string(ascent.after) + ", noise " + std::to_string(ascent.sigma_px) +
@@ -160,7 +168,7 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanC
         RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate->aligned);
   }
   candidate->is_usable = true;
-  candidate->log_likelihood = LogLikelihood(features_, *candidate);
+  candidate->log_likelihood = LogLikelihood(*candidate);
 }
 
 // Free angles follow wrong matches where right ones are few; equal steps may be those of a turn that does not
@@ -199,8 +207,9 @@ ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, Aligne
 
 bool Placement::IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const {
   if (!IsEnough(result_.best)) return true;
-  const MatchLikelihood matches = LikelihoodOfMatches(features_, result_.best.aligned, inside_stations);
-  const double here = LikelihoodOfMatches(features_, aligned, inside_stations).gain;
+  const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
+  const MatchLikelihood matches = LikelihoodOfMatches(features_, result_.best.aligned, pairs);
+  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain;
   double best = matches.gain;
   // A pose for each photo follows wrong matches as well, and pays for it.
   if (result_.best.refined.model != JointModel::kSharedStations)
@@ -269,7 +278,7 @@ ScanCandidate Placement::BySingleAxis() {
 
 void Placement::Consider(ScanCandidate candidate, const char* name) {
   if (candidate.is_usable) {
-    candidate.log_likelihood = LogLikelihood(features_, candidate);
+    candidate.log_likelihood = LogLikelihood(candidate);
     reporter_.Debug(candidate.finding + ": log-likelihood " + std::to_string(candidate.log_likelihood));
   }
   result_.findings += (result_.findings.empty() ? "" : "; ") + candidate.finding;

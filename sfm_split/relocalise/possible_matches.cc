@@ -1,38 +1,18 @@
 #include "sfm_split/relocalise/possible_matches.h"
 
 #include <algorithm>
-#include <cmath>
+#include <cstdlib>
 #include <map>
 #include <utility>
 
+#include "sfm_split/turntable/match_mixture.h"
 #include "sfm_split/turntable/turn_reach.h"
 #include "sfm_split/turntable/wrong_matches.h"
 
 namespace s2gs {
 namespace {
 
-constexpr size_t kMaxMatches = 60;        // of a pair, evenly
-constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
-constexpr int kShareRounds = 6;
-
-// How far keypoints spread, as the width of a uniform distribution of their deviation [px].
-class Extent {
- public:
-  void Add(const Eigen::Vector2f& xy) {
-    sum_ += xy.cast<double>();
-    squares_ += xy.cast<double>().cwiseAbs2();
-    num_ += 1;
-  }
-  double Px() const {
-    if (num_ == 0) return 1;
-    return kUniformWidth * std::sqrt(std::max(1.0, (squares_ / num_ - (sum_ / num_).cwiseAbs2()).mean()));
-  }
-
- private:
-  Eigen::Vector2d sum_ = Eigen::Vector2d::Zero();
-  Eigen::Vector2d squares_ = Eigen::Vector2d::Zero();
-  double num_ = 0;
-};
+constexpr size_t kMaxMatches = 60;  // of a pair, evenly
 
 FeatureMatches EvenChoice(const FeatureMatches& all) {
   FeatureMatches chosen;
@@ -41,10 +21,12 @@ FeatureMatches EvenChoice(const FeatureMatches& all) {
   return chosen;
 }
 
-void AddTo(const ScanFeatures& features, const PossiblePair& pair, Extent* extent) {
+void AddTo(const ScanFeatures& features, const PossiblePair& pair, KeypointExtent* extent) {
   for (const FeatureMatch& match : pair.matches) {
-    extent->Add(features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1]);
-    extent->Add(features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2]);
+    extent->Add(
+        features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1].cast<double>());
+    extent->Add(
+        features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2].cast<double>());
   }
 }
 
@@ -69,18 +51,6 @@ double Swept(const ScanFeatures& features, const std::vector<StepsApart>& pairs)
 
 }  // namespace
 
-double MixtureGain(const std::vector<double>& over, double* share) {
-  *share = 0.5;
-  for (int k = 0; k < kShareRounds; ++k) {
-    double sum = 1;
-    for (const double o : over) sum += *share * o / (*share * o + 1 - *share);
-    *share = sum / (static_cast<double>(over.size()) + 2);
-  }
-  double gain = 0;
-  for (const double o : over) gain += std::log(1 - *share + *share * o);
-  return gain;
-}
-
 std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool within_stations) {
   std::map<int, int> size_of_station;
   std::vector<int> place;
@@ -91,7 +61,7 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
         .cast<double>();
   };
   std::map<int, std::vector<StepsApart>> pairs_of;  // by station; -1: of two stations
-  Extent extent;
+  KeypointExtent extent;
   for (const ImagePairMatches& given : AllPairs(features)) {
     const auto i = static_cast<size_t>(given.image1);
     const auto j = static_cast<size_t>(given.image2);
@@ -133,7 +103,7 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
 std::vector<PossiblePair> PossibleBackgroundPairs(const ScanFeatures& features) {
   const bool has_raw = !features.raw_static_pairs.empty();
   std::vector<PossiblePair> result;
-  Extent extent;
+  KeypointExtent extent;
   for (const ImagePairMatches& given : has_raw ? features.raw_static_pairs : features.static_pairs) {
     result.push_back({given.image1, given.image2, given.matches, {}, 0});
     AddTo(features, result.back(), &extent);

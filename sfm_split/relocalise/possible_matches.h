@@ -26,9 +26,4 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
 /// Of photos that stand for their stations: matches of the background, wrong ones anywhere along it.
 std::vector<PossiblePair> PossibleBackgroundPairs(const ScanFeatures& features);
 
-/// Logarithm of how much likelier than chance alone errors of one pair's matches are, at the share of right
-/// ones that makes it largest. \param over  density of a right match's error over that of a wrong one's.
-/// \param share  of right matches, in (0, 1); found here.
-double MixtureGain(const std::vector<double>& over, double* share);
-
 }  // namespace s2gs

@@ -13,6 +13,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_likelihood.h"
+#include "sfm_split/turntable/match_mixture.h"
 #include "sfm_split/turntable/table_views.h"
 #include "sfm_split/turntable/turn_reach.h"
 #include "sfm_split/turntable/wrong_matches.h"
@@ -25,7 +26,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr size_t kRankMatches = 1000;    // that rank the starting points
-constexpr double kMinMatches = 30;       // of a station
+constexpr size_t kMinMatches = 30;       // of a station
 constexpr size_t kSearchMatches = 3000;  // that these are refined with
 constexpr int kSearchSteps = 3;          // between the photos of the pairs in the search, around the circle
 constexpr size_t kMaxLenses = 8;         // that all stations together start from
@@ -37,10 +38,9 @@ constexpr double kBelowTable =
 constexpr double kUpright = 0.9;  // of photos, as they are stored; either side has half the next
 constexpr double kOnTheSide = 0.045;
 constexpr double kOnTheHead = 0.01;
-constexpr double kCoarseNoise = 2;        // times the noise, while everything is far off
-constexpr double kLeastSigmaPx = 0.3;     // keypoints are no better; below, the likelihood is all needles
-constexpr double kCertain = 8;            // e^-8: what is believed against chance
-constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
+constexpr double kCoarseNoise = 2;     // times the noise, while everything is far off
+constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better; below, the likelihood is all needles
+constexpr double kCertain = 8;         // e^-8: what is believed against chance
 
 struct Start {
   double log_posterior = 0;  // less what the Bayesian information criterion charges for free angles
@@ -138,9 +138,8 @@ std::optional<CircularMatches> Fitter::Collect(const CircularStation& station) {
   CircularMatches result;
   result.lens = station.camera;
   result.num_photos = station.num_photos;
-  Vector2d sum = Vector2d::Zero();
-  Vector2d squares = Vector2d::Zero();
-  double num = 0;
+  KeypointExtent extent;
+  size_t num = 0;
   std::vector<float> x;
   std::vector<float> y;
   for (const CircularPair& given : station.pairs) {
@@ -154,18 +153,17 @@ std::optional<CircularMatches> Fitter::Collect(const CircularStation& station) {
     if (pair.matches.size() > static_cast<size_t>(options_.max_matches))
       pair.matches.resize(static_cast<size_t>(options_.max_matches));
     for (const CircularMatch& match : pair.matches) {
-      sum += match.first + match.second;
-      squares += match.first.cwiseAbs2() + match.second.cwiseAbs2();
-      num += 2;
+      extent.Add(match.first);
+      extent.Add(match.second);
+      ++num;
       x.push_back(static_cast<float>(match.first.x()));
       y.push_back(static_cast<float>(match.first.y()));
     }
     result.pairs.push_back(std::move(pair));
   }
-  if (num < 2 * kMinMatches) return std::nullopt;
-  const Vector2d mean = sum / num;
+  if (num < kMinMatches) return std::nullopt;
   result.reach_px = kMagnification * SweptPx(std::move(x), std::move(y));
-  FillChance(kUniformWidth * std::sqrt(std::max(1.0, (squares / num - mean.cwiseAbs2()).mean())), &result);
+  FillChance(extent.Px(), &result);
   return result;
 }
 

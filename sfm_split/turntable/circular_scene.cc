@@ -10,6 +10,7 @@
 
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_ties.h"
+#include "sfm_split/turntable/match_mixture.h"
 
 namespace s2gs {
 namespace {
@@ -19,8 +20,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
-constexpr size_t kMaxCrossing = 60;       // matches of a pair of photos of two stations
-constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
+constexpr size_t kMaxCrossing = 60;  // matches of a pair of photos of two stations
 
 // What a station's keypoints that move say about the object: where it is and how large it looks.
 struct Appearance {

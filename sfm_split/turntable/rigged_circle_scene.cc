@@ -9,6 +9,7 @@
 
 #include "sfm_split/turntable/axis_sense.h"
 #include "sfm_split/turntable/background_cameras.h"
+#include "sfm_split/turntable/match_mixture.h"
 
 namespace s2gs {
 namespace {
@@ -16,9 +17,8 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr size_t kMaxMatches = 60;        // of a pair: more say the same again
-constexpr double kUniformWidth = 3.4641;  // of a uniform distribution, over its standard deviation
-constexpr int kLeastPhotos = 4;           // of a station that can be a turn
+constexpr size_t kMaxMatches = 60;  // of a pair: more say the same again
+constexpr int kLeastPhotos = 4;     // of a station that can be a turn
 
 struct Place {
   int station = -1;  // index into Rig::stations; -1: the background does not know it
@@ -69,9 +69,7 @@ class RigCollector {
   }
 
   void CollectPairs(Rig* rig) const {
-    Vector2d sum = Vector2d::Zero();
-    Vector2d squares = Vector2d::Zero();
-    double num = 0;
+    KeypointExtent extent;
     for (const ImagePairMatches& given : AllPairs(features_)) {
       const auto i = static_cast<size_t>(given.image1);
       const auto j = static_cast<size_t>(given.image2);
@@ -88,15 +86,11 @@ class RigCollector {
         const std::optional<Vector3d> ray2 = UnprojectFromImage(CameraOf(j), xy2);
         if (!ray1 || !ray2) continue;
         pair.rays.emplace_back(*ray1, *ray2);
-        sum += xy1;
-        squares += xy1.cwiseAbs2();
-        num += 1;
+        extent.Add(xy1);
       }
       if (!pair.rays.empty()) rig->pairs.push_back(std::move(pair));
     }
-    if (num == 0) return;
-    rig->extent_px =
-        kUniformWidth * std::sqrt(std::max(1.0, (squares / num - (sum / num).cwiseAbs2()).mean()));
+    rig->extent_px = extent.Px();
   }
 
   const ScanFeatures& features_;

@@ -82,7 +82,8 @@ TEST(LikelihoodAscent, StationsComeBackThatStandWrongByDegrees) {
   for (Camera& camera : aligned.scene.cameras) camera.params[0] *= 1.04;
   ASSERT_GT(WorstTurnDeg(turntable, aligned), 2.5);
   Reporter reporter;
-  const LikelihoodAscent ascent = AscendLikelihood(features, reporter, &aligned);
+  const LikelihoodAscent ascent =
+      AscendLikelihood(features, PossibleObjectPairs(features, false), reporter, &aligned);
   EXPECT_GT(ascent.after, ascent.before + 100);
   // The keypoints' own is 0.3 px in x and y; 0.318 is measured.
   EXPECT_NEAR(ascent.sigma_px, 0.3, 0.04);
@@ -103,7 +104,8 @@ TEST(LikelihoodAscent, TheTruthStaysWithinTheNoise) {
   const ScanFeatures features = SyntheticScanFeatures(turntable);
   AlignedScene aligned = Truth(turntable);
   Reporter reporter;
-  const LikelihoodAscent ascent = AscendLikelihood(features, reporter, &aligned);
+  const LikelihoodAscent ascent =
+      AscendLikelihood(features, PossibleObjectPairs(features, false), reporter, &aligned);
   EXPECT_GE(ascent.after, ascent.before);
   EXPECT_LT(WorstTurnDeg(turntable, aligned), 0.2);  // .099 is measured
 }
@@ -119,7 +121,8 @@ TEST(LikelihoodAscent, OneStationAndFreeCamerasStay) {
     if (!is_one) aligned.scene.views[3].cam_from_world.translation.x() += 0.01;
     const AlignedScene before = aligned;
     Reporter reporter;
-    const LikelihoodAscent ascent = AscendLikelihood(features, reporter, &aligned);
+    const LikelihoodAscent ascent =
+        AscendLikelihood(features, PossibleObjectPairs(features, false), reporter, &aligned);
     EXPECT_EQ(ascent.after, ascent.before);
     for (size_t v = 0; v < before.scene.views.size(); ++v)
       EXPECT_EQ(aligned.scene.views[v].cam_from_world.translation,
@@ -133,9 +136,11 @@ TEST(LikelihoodAscent, StopsWhenAsked) {
     bool StopRequested() const override { return true; }
   };
   const SyntheticTurntable turntable = MakeScan();
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
   AlignedScene aligned = Truth(turntable);
   Stopping reporter;
-  EXPECT_THROW(AscendLikelihood(SyntheticScanFeatures(turntable), reporter, &aligned), Interrupted);
+  EXPECT_THROW(AscendLikelihood(features, PossibleObjectPairs(features, false), reporter, &aligned),
+               Interrupted);
 }
 
 }  // namespace

@@ -40,7 +40,8 @@ ScanCandidate Adjusted(const ScanFeatures& features, const ColmapModel& object) 
   Reporter reporter;
   candidate.refined = RefineScan(features, &object, JointOptions(), {}, reporter, &candidate.aligned);
   candidate.is_usable = true;
-  candidate.log_likelihood = LikelihoodOfMatches(features, candidate.aligned, false).gain;
+  candidate.log_likelihood =
+      LikelihoodOfMatches(features, candidate.aligned, PossibleObjectPairs(features, false)).gain;
   return candidate;
 }
 

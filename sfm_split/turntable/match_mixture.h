@@ -1,0 +1,32 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace s2gs {
+
+// Matches of two photos are right or wrong, nobody knows which: their errors come from a mixture of both.
+
+/// Width of a uniform distribution over its standard deviation, the square root of 12.
+inline constexpr double kUniformWidth = 3.4641016151377546;
+
+/// Logarithm of how much likelier than chance alone errors of one pair's matches are, at the share of right
+/// ones that makes it largest. \param over  density of a right match's error over that of a wrong one's.
+/// \param share  of right matches, in (0, 1); found here.
+double MixtureGain(const std::vector<double>& over, double* share);
+
+/// How far keypoints spread, as the width of a uniform distribution of their deviation: a wrong match lies
+/// anywhere along it.
+class KeypointExtent {
+ public:
+  void Add(const Eigen::Vector2d& xy);
+  /// [px]; 1 of no keypoints, and a uniform distribution's width at least.
+  double Px() const;
+
+ private:
+  Eigen::Vector2d sum_ = Eigen::Vector2d::Zero();
+  Eigen::Vector2d squares_ = Eigen::Vector2d::Zero();
+  double num_ = 0;
+};
+
+}  // namespace s2gs
