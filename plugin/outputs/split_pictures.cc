@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
@@ -84,14 +85,27 @@ std::optional<ScanPictures> ReadScanPictures(const fs::path& image_path, const S
 
 void TakeOrderOfCapture(const StationOptions& options, ScanPictures* pictures, SplitFeatures* features,
                         Reporter& reporter) {
-  const std::vector<uint32_t> order =
-      OrderOfCapture(pictures->pictures, pictures->stations, pictures->changes);
-  if (order.empty()) return;
+  std::vector<uint32_t> place_by_name(pictures->pictures.size());
+  std::iota(place_by_name.begin(), place_by_name.end(), 0U);
+  if (OrderOfCapture(pictures->pictures, pictures->stations, pictures->changes, place_by_name).empty())
+    return;
   reporter.Info("the names are not in the order in which the table turned: the pictures tell it");
-  pictures->pictures = Reordered(std::move(pictures->pictures), order);
-  features->rows = Reordered(std::move(features->rows), order);
-  features->images = Reordered(std::move(features->images), order);
-  CompareAll(options, pictures, reporter);
+  const auto take = [&](const std::vector<uint32_t>& order) {
+    pictures->pictures = Reordered(std::move(pictures->pictures), order);
+    features->rows = Reordered(std::move(features->rows), order);
+    features->images = Reordered(std::move(features->images), order);
+    place_by_name = Reordered(std::move(place_by_name), order);
+    CompareAll(options, pictures, reporter);
+  };
+  // A comparison depends a little on the photo that it begins with, which names must not choose.
+  take(OrderByContent(pictures->pictures));
+  std::vector<uint32_t> order =
+      OrderOfCapture(pictures->pictures, pictures->stations, pictures->changes, place_by_name);
+  if (order.empty()) {
+    order.resize(place_by_name.size());
+    for (uint32_t i = 0; i < order.size(); ++i) order[place_by_name[i]] = i;
+  }
+  take(order);
 }
 
 int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures, bool always,

@@ -9,6 +9,7 @@
 #include <random>
 #include <utility>
 
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -172,10 +173,33 @@ Way ShortestWay(const Distances& distance) {
   return best;
 }
 
+// From the photo after the longest step on, away from it; that end of the step whose other step is shorter.
+Way FromLongestStep(Way way, const Distances& distance) {
+  const size_t num = way.size();
+  const auto step = [&](size_t k) { return distance(way[k % num], way[(k + 1) % num]); };
+  size_t longest = 0;
+  for (size_t k = 1; k < num; ++k) longest = step(k) > step(longest) ? k : longest;
+  const bool is_backwards = step(longest + num - 1) < step(longest + 1);
+  const size_t begin = is_backwards ? longest : (longest + 1) % num;
+  std::rotate(way.begin(), way.begin() + static_cast<std::ptrdiff_t>(begin), way.end());
+  if (is_backwards) std::reverse(way.begin() + 1, way.end());
+  return way;
+}
+
 }  // namespace
 
+std::vector<uint32_t> OrderByContent(const std::vector<GreyPicture>& photos) {
+  Way order(photos.size());
+  std::iota(order.begin(), order.end(), 0U);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](uint32_t a, uint32_t b) { return photos[a].grey < photos[b].grey; });
+  return order;
+}
+
 std::vector<uint32_t> OrderByPictures(const std::vector<const GreyPicture*>& photos,
-                                      const std::vector<uint8_t>& is_active) {
+                                      const std::vector<uint8_t>& is_active,
+                                      const std::vector<uint32_t>& by_name) {
+  S2GS_INVARIANT(by_name.size() == photos.size());
   if (photos.size() < kMinPhotos) return {};
   for (const GreyPicture* photo : photos) {
     if (photo->width != photos.front()->width || photo->height != photos.front()->height) return {};
@@ -184,20 +208,18 @@ std::vector<uint32_t> OrderByPictures(const std::vector<const GreyPicture*>& pho
   const std::vector<Eigen::VectorXf> blocks = ActiveBlocks(photos, is_active);
   if (blocks.empty()) return {};
   const Distances distance = DistancesOf(blocks);
-  Way given(photos.size());
-  std::iota(given.begin(), given.end(), 0U);
-  if (Length(given, distance) < ShortestByChance(distance)) return given;
-  Way best = ShortestWay(distance);
-  std::rotate(best.begin(), std::find(best.begin(), best.end(), 0U), best.end());
-  return best;
+  if (Length(by_name, distance) < ShortestByChance(distance)) return by_name;
+  return FromLongestStep(ShortestWay(distance), distance);
 }
 
 std::vector<uint32_t> OrderOfCapture(const std::vector<GreyPicture>& photos, const PictureStations& stations,
-                                     const SceneChanges& changes) {
+                                     const SceneChanges& changes,
+                                     const std::vector<uint32_t>& place_by_name) {
+  S2GS_INVARIANT(place_by_name.size() == photos.size());
   std::vector<Way> of_station(changes.stations.size());
   for (uint32_t i = 0; i < photos.size(); ++i)
     of_station[static_cast<size_t>(stations.station_of_image[i])].push_back(i);
-  bool is_as_given = true;
+  bool is_by_name = true;
   Way order;
   order.reserve(photos.size());
   for (size_t s = 0; s < of_station.size(); ++s) {
@@ -205,12 +227,16 @@ std::vector<uint32_t> OrderOfCapture(const std::vector<GreyPicture>& photos, con
     std::vector<const GreyPicture*> pictures;
     pictures.reserve(given.size());
     for (const uint32_t i : given) pictures.push_back(&photos[i]);
-    const Way by_pictures = OrderByPictures(pictures, changes.stations[s].is_active);
-    is_as_given = is_as_given && std::is_sorted(by_pictures.begin(), by_pictures.end());
-    for (size_t k = 0; k < given.size(); ++k)
-      order.push_back(by_pictures.empty() ? given[k] : given[by_pictures[k]]);
+    Way by_name(given.size());
+    std::iota(by_name.begin(), by_name.end(), 0U);
+    std::sort(by_name.begin(), by_name.end(),
+              [&](uint32_t a, uint32_t b) { return place_by_name[given[a]] < place_by_name[given[b]]; });
+    const Way by_pictures = OrderByPictures(pictures, changes.stations[s].is_active, by_name);
+    const Way& taken = by_pictures.empty() ? by_name : by_pictures;
+    is_by_name = is_by_name && taken == by_name;
+    for (const uint32_t k : taken) order.push_back(given[k]);
   }
-  return is_as_given ? Way() : order;
+  return is_by_name ? Way() : order;
 }
 
 }  // namespace s2gs
