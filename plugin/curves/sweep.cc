@@ -168,6 +168,19 @@ class Sweep {
     return !relative.empty() && *relative.begin() != ".." ? point.root / relative : fs::absolute(given);
   }
 
+  // motion_splitter looks for features again where their options are others than the scan's: those of the
+  // scan are kept, unless the run asks for others.
+  void AddFeatureOptions(int scene, std::vector<std::string>* words) const {
+    Reporter silent;
+    const std::optional<StageStamp> stamp = ReadStageStamp(Base(scene), "feature_extractor", silent);
+    if (!stamp) return;
+    for (const auto& [name, value] : stamp->options) {
+      if (value.empty() || std::find(words->begin(), words->end(), "--" + name) != words->end()) continue;
+      words->push_back("--" + name);
+      words->push_back(value);
+    }
+  }
+
   // \param value  null: the command's default.
   ChildExit RunCommand(const std::string& command, int scene, const Workspace& point, uint64_t seed,
                        const std::vector<std::string>& more, const std::string* value) {
@@ -200,6 +213,7 @@ class Sweep {
       if (value == nullptr || setting.value != *value || setting.command != command) continue;
       for (const auto& [name, text] : setting.options) add(name, text);
     }
+    if (command == "motion_splitter") AddFeatureOptions(scene, &words);
     words.insert(words.end(), more.begin(), more.end());
     std::string output;
     const ChildExit end = RunChild(

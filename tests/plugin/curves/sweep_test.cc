@@ -9,6 +9,7 @@
 #include <string>
 
 #include "mesh/surface/triangle_mesh.h"
+#include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
@@ -111,6 +112,25 @@ TEST_F(SweepTest, OtherSettingsRunAgain) {
   options_.values.insert(options_.values.begin(), "3");  // one new value: its two runs alone, which fail
   RunSweep(options_, silent_);
   EXPECT_EQ(Calls(), 18);
+}
+
+// The scan's features are those that automatic_scanner asked for; a sweep of the split must not look for
+// others, which the defaults of motion_splitter would.
+TEST_F(SweepTest, FeaturesOfTheScanAreKept) {
+  StageStamp stamp;
+  stamp.run_id = "1";
+  stamp.options = {{"SiftExtraction.max_num_features", "1234"}, {"SiftExtraction.num_threads", ""}};
+  WriteStageStamp(scan_, "feature_extractor", stamp);
+  options_.knob = FindKnob("motion_splitter.knob");
+  RunSweep(options_, silent_);
+  EXPECT_THAT(folder_.Read("calls"), testing::HasSubstr("--SiftExtraction.max_num_features 1234"));
+  EXPECT_THAT(folder_.Read("calls"), testing::Not(testing::HasSubstr("SiftExtraction.num_threads")));
+  // Asked for otherwise, they are others.
+  folder_.Write("calls", "");
+  options_.arguments = {"SiftExtraction.max_num_features=99"};
+  RunSweep(options_, silent_);
+  EXPECT_THAT(folder_.Read("calls"), testing::HasSubstr("--SiftExtraction.max_num_features 99"));
+  EXPECT_THAT(folder_.Read("calls"), testing::Not(testing::HasSubstr("1234")));
 }
 
 TEST_F(SweepTest, RefusesWhatCannotBeSwept) {
