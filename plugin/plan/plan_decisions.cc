@@ -351,7 +351,7 @@ PlanStage StageOf(const StandardStage& stage, const PlanRequest& request, const 
   if (result.state == "runs" && stage.name == "background_mapper" && evidence.HasRun("turntable_mapper")) {
     result = {stage.name, "left out", "the plan says why", 0};
   }
-  if (result.state == "runs" && result.reason.empty()) result.reason = "not done yet";
+  if (result.state == "runs" && result.reason.empty()) result.reason = kNotDoneYet;
   return result;
 }
 

@@ -204,10 +204,15 @@ void WritePlot(const Plot& plot, HtmlWriter* out) {
   Range x;
   Range y;
   for (const PlotSeries& series : plot.series) {
-    for (const auto& [px, py] : series.points) {
+    for (size_t i = 0; i < series.points.size(); ++i) {
+      const auto& [px, py] = series.points[i];
       if (!CanDraw(px, plot.x) || !CanDraw(py, plot.y)) continue;
       x.Add(px);
       y.Add(py);
+      if (i < series.sigmas.size() && std::isfinite(series.sigmas[i]) && !plot.y.is_log) {
+        y.Add(py - series.sigmas[i]);
+        y.Add(py + series.sigmas[i]);
+      }
     }
   }
   out->Open("figure").Element("figcaption", plot.title);

@@ -161,6 +161,12 @@ std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {
   return photos;
 }
 
+// As the dial counts: 0 to 360 degrees, and no 360 by rounding.
+double FullTurn(double angle_deg) {
+  const double turned = angle_deg - 360 * std::floor(angle_deg / 360);
+  return turned >= 359.995 ? 0 : turned;
+}
+
 void WriteCard(const Photo& photo, HtmlWriter* out) {
   std::string kind = "photo";
   if (!photo.is_placed) kind += " lost";
@@ -180,7 +186,8 @@ void WriteCard(const Photo& photo, HtmlWriter* out) {
   out->Element("b", photo.name);
   std::string where;
   if (photo.station >= 0) where = "station " + std::to_string(photo.station);
-  if (std::isfinite(photo.angle_deg)) where += fmt::format(", {}°", ShortNumber(photo.angle_deg, 2));
+  if (std::isfinite(photo.angle_deg))
+    where += fmt::format(", {}°", ShortNumber(FullTurn(photo.angle_deg), 2));
   if (!where.empty()) out->Element("span", where);
   if (photo.object_keypoints > 0) {
     out->Element("span", fmt::format("{} px over {}", Significant(photo.object_rms_px, 2),

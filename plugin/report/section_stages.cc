@@ -26,7 +26,10 @@ const char* StateName(StageState state) {
 std::string Why(const StageStatus& stage) {
   switch (stage.state) {
     case StageState::kDone:
-      return stage.stamp->reason.empty() ? "" : "ran because: " + stage.stamp->reason;
+      // That a stage had not run before explains nothing.
+      return stage.stamp->reason.empty() || stage.stamp->reason == kNotDoneYet
+                 ? ""
+                 : "ran because: " + stage.stamp->reason;
     case StageState::kStale:
       return "should run again: " + stage.reason;
     case StageState::kForeign:
@@ -56,13 +59,22 @@ void WritePlan(const ScanPlan& plan, const ScanSummary& summary, ReportSection* 
   HtmlWriter& out = section->html;
   const std::vector<std::string> head = {"part", "", "measured", "threshold", "why", "saves"};
   out.Element("h3", "What the scene does not need");
-  out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide plan"}});
-  WriteRow(head, &out, "th");
   nlohmann::ordered_json& left_out = section->numbers["left_out"] = nlohmann::ordered_json::array();
   for (const auto& [what, why] : summary.left_out) left_out.push_back({{"what", what}, {"why", why}});
   section->numbers["plan"] = nlohmann::ordered_json::array();
   std::string later;
   for (const PlanState state : {PlanState::kLeftOut, PlanState::kRuns, PlanState::kLater}) {
+    // What was left out is news; what runs as usual is there for who asks.
+    const auto count = std::count_if(plan.decisions.begin(), plan.decisions.end(),
+                                     [&](const PlanDecision& decision) { return decision.state == state; });
+    const bool has_table = state != PlanState::kLater && count > 0;
+    const bool is_folded = has_table && state == PlanState::kRuns;
+    if (is_folded)
+      out.Open("details").Element("summary", Count(count, "part") + " that the scene needs, and why");
+    if (has_table) {
+      out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide plan"}});
+      WriteRow(head, &out, "th");
+    }
     for (const PlanDecision& decision : plan.decisions) {
       if (decision.state != state) continue;
       section->numbers["plan"].push_back({{"part", decision.part},
@@ -88,8 +100,9 @@ void WritePlan(const ScanPlan& plan, const ScanSummary& summary, ReportSection* 
       }
       out.Close();
     }
+    if (has_table) out.Close().Close();
+    if (is_folded) out.Close();
   }
-  out.Close().Close();
   if (!later.empty()) out.Element("p", later + ".", {{"class", "note"}});
 }
 
@@ -106,7 +119,10 @@ ReportSection StagesSection(const ReportInput& input, const ScanSummary& summary
     if (stage.stamp) longest = std::max(longest, stage.stamp->seconds);
   }
   out.Open("div", {{"class", "scroll"}}).Open("table", {{"class", "wide times"}});
-  WriteRow({"stage", "state", "time", "", "why"}, &out, "th");
+  const bool says_why = std::any_of(input.stages.begin(), input.stages.end(), [](const StageStatus& stage) {
+    return stage.name != "report" && !Why(stage).empty();
+  });
+  WriteRow({"stage", "state", "time", "", says_why ? "why" : ""}, &out, "th");
   nlohmann::ordered_json& stages = section.numbers["list"] = nlohmann::ordered_json::array();
   for (const StageStatus& stage : input.stages) {
     if (stage.name == "report") continue;

@@ -15,6 +15,7 @@ namespace {
 
 constexpr double kDial = 420;  // width of a drawing
 constexpr size_t kMaxPoints = 700;
+constexpr double kBeside = 0.2;  // between stations' dots, of a photo's number
 
 // Standard deviations of the angles, by photo; empty when they were not written.
 std::map<std::string, double> AngleSigmas(const ReportInput& input) {
@@ -185,7 +186,10 @@ ReportSection TableSection(const ReportInput& input) {
     series.color = station.station;
     series.mark = PlotMark::kDots;
     for (size_t i = 0; i < station.photos.size(); ++i) {
-      series.points.emplace_back(static_cast<double>(i), station.deviations_deg[i]);
+      // Beside each other where several stations have a photo of that number.
+      const double beside = kBeside * (static_cast<double>(&station - stations.data()) -
+                                       0.5 * static_cast<double>(stations.size() - 1));
+      series.points.emplace_back(static_cast<double>(i) + beside, station.deviations_deg[i]);
       const auto sigma = sigmas.find(station.photos[i]);
       if (!sigmas.empty()) {
         series.sigmas.push_back(sigma == sigmas.end() ? std::nan("") : sigma->second);

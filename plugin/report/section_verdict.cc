@@ -128,7 +128,9 @@ ReportSection VerdictSection(const ReportInput& input, const ScanSummary& summar
         .Text(", which runs all that is missing.")
         .Close();
   } else if (verdict.verdict == "good") {
-    out.Element("p", "Nothing needs to be photographed again: look at the warnings below, then at the mesh.");
+    out.Element("p",
+                "Nothing needs to be photographed again: look at the photos with warnings, if there are any, "
+                "then at the mesh.");
   }
   for (const std::string& problem : input.problems) WriteMissing(problem, &out);
   out.Close();

@@ -212,7 +212,7 @@ void StageRunner::Refresh(const std::string& name, const StageStamp& stamp) {
 
 bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
   S2GS_INVARIANT(IsStageName(stage.name));
-  std::string reason = "not done yet";
+  std::string reason = kNotDoneYet;
   if (std::optional<StageStamp> stamp = ReadStageStamp(workspace_, stage.name, reporter_);
       stamp.has_value()) {
     const std::vector<StampedPath> known = stamp->inputs;

@@ -14,6 +14,9 @@
 
 namespace s2gs {
 
+/// The reason for which a stage runs for the first time.
+inline constexpr char kNotDoneYet[] = "not done yet";
+
 /// One step of the pipeline: what it reads, what it depends on, and what it promises to write.
 struct Stage {
   std::string name;  ///< letters, digits and '_'.

@@ -95,5 +95,27 @@ TEST(Plot, LeavesOutWhatCannotBeDrawn) {
   EXPECT_NE(empty.html().find("nothing was recorded"), std::string::npos);
 }
 
+// Bars of standard deviations that are longer than the data spread stay inside of the drawing.
+TEST(Plot, ErrorBarsStayInside) {
+  Plot plot{"t", {"x", false}, {"y", false}, {}, false};
+  PlotSeries series;
+  series.mark = PlotMark::kDots;
+  series.points = {{0, 1}, {1, 1.01}};
+  series.sigmas = {5, NAN};
+  plot.series = {series};
+  HtmlWriter out;
+  WritePlot(plot, &out);
+  const std::string& html = out.html();
+  const size_t bar = html.find("class=\"sigma\"");
+  ASSERT_NE(bar, std::string::npos);
+  EXPECT_EQ(html.find("class=\"sigma\"", bar + 1), std::string::npos);  // the other has none
+  const auto number = [&](const char* name) {
+    return std::stod(html.substr(html.find(name, bar) + std::string(name).size() + 2));
+  };
+  EXPECT_LT(number("y1"), 300);
+  EXPECT_GT(number("y2"), 0);
+  EXPECT_GT(number("y1") - number("y2"), 100);  // nearly the drawing's height
+}
+
 }  // namespace
 }  // namespace s2gs
