@@ -129,12 +129,18 @@ void DecideMotion(const PlanRequest& request, const Evidence& /*evidence*/, Plan
 void DecideWeakFeatures(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
   if (e.labels.is_null()) return;
   const auto added = static_cast<int64_t>(Number(e.labels, "features_added"));
+  // As MotionSplit::lacks_features says (motion_split.h).
+  d->threshold = "a pair that turns for every two photos, and rings of them that join all but a tenth";
   if (added > 0) {
     d->measured = fmt::format("{} features added", added);
     return Keep(d, "too few pairs of photos had features that turn");
   }
   d->measured = Text(e.labels, "reason");
-  d->threshold = "a pair that turns for every two photos, where anything changes";
+  if (Number(e.labels, "station_photos") > 0) {
+    d->measured = fmt::format("{:.0f} pairs turn and join {:.0f} of {:.0f} photos in rings",
+                              Number(e.labels, "object_pairs"), Number(e.labels, "ringed_photos"),
+                              Number(e.labels, "station_photos"));
+  }
   LeaveOut(d, "enough pairs of photos have features that turn, or nothing changes",
            "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
 }

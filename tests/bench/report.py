@@ -163,7 +163,7 @@ def curves_part(written):
         lines += [f'### {curve["what"][0].upper()}{curve["what"][1:]} ({name.replace("_", " ")})', '',
                   f'Knob `{curve["knob"]}`; error: {curve["error_text"]}, against {curve["reference"]}. Medians over seeds '
                   f'(least to largest). [Page of diagrams](tests/bench/results/curves/{name}.html), '
-                  f'[CSV](tests/bench/results/curves/{name}.csv).', '']
+                  f'[CSV](tests/bench/results/curves/{name}.csv).', '', *made_lines(curve)]
         for scene_index, scene in enumerate(curve['scenes']):
             rows = [[s['value'], spread_cell(s[f'{clock}_s']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
                      'yes' if s['pareto'] else ''] for s in curve['settings'] if s['scene'] in (scene, scene_index)]
@@ -180,6 +180,11 @@ def curves_part(written):
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on.', '',
                   *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'CPU [s]', 'forced'], rows)]
     return lines
+
+
+def made_lines(written):
+    made = written.get('made')
+    return [f'`{made["command"]}`; {made["commit"]}; {made["machine"]}.', ''] if made else []
 
 
 CLOCKS = {'cpu': 'CPU', 'wall': 'wall'}
@@ -217,7 +222,7 @@ def page(r, notes, written=None):
               '## Hostile input', '', 'What is counted, and the commands: [CONTRIBUTING.md](CONTRIBUTING.md#hostile-input).', '', *safety_lines(r),
               '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
               '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
-              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`.', '',
+              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`: [stress](tests/bench/results/numerics_stress.md).', '',
               *stiffness_lines(),
               *method_lines(),
               *curves_lines(written),
@@ -244,7 +249,7 @@ def curves_lines(written):
         return []
     return ['## Error against run time', '', 'Made by `s2gs work_precision`; CPU seconds are those of the process with what it '
             'starts, user and system, because the machines were shared: they are counts of work, not of waiting. Wall seconds are of runs '
-            'that had a GPU to themselves. Which settings each sweep had: [time](tests/bench/notes/time.md).', '',
+            'on a GPU; the host had other work beside. Which settings each sweep had: [time](tests/bench/notes/time.md).', '',
             *curves_part(written)]
 
 

@@ -25,10 +25,12 @@ class ScanPlanTest : public testing::Test {
     const Workspace& w = request_.workspace;
     WriteAll(w.ObjectDatabase(), "object");
     WriteAll(w.StaticDatabase(), "static");
-    WriteAll(w.SplitLabels(),
-             R"({"version": 1, "case": ")" + scene_case + R"(", "reason": "as measured", "pairs_matched": )" +
-                 std::to_string(pairs_matched) + R"(, "features_added": 0, "num_stations": )" +
-                 std::to_string(stations) + R"(, "images": [{}, {}, {}, {}]})");
+    WriteAll(
+        w.SplitLabels(),
+        R"({"version": 1, "case": ")" + scene_case + R"(", "reason": "as measured", "pairs_matched": )" +
+            std::to_string(pairs_matched) +
+            R"(, "features_added": 0, "object_pairs": 7, "ringed_photos": 3, "station_photos": 4, "num_stations": )" +
+            std::to_string(stations) + R"(, "images": [{}, {}, {}, {}]})");
   }
 
   void WriteTraining(const std::string& log) const {
@@ -68,6 +70,7 @@ TEST_F(ScanPlanTest, TheSplitDecidesWhatItMeasured) {
   EXPECT_EQ(Of("pairs").state, PlanState::kLeftOut);
   EXPECT_EQ(Of("pairs").saving, "17 % of the matching");
   EXPECT_EQ(Of("weak_features").state, PlanState::kLeftOut);
+  EXPECT_EQ(Of("weak_features").measured, "7 pairs turn and join 3 of 4 photos in rings");
   EXPECT_EQ(Of("scale").state, PlanState::kLater);
 
   WriteSplit("one_body", 6, 0);
