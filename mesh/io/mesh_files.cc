@@ -1,8 +1,6 @@
 #include "mesh/io/mesh_files.h"
 
-#include <algorithm>
 #include <array>
-#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
@@ -15,16 +13,10 @@
 #include "s2gs/image/srgb.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/lower_case.h"
 
 namespace s2gs {
 namespace {
-
-std::string LowerExtension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
 
 void CheckMesh(const TriangleMesh& mesh) {
   const size_t num_vertices = mesh.vertices.size();
@@ -44,14 +36,14 @@ std::array<uint16_t, 256> LinearFromSrgb() {
 }  // namespace
 
 void RequireMeshExtension(const std::filesystem::path& path) {
-  const std::string extension = LowerExtension(path);
+  const std::string extension = LowerCaseExtension(path);
   if (extension == ".ply" || extension == ".obj" || extension == ".glb") return;
   throw UserError(path, "is no name for a mesh", "Choose one that ends in .ply, .obj or .glb");
 }
 
 void WriteMesh(const std::filesystem::path& path, const TriangleMesh& mesh) {
   RequireMeshExtension(path);
-  const std::string extension = LowerExtension(path);
+  const std::string extension = LowerCaseExtension(path);
   if (extension == ".ply") {
     WritePlyMesh(path, mesh);
     return;

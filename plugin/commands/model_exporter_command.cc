@@ -5,6 +5,7 @@
 #include <ostream>
 #include <string>
 #include <system_error>
+#include <vector>
 
 #include "plugin/outputs/camera_export.h"
 #include "plugin/outputs/export_place.h"
@@ -59,8 +60,22 @@ std::string RelativeFolder(const fs::path& path, const fs::path& folder) {
   return relative == "." ? "" : relative.generic_string() + "/";
 }
 
+// What is written names these files, and is of no use without them.
+void RequirePhotos(const Settings& s, const ColmapModel& model) {
+  std::vector<std::string> missing;
+  for (const auto& [id, image] : model.images) {
+    if (!Exists(s.image_path / image.name)) missing.push_back(image.name);
+  }
+  if (missing.empty()) return;
+  throw UserError(s.image_path,
+                  "lacks " + std::to_string(missing.size()) + " of the model's " +
+                      std::to_string(model.images.size()) + " photos, such as " + missing.front(),
+                  "Say where the photos are with --image_path");
+}
+
 void ExportNerf(const Settings& s) {
   const ColmapModel model = ReadColmapModel(s.workspace.ObjectModel());
+  RequirePhotos(s, model);
   CreateFolder(s.output_path);
   NerfPaths paths;
   paths.images = RelativeFolder(s.image_path, s.output_path);
@@ -79,9 +94,28 @@ void ExportMetashape(const Settings& s) {
   });
 }
 
+// The photo with the mask as its alpha channel, and the photo's EXIF.
+void WriteCutOut(const fs::path& photo_path, const fs::path& mask_path, const fs::path& path) {
+  const Image8 photo = ReadImage(photo_path, 3);
+  const Image8 mask = ReadImage(mask_path, 1);
+  if (mask.width != photo.width || mask.height != photo.height) {
+    throw UserError(mask_path, "has another size than its photo", "Run `s2gs gaussian_renderer` again");
+  }
+  Image8 cut_out{photo.width, photo.height, 4, {}};
+  cut_out.pixels.reserve(4 * mask.pixels.size());
+  for (size_t i = 0; i < mask.pixels.size(); ++i) {
+    cut_out.pixels.insert(cut_out.pixels.end(), photo.pixels.begin() + static_cast<std::ptrdiff_t>(3 * i),
+                          photo.pixels.begin() + static_cast<std::ptrdiff_t>(3 * i + 3));
+    cut_out.pixels.push_back(mask.pixels[i]);
+  }
+  const std::optional<ExifTags> tags = ReadExif(photo_path);
+  WriteUnlessOther(path, EncodePng(cut_out, path, tags ? MakeExif(*tags) : ""));
+}
+
 // A file for each photo of the model; every one of them has to have a mask.
 void ExportMasks(const Settings& s, Reporter& reporter) {
   const ColmapModel model = ReadColmapModel(s.workspace.ObjectModel());
+  if (s.type == OutputType::kPhotosAlpha) RequirePhotos(s, model);
   const ImageOutputs outputs(s.output_path, s.image_path, {});
   size_t done = 0;
   for (const auto& [id, image] : model.images) {
@@ -93,23 +127,9 @@ void ExportMasks(const Settings& s, Reporter& reporter) {
       WriteUnlessOther(outputs.Make(s.output_path, name, suffix),
                        ReadWholeFile(mask_path, kMaxImageBytes, "Run `s2gs gaussian_renderer` first"));
     } else {
-      const fs::path photo_path = s.image_path / image.name;
-      const Image8 photo = ReadImage(photo_path, 3);
-      const Image8 mask = ReadImage(mask_path, 1);
-      if (mask.width != photo.width || mask.height != photo.height) {
-        throw UserError(mask_path, "has another size than its photo", "Run `s2gs gaussian_renderer` again");
-      }
-      Image8 cut_out{photo.width, photo.height, 4, {}};
-      cut_out.pixels.reserve(4 * mask.pixels.size());
-      for (size_t i = 0; i < mask.pixels.size(); ++i) {
-        cut_out.pixels.insert(cut_out.pixels.end(), photo.pixels.begin() + static_cast<std::ptrdiff_t>(3 * i),
-                              photo.pixels.begin() + static_cast<std::ptrdiff_t>(3 * i + 3));
-        cut_out.pixels.push_back(mask.pixels[i]);
-      }
       const bool is_png = fs::path(image.name).extension() == ".png";
-      const std::optional<ExifTags> tags = ReadExif(photo_path);
-      const fs::path path = outputs.Make(s.output_path, name, is_png ? "" : ".png");
-      WriteUnlessOther(path, EncodePng(cut_out, path, tags ? MakeExif(*tags) : ""));
+      WriteCutOut(s.image_path / image.name, mask_path,
+                  outputs.Make(s.output_path, name, is_png ? "" : ".png"));
     }
     reporter.Progress("export", static_cast<int64_t>(++done), static_cast<int64_t>(model.images.size()));
   }

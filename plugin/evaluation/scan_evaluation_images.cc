@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cctype>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -9,6 +8,7 @@
 #include "plugin/evaluation/scan_evaluation.h"
 #include "s2gs/image/image_error.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/base/lower_case.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -31,9 +31,7 @@ fs::path FirstExisting(const std::vector<fs::path>& candidates) {
 }
 
 bool IsImageFile(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = LowerCaseExtension(path);
   return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
 }
 

@@ -18,6 +18,7 @@
 #include "s2gs/image/srgb.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/lower_case.h"
 
 namespace s2gs {
 namespace {
@@ -28,15 +29,8 @@ using OIIO::ImageSpec;
 using OIIO::TypeDesc;
 
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 32;
-constexpr uint64_t kMaxSearchedBytes = uint64_t{1} << 28;
-constexpr size_t kMaxChannels = 8;  // those of a photo and some between them
-
-std::string LowerCaseExtension(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
-}
+constexpr uint64_t kMaxSearchedBytes = uint64_t{1} << 28;  // for a profile or EXIF
+constexpr size_t kMaxChannels = 8;                         // those of a photo and some between them
 
 bool IsHeif(const fs::path& path) {
   const std::string extension = LowerCaseExtension(path);
@@ -185,8 +179,7 @@ std::string ProfileOf(const ImageSpec& spec, const fs::path& path) {
 
 // The block of EXIF wherever a HEIC, AVIF or WebP file keeps it.
 std::optional<ExifTags> SearchExif(const fs::path& path) {
-  constexpr uint64_t kMaxSearched = uint64_t{1} << 28;
-  return FindExif(ReadWholeFile(path, kMaxSearched), IsHeif(path));
+  return FindExif(ReadWholeFile(path, kMaxSearchedBytes), IsHeif(path));
 }
 
 }  // namespace

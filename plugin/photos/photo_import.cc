@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cctype>
 #include <fstream>
 #include <map>
 #include <optional>
@@ -17,6 +16,7 @@
 #include "s2gs/image/exif.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/lower_case.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
@@ -27,12 +27,6 @@ namespace fs = std::filesystem;
 constexpr int kOpaqueBits = 8;
 // While a photo is converted: four channels of floats at worst, what becomes of them, and the encoder's copy.
 constexpr uint64_t kBytesPerPixel = 4 * 4 + 4 + 4;
-
-std::string LowerCase(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
 
 std::string WithExtension(const std::string& name, const std::string& extension) {
   return name.substr(0, name.find_last_of('.')) + extension;
@@ -65,7 +59,7 @@ PhotoToImport PlanForeign(const PhotoFile& file) {
   photo.file = file;
   std::error_code ec;
   photo.file.num_bytes = fs::file_size(file.path, ec);
-  const std::string extension = LowerCase(file.path.extension().string());
+  const std::string extension = LowerCaseExtension(file.path);
   if (extension == ".jpe" || extension == ".jfif") {
     photo.name = WithExtension(file.name, ".jpg");
     photo.file.size = ReadImageSize(file.path);

@@ -63,11 +63,12 @@ std::string SelectionOf(const size_t* frames, size_t count) {
 
 std::string InputOf(const fs::path& video) { return "file:" + video.string(); }
 
-std::string FrameName(size_t frame) {
+// "000012.png"; longer where six digits do not do.
+std::string NumberedName(size_t number) {
   constexpr size_t kDigits = 6;
-  std::string number = std::to_string(frame);
-  number.insert(0, number.size() < kDigits ? kDigits - number.size() : 0, '0');
-  return "frame_" + number + ".png";
+  std::string digits = std::to_string(number);
+  digits.insert(0, kDigits - std::min(kDigits, digits.size()), '0');
+  return digits + ".png";
 }
 
 }  // namespace
@@ -123,7 +124,7 @@ void ImportVideo(const fs::path& ffmpeg, const fs::path& video, int num_frames, 
   ImportedFolder folder(workspace, "video");
   std::vector<std::string> names;
   names.reserve(frames.size());
-  for (const size_t frame : frames) names.push_back(FrameName(frame));
+  for (const size_t frame : frames) names.push_back("frame_" + NumberedName(frame));
   folder.Expect(names);
   // Under other names until all are there: ffmpeg counts from 1 and writes them one after another.
   const fs::path scratch = workspace.Own() / "frames";
@@ -139,9 +140,7 @@ void ImportVideo(const fs::path& ffmpeg, const fs::path& video, int num_frames, 
          "rgb24", "-compression_level", "2", "-f", "image2", PatternIn(scratch)},
         video, [](std::string_view /*line*/) {}, reporter);
     for (size_t i = 0; i < names.size(); ++i) {
-      std::string number = std::to_string(i + 1);
-      number.insert(0, 6 - std::min<size_t>(6, number.size()), '0');
-      const fs::path from = scratch / (number + ".png");
+      const fs::path from = scratch / NumberedName(i + 1);
       if (!Exists(from)) {
         throw UserError(video, "ffmpeg read fewer frames the second time",
                         "Copy the video again, or give photos");

@@ -1,6 +1,5 @@
 #include "plugin/report/report_input.h"
 
-#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -10,6 +9,7 @@
 #include "plugin/stage/json_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/lower_case.h"
 
 namespace s2gs {
 namespace {
@@ -31,9 +31,7 @@ std::vector<Json> ReadLog(const fs::path& path) {
 }
 
 bool IsPhoto(const fs::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string extension = LowerCaseExtension(path);
   return extension == ".jpg" || extension == ".jpeg" || extension == ".png";
 }
 

@@ -1,7 +1,6 @@
 #include "s2gs/image/image_file.h"
 
 #include <algorithm>
-#include <cctype>
 #include <optional>
 #include <string>
 #include <utility>
@@ -11,6 +10,7 @@
 #include "sfm_split/base/byte_reader.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/lower_case.h"
 
 namespace s2gs {
 namespace {
@@ -25,13 +25,6 @@ Kind KindOf(std::string_view begin, const std::filesystem::path& path) {
   if (begin.substr(0, kPngBegin.size()) == kPngBegin) return Kind::kPng;
   throw UserError(path, "is neither a JPEG nor a PNG file",
                   "Convert it to one of them, or remove it from the image folder");
-}
-
-std::string LowerCaseExtension(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return extension;
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/lower_case.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
@@ -41,12 +42,6 @@ constexpr std::array<std::string_view, 20> kForeignExtensions = {
 template <typename List>
 bool Contains(const List& list, std::string_view word) {
   return std::find(list.begin(), list.end(), word) != list.end();
-}
-
-std::string LowerCase(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
 }
 
 std::string HowToConvert(const std::string& extension) {
