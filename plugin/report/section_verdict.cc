@@ -37,6 +37,9 @@ std::string Sentence(const ReportInput& input, const ScanSummary::PoseVerdict& v
     text += fmt::format(", table angles are known to ±{}° and the object's keypoints are met to {} px",
                         Significant(angle, 2), Significant(rms, 2));
   }
+  if (verdict.verdict == "doubtful") {
+    text += verdict.poses_hold ? ", and those hold" : ", but they may be wrong";
+  }
   return text + ".";
 }
 
@@ -55,7 +58,7 @@ void WriteList(const char* title, const std::vector<std::string>& lines, HtmlWri
   out->Close();
 }
 
-std::vector<Tile> KeyFigures(const ReportInput& input) {
+std::vector<Tile> KeyFigures(const ReportInput& input, bool poses_hold) {
   std::vector<Tile> tiles;
   const nlohmann::json& mapper = input.mapper;
   size_t placed = 0;
@@ -81,7 +84,10 @@ std::vector<Tile> KeyFigures(const ReportInput& input) {
     }
     const double angle = NumberOr(sigma, "angle_median_deg");
     if (std::isfinite(angle)) {
-      tiles.push_back({"Table angles", "± " + Significant(angle, 2) + "°", "median standard deviation"});
+      // Noise is all that a standard deviation knows of: where poses are wrong it says nothing.
+      tiles.push_back(
+          {"Table angles", "± " + Significant(angle, 2) + "°",
+           poses_hold ? "median standard deviation" : "median standard deviation, were the poses right"});
     }
   }
   for (auto line = input.log.rbegin(); line != input.log.rend(); ++line) {
@@ -121,7 +127,11 @@ ReportSection VerdictSection(const ReportInput& input, const ScanSummary& summar
   out.Element("p", sentence, {{"class", "sentence"}});
   WriteList("Why", verdict.reasons, &out);
   WriteList("What to photograph differently", verdict.advice, &out);
-  if (!next.empty()) {
+  const bool poses_hold = verdict.poses_hold || verdict.verdict.empty();
+  if (!poses_hold && next == "gaussian_trainer") {
+    out.Open("p").Text("Training waits, since wrong poses make a wrong model; ");
+    out.Element("code", "s2gs automatic_scanner --force 1").Text(" goes on all the same.").Close();
+  } else if (!next.empty()) {
     out.Open("p").Text("Not everything has run: next comes ").Element("code", "s2gs " + next);
     out.Text(", or ")
         .Element("code", "s2gs automatic_scanner")
@@ -134,7 +144,7 @@ ReportSection VerdictSection(const ReportInput& input, const ScanSummary& summar
   }
   for (const std::string& problem : input.problems) WriteMissing(problem, &out);
   out.Close();
-  WriteTiles(KeyFigures(input), &out);
+  WriteTiles(KeyFigures(input, poses_hold), &out);
   return section;
 }
 

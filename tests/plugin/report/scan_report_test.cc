@@ -149,16 +149,17 @@ TEST(ScanReport, NumbersOfASyntheticScan) {
 TEST(ScanReport, TellsTheMappersVerdict) {
   const TemporaryFolder folder;
   const Workspace workspace{folder.path()};
-  WriteAll(workspace.TurntableMapper(),
-           "{\"images\": 60, \"registered\": 41, \"verdict\": {\"verdict\": \"doubtful\", \"reasons\": "
-           "[\"the <seam> is "
-           "open\"], \"advice\": [\"smaller steps\"], \"measured\": {\"held_back\": {\"share\": 0.875}}}}");
+  WriteAll(
+      workspace.TurntableMapper(),
+      "{\"images\": 60, \"registered\": 41, \"verdict\": {\"verdict\": \"doubtful\", \"poses_hold\": false, "
+      "\"reasons\": [\"the <seam> is "
+      "open\"], \"advice\": [\"smaller steps\"], \"measured\": {\"held_back\": {\"share\": 0.875}}}}");
   const Report report = Make(workspace);
   EXPECT_EQ(report.numbers.at("verdict").at("verdict"), "doubtful");
   EXPECT_EQ(report.numbers.at("report").at("verdict").at("advice").at(0), "smaller steps");
-  for (const char* shown :
-       {"The scan is doubtful: 41 of 60 photos have a pose.", "<li>the &lt;seam&gt; is open</li>",
-        "<li>smaller steps</li>", "87.5 %", "class=\"verdict doubtful\""}) {
+  for (const char* shown : {"The scan is doubtful: 41 of 60 photos have a pose, but they may be wrong.",
+                            "<li>the &lt;seam&gt; is open</li>", "<li>smaller steps</li>", "87.5 %",
+                            "class=\"verdict doubtful\""}) {
     EXPECT_THAT(report.page, HasSubstr(shown));
   }
 }
