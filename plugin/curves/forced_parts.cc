@@ -7,11 +7,13 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <utility>
 
 #include "plugin/cli/version.h"
 #include "plugin/plan/plan_parts.h"
 #include "plugin/plan/scan_plan.h"
+#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -87,11 +89,23 @@ nlohmann::ordered_json Finite(double value) {
   return value;
 }
 
+// The median over the runs as planned; NaN where none tells it.
+double PlannedSigma(const WorkCurve& curve) {
+  std::vector<double> sigmas;
+  for (const WorkPoint& point : curve.points) {
+    if (point.value != kPlanned) continue;
+    if (const std::optional<double> sigma = point.Figure("axis_sigma_deg")) sigmas.push_back(*sigma);
+  }
+  return sigmas.empty() ? std::numeric_limits<double>::quiet_NaN() : Summarize(sigmas).median;
+}
+
 nlohmann::ordered_json ToJson(const Spread& spread) {
   return {{"min", Finite(spread.min)}, {"median", Finite(spread.median)}, {"max", Finite(spread.max)}};
 }
 
 }  // namespace
+
+double ForcedPart::GainSigmas() const { return (planned_error.median - forced_error.median) / planned_sigma; }
 
 double ForcedPart::GainPct() const {
   const double gain = 100 * (planned_error.median - forced_error.median) / planned_error.median;
@@ -135,6 +149,7 @@ std::vector<ForcedPart> MeasureForcedParts(const SweepOptions& options, const st
         row.planned_cpu_seconds = planned->cpu_seconds;
         row.forced_error = setting.error;
         row.forced_cpu_seconds = setting.cpu_seconds;
+        if (curve.error == ErrorOf(KnobStage::kPoses, true).figure) row.planned_sigma = PlannedSigma(curve);
         for (const WorkPoint& point : curve.points) {
           const bool is_it = point.value == setting.value || point.value == kPlanned;
           if (is_it && !point.failure.empty()) row.failure = point.failure;
@@ -147,17 +162,18 @@ std::vector<ForcedPart> MeasureForcedParts(const SweepOptions& options, const st
 }
 
 void WriteForcedCsv(const std::vector<ForcedPart>& parts, std::ostream& out) {
-  out << "scene,part,error_of,planned_error,forced_error,gain_pct,planned_cpu_s,forced_cpu_s,failure\n";
+  out << "scene,part,error_of,planned_error,forced_error,gain_pct,gain_sigmas,planned_cpu_s,forced_cpu_s,"
+         "failure\n";
   const auto quoted = [](const std::string& text) {
     std::string result = "\"";
     for (const char c : text) result += c == '"' ? std::string("\"\"") : std::string(1, c);
     return result + "\"";
   };
   for (const ForcedPart& part : parts) {
-    out << fmt::format("{},{},{},{:.6g},{:.6g},{:.4g},{:.4g},{:.4g},{}\n", quoted(part.scene), part.part,
-                       quoted(part.error_text), part.planned_error.median, part.forced_error.median,
-                       part.GainPct(), part.planned_cpu_seconds.median, part.forced_cpu_seconds.median,
-                       quoted(part.failure));
+    out << fmt::format("{},{},{},{:.6g},{:.6g},{:.4g},{:.4g},{:.4g},{:.4g},{}\n", quoted(part.scene),
+                       part.part, quoted(part.error_text), part.planned_error.median,
+                       part.forced_error.median, part.GainPct(), part.GainSigmas(),
+                       part.planned_cpu_seconds.median, part.forced_cpu_seconds.median, quoted(part.failure));
   }
 }
 
@@ -172,6 +188,7 @@ void WriteForcedJson(const std::vector<ForcedPart>& parts, std::ostream& out) {
                              {"planned_error", ToJson(part.planned_error)},
                              {"forced_error", ToJson(part.forced_error)},
                              {"gain_pct", Finite(part.GainPct())},
+                             {"planned_sigma", Finite(part.planned_sigma)},
                              {"planned_cpu_s", ToJson(part.planned_cpu_seconds)},
                              {"forced_cpu_s", ToJson(part.forced_cpu_seconds)},
                              {"failure", part.failure}});
@@ -190,6 +207,10 @@ void PrintForcedParts(const std::vector<ForcedPart>& parts, std::ostream& out) {
     out << fmt::format("{:<16} {:<20} {:>12.4g} {:>12.4g} {:>7.2f} % {:>10.3g} {:>10.3g}  {}\n", part.scene,
                        part.part, part.planned_error.median, part.forced_error.median, part.GainPct(),
                        part.planned_cpu_seconds.median, part.forced_cpu_seconds.median, part.error_text);
+    if (std::isfinite(part.GainSigmas())) {
+      out << fmt::format("{:<37} {:.2g} standard deviations of the tilt that all photos share\n", "",
+                         std::abs(part.GainSigmas()));
+    }
   }
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -18,10 +19,17 @@ struct ForcedPart {
   std::string error_text;  ///< what the errors are, with their unit.
   Spread planned_error, forced_error;
   Spread planned_cpu_seconds, forced_cpu_seconds;  ///< of the commands from the part's stage on.
-  std::string failure;                             ///< why there is no forced error; empty: there is one.
+  /// The standard deviation that the adjustment as planned gives the camera's tilt against the axis, in the
+  /// unit of the errors, where these are of rotations against a truth; else NaN. All photos of a station
+  /// share the tilt, so that the error of a scan's poses is a single draw of it: errors that differ by less
+  /// say nothing.
+  double planned_sigma = std::numeric_limits<double>::quiet_NaN();
+  std::string failure;  ///< why there is no forced error; empty: there is one.
 
   /// By how much forcing it lowers the median error; below 0: it raises it [%].
   double GainPct() const;
+  /// The same in planned_sigma.
+  double GainSigmas() const;
 };
 
 /// Runs each part that the plan of a finished scan leaves out, and that can be forced, with every seed: the

@@ -76,6 +76,10 @@ std::map<std::string, double> OwnFigures(const Workspace& workspace) {
     if (json.is_object() && json.contains(noise) && json[noise].is_number()) {
       figures["held_back_px"] = json[noise].get<double>();
     }
+    const Json::json_pointer tilt("/sigma/axis_direction_deg");
+    if (json.is_object() && json.contains(tilt) && json[tilt].is_number()) {
+      figures["axis_sigma_deg"] = json[tilt].get<double>();
+    }
   }
   std::ifstream log(workspace.MeshLog());
   for (std::string line; std::getline(log, line);) {

@@ -172,14 +172,22 @@ def curves_part(written):
             lines += table(['value', f'{CLOCKS[clock]} [s]', 'error', 'reached', 'nothing beats it in both'], rows)
         lines += [f'![error over {CLOCKS[clock]} seconds](tests/bench/plots/curve_{name}.svg)', '']
     rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
-             '' if p['gain_pct'] is None else f'{p["gain_pct"]:+.2f} %', spread_cell(p['planned_cpu_s']),
+             '' if p['gain_pct'] is None else f'{p["gain_pct"]:+.2f} %', sigmas_cell(p), spread_cell(p['planned_cpu_s']),
              spread_cell(p['forced_cpu_s'])] for written_file in written.values() for p in written_file.get('parts', [])]
     if rows:
         lines += ['### What was left out, and forced', '',
                   'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
-                  'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on.', '',
-                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'CPU [s]', 'forced'], rows)]
+                  'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on. A rotation error of poses is '
+                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance.', '',
+                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced'], rows)]
     return lines
+
+
+def sigmas_cell(part):
+    gain = part['gain_pct']
+    if gain is None or not part.get('planned_sigma'):
+        return ''
+    return f'{(part["planned_error"]["median"] - part["forced_error"]["median"]) / part["planned_sigma"]:+.2f}'
 
 
 def made_lines(written):

@@ -47,6 +47,7 @@ TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
   ASSERT_EQ(parts.size(), 2U);
   EXPECT_EQ(parts[0].part, "distortion_channel");
   EXPECT_NEAR(parts[0].GainPct(), 0, 1e-9);
+  EXPECT_TRUE(std::isnan(parts[0].planned_sigma));
   EXPECT_EQ(parts[1].part, "learning_p");
   EXPECT_NEAR(parts[1].planned_error.median, 0.1, 1e-12);  // 20 dB
   EXPECT_NEAR(parts[1].GainPct(), 100 * (1 - std::pow(10, 0.1)), 1e-9);
@@ -61,6 +62,38 @@ TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
   std::ostringstream csv;
   WriteForcedCsv(parts, csv);
   EXPECT_THAT(csv.str(), testing::HasSubstr("\"scan\",learning_p,"));
+}
+
+// Poses: the gain is also told in what the adjustment as planned says of the tilt, 0.04 degrees, and a failed
+// or silent adjustment tells none.
+TEST(ForcedParts, GainOfPosesInStandardDeviations) {
+  TemporaryFolder folder;
+  const Workspace scan{folder / "scan"};
+  WriteAll(scan.Images() / "a.jpg", "photo");
+  WriteAll(scan.Database(), "features");
+  folder.Write("program",
+               "#!/bin/sh\n"
+               "command=$1; rot=0.05; while [ $# -gt 0 ]; do case $1 in\n"
+               "--workspace_path) w=$2;; --database_path) w=$(dirname \"$2\");; --json_path) json=$2;;\n"
+               "--weak_features_always) touch \"$w/weak\";; esac; shift; done\n"
+               "case $command in turntable_mapper) mkdir -p \"$w/split\"\n"
+               "echo '{\"sigma\": {\"axis_direction_deg\": 0.04}}' > \"$w/split/turntable_mapper.json\";;\n"
+               "scan_evaluator) [ -e \"$w/weak\" ] && rot=0.03\n"
+               "echo '{\"figures\": {\"object_rot_deg\": {\"median\": '$rot'}}}' > \"$json\";; esac\n");
+  fs::permissions(folder / "program", fs::perms::owner_all);
+  SweepOptions options;
+  options.scenes = {{scan.root, "", folder / "truth"}};
+  options.program = folder / "program";
+  Reporter silent;
+  const std::vector<ForcedPart> parts = MeasureForcedParts(options, {"weak_features"}, silent);
+  ASSERT_EQ(parts.size(), 1U);
+  EXPECT_EQ(parts[0].failure, "");
+  EXPECT_NEAR(parts[0].GainPct(), 40, 1e-9);
+  EXPECT_NEAR(parts[0].planned_sigma, 0.04, 1e-12);
+  EXPECT_NEAR(parts[0].GainSigmas(), 0.5, 1e-9);
+  std::ostringstream json;
+  WriteForcedJson(parts, json);
+  EXPECT_THAT(json.str(), testing::HasSubstr("\"planned_sigma\": 0.04"));
 }
 
 }  // namespace
