@@ -13,6 +13,7 @@
 
 #include "mesh/surface/decimate.h"
 #include "mesh/surface/support_plane.h"
+#include "mesh/surface/table_top.h"
 #include "mesh/surface/vertex_normals.h"
 #include "sfm_split/base/union_find.h"
 
@@ -99,6 +100,10 @@ OptionCheck MeshCleanupOptions::Check() const {
 
 MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh) {
   MeshCleanupSummary summary;
+  if (options.cut_at_table && options.is_axis_known) {
+    summary.table = FindTableTop(*mesh);
+    if (summary.table) summary.num_beside_table = CutAtTable(*summary.table, mesh);
+  }
   if (options.remove_disc) {
     const std::optional<Eigen::Vector3d> up =
         options.is_axis_known ? std::make_optional<Eigen::Vector3d>(Eigen::Vector3d::UnitZ())
@@ -151,78 +156,6 @@ std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh) {
     clusters.push_back(cluster);
   }
   return clusters;
-}
-
-std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh, const Eigen::Vector3d& up) {
-  constexpr int kBinsPerSide = 1000;
-  constexpr double kMinCosine = 0.95;
-  constexpr double kMinAreaShare = 0.02;
-  constexpr double kNearlyAsLarge = 0.3;
-  if (mesh.triangles.empty()) return std::nullopt;
-  Eigen::AlignedBox3d box;
-  double lowest = std::numeric_limits<double>::infinity();
-  double highest = -lowest;
-  for (const Eigen::Vector3f& vertex : mesh.vertices) {
-    box.extend(vertex.cast<double>());
-    const double height = up.dot(vertex.cast<double>());
-    lowest = std::min(lowest, height);
-    highest = std::max(highest, height);
-  }
-  const double bin = box.sizes().maxCoeff() / kBinsPerSide;
-  if (!(bin > 0)) return std::nullopt;
-
-  struct Patch {
-    double height;
-    double area;
-    double edge;
-  };
-  std::vector<Patch> patches;  // that face upwards
-  const auto last_bin = static_cast<int>((highest - lowest) / bin) + 1;
-  std::vector<double> bins(last_bin + 1);
-  double total_area = 0;
-  for (const Triangle& triangle : mesh.triangles) {
-    const Eigen::Vector3d normal = AreaNormal(mesh, triangle);
-    const double area = normal.norm() / 2;
-    total_area += area;
-    if (!(up.dot(normal) / 2 > kMinCosine * area)) continue;
-    const double height =
-        up.dot(Corner(mesh, triangle, 0) + Corner(mesh, triangle, 1) + Corner(mesh, triangle, 2)) / 3;
-    const double edge = (Corner(mesh, triangle, 1) - Corner(mesh, triangle, 0)).norm();
-    patches.push_back({height, area, edge});
-    bins[std::clamp(static_cast<int>((height - lowest) / bin), 0, last_bin)] += area;
-  }
-  // Five bins together: half a percent of the mesh.
-  std::vector<double> windows(bins.size());
-  for (int i = 0; i < static_cast<int>(bins.size()); ++i) {
-    for (int j = std::max(0, i - 2); j <= std::min(static_cast<int>(bins.size()) - 1, i + 2); ++j) {
-      windows[i] += bins[j];
-    }
-  }
-  const double largest = *std::max_element(windows.begin(), windows.end());
-  if (largest < kMinAreaShare * total_area) return std::nullopt;
-  // The lowest peak that is large enough.
-  size_t peak = 0;
-  while (windows[peak] < kNearlyAsLarge * largest) ++peak;
-  while (peak + 1 < windows.size() && windows[peak + 1] >= windows[peak]) ++peak;
-
-  const double middle = lowest + (static_cast<double>(peak) + 0.5) * bin;
-  DiscSurface disc;
-  double sum_offset = 0;
-  double sum_edge = 0;
-  double sum_square = 0;
-  for (const Patch& patch : patches) {
-    const double offset = patch.height - middle;
-    if (std::abs(offset) > 5 * bin) continue;
-    disc.area += patch.area;
-    sum_offset += patch.area * offset;
-    sum_square += patch.area * offset * offset;
-    sum_edge += patch.area * patch.edge;
-  }
-  const double mean = sum_offset / disc.area;
-  disc.height = middle + mean;
-  disc.sigma = std::sqrt(std::max(0.0, sum_square / disc.area - mean * mean));
-  disc.mean_edge = sum_edge / disc.area;
-  return disc;
 }
 
 void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up) {

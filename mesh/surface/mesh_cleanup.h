@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "mesh/surface/table_top.h"
 #include "mesh/surface/triangle_mesh.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
@@ -12,6 +13,8 @@
 namespace s2gs {
 
 struct MeshCleanupOptions {
+  /// Drop what lies below the table's top or beyond its rim and does not stand on it, where z is the axis.
+  bool cut_at_table = true;
   bool remove_disc = false;  ///< cut the mesh just above the table's disc: the object alone stays.
   /// Whether z is the table's axis. Else the disc is the plane that the object stands on, whichever way it
   /// lies, and the largest cluster above it is the object: the others are its surroundings.
@@ -28,6 +31,8 @@ struct MeshCleanupOptions {
 
 /// What a clean-up did.
 struct MeshCleanupSummary {
+  std::optional<TableTop> table;     ///< nothing where none was looked for, or found.
+  int64_t num_beside_table = 0;      ///< triangles dropped below and beside it.
   std::optional<double> cut_height;  ///< of the cut above the disc, along `up` from the object's origin.
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  ///< of the disc, in the object's frame.
   int num_clusters = 0;                           ///< before.
@@ -45,20 +50,6 @@ void KeepTriangles(const std::vector<bool>& keep, TriangleMesh* mesh);
 
 /// Which cluster each triangle belongs to, numbered from 0 in the order of their first triangles.
 std::vector<int> ClusterOfTriangles(const TriangleMesh& mesh);
-
-/// The table's disc: the dominating horizontal surface (normal upwards), the lowest one when several are
-/// nearly as large.
-struct DiscSurface {
-  double height = 0;     ///< mean height along `up` from the origin.
-  double sigma = 0;      ///< standard deviation of its heights about the mean.
-  double area = 0;       ///< of the mesh near that height.
-  double mean_edge = 0;  ///< of the mesh there: its resolution.
-  /// Above the disc's roughness and the rounding at its contact with the object.
-  double CutHeight() const { return height + 3 * sigma + 1.5 * mean_edge; }
-};
-/// Nothing when no horizontal surface has 2 % of the mesh's area.
-std::optional<DiscSurface> FindDisc(const TriangleMesh& mesh,
-                                    const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());
 
 /// Keeps what lies above `height` along `up`. Triangles across it are cut; the cut stays open.
 void CutBelow(double height, TriangleMesh* mesh, const Eigen::Vector3d& up = Eigen::Vector3d::UnitZ());

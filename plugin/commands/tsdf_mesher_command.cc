@@ -98,6 +98,11 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
   if (mesher.cleanup.max_hole_edges > 0) {
     out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
   }
+  if (summary.cleanup.table) {
+    out << fmt::format(
+        "table            top at {:.6g}, rim at {:.6g} from the axis; {} triangles beside it dropped\n",
+        summary.cleanup.table->disc.height, summary.cleanup.table->radius, summary.cleanup.num_beside_table);
+  }
   if (summary.cleanup.cut_height)
     out << fmt::format("cut above disc   {:.6g} along ({:.4f}, {:.4f}, {:.4f})\n",
                        *summary.cleanup.cut_height, summary.cleanup.up.x(), summary.cleanup.up.y(),
@@ -163,6 +168,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     Report(summary.refinement, reporter);
   }
   cleanup.remove_disc = false;
+  cleanup.cut_at_table = false;
   summary.cleanup.num_holes_closed = CleanMesh(cleanup, reporter, &mesh).num_holes_closed;
   if (mesh.triangles.empty()) {
     throw UserError(workspace.DepthMaps(), "the depth maps agree on no surface",
@@ -226,6 +232,8 @@ void RunTsdfMesher(CommandContext& context) {
   tsdf.Add("max_memory_gib", &TsdfOptions::max_memory_gib, "refuse what would need more").Unit("GiB");
   tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
   auto cleanup = options.Group("Cleanup", &mesher.cleanup);
+  cleanup.Add("cut_at_table", &MeshCleanupOptions::cut_at_table,
+              "where a table turns: drop what lies below its top or beyond its rim and does not stand on it");
   cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
               "cut just above the table's disc, or what the object stands on where nothing turns");
   cleanup
