@@ -36,8 +36,9 @@ constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3}, {0, 1.0F, 4}, {0, 0.5F, 
 constexpr size_t kMinPhotosToDrop = 40;
 // Of one vertex. Two photos agree by chance too often.
 constexpr int kMinViews = 3;
-// Around a vertex the photo must show the mesh and nothing in front of it [px].
-constexpr int kVisibilityMargin = 2;
+// Around a vertex, as far as its patch reaches, the photo must show the mesh and nothing in front of it [px
+// of the pyramid's level].
+constexpr int kVisibilityMargin = kPatchSide / 2;
 // Steeper views say neither where a surface is nor that it is there.
 constexpr float kMinSeenCosine = 0.2F;
 // How often curves are averaged with their neighbours'.
@@ -208,8 +209,8 @@ class Refiner {
 
   void Run(const Pass& pass, int64_t done_before, int64_t total) {
     const size_t count = mesh_.vertices.size();
-    visible_ = FindVisible(
-        {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)), kVisibilityMargin});
+    visible_ = FindVisible({static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)),
+                            kVisibilityMargin << pass.level});
     if (course_.empty()) NoteAgreement();
     const int width = 2 * pass.max_steps + 1;
     curves_.assign(count * width, 0);

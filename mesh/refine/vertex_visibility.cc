@@ -13,6 +13,8 @@ namespace {
 // slope over the distance to the pixel's centre, and the mesh's coarseness.
 constexpr float kDepthTolerance = 2;
 constexpr float kSlopePerPixel = 1.5F;
+// Between the places of the margin that are looked at [px].
+constexpr int kMarginStep = 2;
 // A pixel centre this far outside of a triangle, in barycentric coordinates, is on its edge.
 constexpr float kEdgeTolerance = 1e-4F;
 
@@ -126,8 +128,8 @@ VertexFlags FindVisibleVertices(const TriangleMesh& mesh, const ObjectView& view
     };
     bool is_visible = at(0, 0) >= farthest;
     if (rule.margin > 0) {
-      for (int dy = -rule.margin; dy <= rule.margin && is_visible; dy += rule.margin) {
-        for (int dx = -rule.margin; dx <= rule.margin && is_visible; dx += rule.margin) {
+      for (int dy = -rule.margin; dy <= rule.margin && is_visible; dy += kMarginStep) {
+        for (int dx = -rule.margin; dx <= rule.margin && is_visible; dx += kMarginStep) {
           const float depth = at(dx, dy);
           is_visible = depth >= farthest && std::isfinite(depth);
         }
