@@ -28,7 +28,7 @@ constexpr float kShadingShare = 0.5F;
 float Normalise(float* values) {
   constexpr int kHalf = kPatchSide / 2;
   // Squares of a column's number, counted from the middle, over the whole patch.
-  constexpr float kSlopeSquares = kPatchSide * (kHalf * (kHalf + 1) * (2 * kHalf + 1) / 3);
+  constexpr int kSlopeSquares = kPatchSide * (kHalf * (kHalf + 1) * (2 * kHalf + 1) / 3);
   float mean = 0;
   float slope_u = 0;
   float slope_v = 0;

@@ -71,13 +71,14 @@ ObjectView LookAtMiddle(double azimuth, double elevation) {
   return {kSide, kSide, kFocal, kFocal, kSide / 2.0 + 3.3, kSide / 2.0 - 2.6, cam_from_object};
 }
 
-// Photos of the sphere of radius 1. Each has another exposure.
+// Photos of the sphere of radius 1. Each has another exposure. Where light falls, it stands still beside the
+// camera while the sphere turns.
 class SpherePhotos : public RefinementPhotoSource {
  public:
   using Texture = std::function<double(const Eigen::Vector3d& x_in_object)>;
 
   SpherePhotos(int num_around, const std::vector<double>& elevations, const Texture& texture,
-               double noise = 0) {
+               double noise = 0, const Eigen::Vector3d& light_in_camera = Eigen::Vector3d::Zero()) {
     RandomNumbers random(7);
     views_.reserve(num_around * elevations.size());
     photos_.reserve(num_around * elevations.size());
@@ -89,6 +90,7 @@ class SpherePhotos : public RefinementPhotoSource {
         Image8 photo{kSide, kSide, 1, std::vector<uint8_t>(static_cast<size_t>(kSide) * kSide)};
         const Eigen::Matrix3d rotation = view.cam_from_object.rotation.toRotationMatrix();
         const Eigen::Vector3d center = -(rotation.transpose() * view.cam_from_object.translation);
+        const Eigen::Vector3d light = rotation.transpose() * light_in_camera;
         for (int y = 0; y < kSide; ++y) {
           for (int x = 0; x < kSide; ++x) {
             const Eigen::Vector3d ray =
@@ -97,7 +99,9 @@ class SpherePhotos : public RefinementPhotoSource {
                     .normalized();
             const double b = center.dot(ray);
             const double root = b * b - center.squaredNorm() + 1;
-            const double value = root > 0 ? texture(center + (-b - std::sqrt(root)) * ray) : 90;
+            const Eigen::Vector3d hit = center + (-b - std::sqrt(std::max(0.0, root))) * ray;
+            const double shade = 1 + std::max(0.0, hit.dot(light));  // the point is its own normal
+            const double value = root > 0 ? shade * texture(hit) : 90;
             const double grey = gain * value + shift + random.Uniform(-noise, noise);
             *photo.Pixel(x, y) = static_cast<uint8_t>(std::clamp(grey, 0.0, 255.0) + 0.5);
           }
@@ -173,6 +177,19 @@ TEST(MeshRefinement, TakesAKnownOffsetOff) {
     ASSERT_EQ(mesh.normals.size(), mesh.vertices.size());
     EXPECT_NEAR(mesh.normals[500].norm(), 1, 1e-5);
   }
+}
+
+// Light that stands still shades each photo differently. Measured: mean -.018, rms .024; .038 with the whole
+// slope of the brightness left in.
+TEST(MeshRefinement, LeavesTheTrueSurfaceAlone) {
+  const SpherePhotos photos(12, kThreeRings,
+                            [](const Eigen::Vector3d& x) { return 70 + 0.15 * (Waves(x) - 120); }, 1,
+                            {-1, -0.6, -0.6});
+  TriangleMesh mesh = Sphere(1, 110);
+  Refine(photos, &mesh);
+  const auto [mean, rms] = DistanceFromSphere(mesh);
+  EXPECT_LT(std::abs(mean), 0.03);
+  EXPECT_LT(rms, 0.03);
 }
 
 TEST(MeshRefinement, TakesNoiseOff) {
