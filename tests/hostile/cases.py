@@ -16,6 +16,7 @@ import numpy as np
 import sandbox
 
 NOBODY = 65534
+EXAMPLE = pathlib.Path(__file__).resolve().parents[2] / "examples" / "falcon_desk" / "images"
 
 
 class CannotRun(Exception):
@@ -188,6 +189,29 @@ def name_in(reader, which):
 READERS = ["sparse/0", "sparse/static", "images.bin", "turntable.json", "dense/0/sparse", "database", "labels.json"]
 NAMES = ["absolute", "leads out", "leads out later", "backslash", "escape", "not UTF-8", "twice a slash", "point", "long",
          "long part"]
+
+
+def names_in_another_order(box):
+    """A turn's photos under two sets of names that tell nothing: the split puts the same photos in the same order."""
+    def lay_down(seed):
+        shutil.rmtree(box.scan, ignore_errors=True)
+        shutil.rmtree(box.photos)
+        box.photos.mkdir()
+        photos = sorted(EXAMPLE.glob("s1_*"))
+        for number, photo in zip(np.random.default_rng(seed).permutation(len(photos)), photos):
+            shutil.copyfile(photo, box.photos / f"p{number:04d}.jpg")
+        write_database(box.scan / "database.db", names_of(box))
+
+    def order_found():
+        images = json.loads((box.scan / "split" / "labels.json").read_text())["images"]
+        return [(box.photos / image["name"]).read_bytes() for image in images]
+    arguments = splitter(box, "--image_path", box.photos)
+    lay_down(1)
+    subprocess.run([box.program] + [os.fspath(a) for a in arguments], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    first = order_found()
+    lay_down(2)
+    return (Want(0, ("the pictures tell it",), then=lambda box, run: [] if order_found() == first else ["the order differs"]),
+            arguments, {})
 
 
 def link_out(box):
@@ -756,6 +780,7 @@ def short_cases():
                           ("database", "absolute"), ("dense/0/sparse", "leads out later"), ("labels.json", "leads out"),
                           ("images.bin", "not UTF-8"), ("images.bin", "escape")]:
         yield name_in(reader, which)
+    yield Case("names", "the same photos under other names", names_in_another_order)
     yield Case("names", "masks are a link out of the workspace", link_out)
     yield Case("names", "a mask is a link to a photo", link_to_photo)
     yield Case("names", "photos in dense/0/images", photos_in_dense)
