@@ -47,33 +47,21 @@ void Print(const TextureWorkspaceSummary& summary, std::ostream& out) {
   for (const fs::path& path : summary.written) out << "written          " << path.string() << '\n';
 }
 
-}  // namespace
-
-void RunMeshTexturer(CommandContext& context) {
-  fs::path workspace_path;
-  TextureWorkspaceOptions texturer;
-  Options& options = context.Declare(
-      "Gives the mesh of dense/0 the colours of the photos: dense/0/textured-tsdf.obj (with .mtl), .glb (one "
-      "file) and .ply, with their texture's pages textured-tsdf_0.png and so on. Each texel is blended from "
-      "the photos that show its place best: large, sharp, without gloss, and with nothing in front. Light "
-      "that stands still while the table turns, and the shadows that the object casts on itself, are found "
-      "from the photos and taken out. Skipped when it is done; with --output_path it always runs.",
-      "--workspace_path scan --Texture.texel_size_pixels 0.5");
-  options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
-  options.Add("output_path", &texturer.output_path,
-              "the files' names without extension; empty: dense/0/textured-tsdf");
-  options.Add("mesh_path", &texturer.mesh_path,
-              "the mesh, .ply, in the frame of dense/0/sparse; empty: dense/0/meshed-tsdf.ply");
-  options.Add("mask_path", &texturer.mask_path,
-              "masks NAME.png for the images of dense/0; empty: dense/0/masks, else masks where the photos "
-              "are free of distortion");
-  options.Add("render_path", &texturer.render_path,
-              "folder for pictures of the textured mesh in the views of the photos that test_every holds "
-              "out, lit as it is there; empty: none");
-  auto own = options.Group("", &texturer);
+void AddTextureOptions(Options* options, TextureWorkspaceOptions* texturer) {
+  options->Add("output_path", &texturer->output_path,
+               "the files' names without extension; empty: dense/0/textured-tsdf");
+  options->Add("mesh_path", &texturer->mesh_path,
+               "the mesh, .ply, in the frame of dense/0/sparse; empty: dense/0/meshed-tsdf.ply");
+  options->Add("mask_path", &texturer->mask_path,
+               "masks NAME.png for the images of dense/0; empty: dense/0/masks, else masks where the photos "
+               "are free of distortion");
+  options->Add("render_path", &texturer->render_path,
+               "folder for pictures of the textured mesh in the views of the photos that test_every holds "
+               "out, lit as it is there; empty: none");
+  auto own = options->Group("", texturer);
   own.Add("test_every", &TextureWorkspaceOptions::test_every,
           "take no texture from every n-th photo by name, and compare the textured mesh with it; 0: none");
-  auto texture = options.Group("Texture", &texturer.texture);
+  auto texture = options->Group("Texture", &texturer->texture);
   texture.Add("texel_size", &TextureOptions::texel_size, "edge of a texel; 0: from the photos' resolution")
       .Unit("as the poses");
   texture
@@ -95,6 +83,22 @@ void RunMeshTexturer(CommandContext& context) {
            "work in portions that fit, with larger texels where the pages do not")
       .Unit("GiB");
   texture.Add("num_threads", &TextureOptions::num_threads, "0: one for each core");
+}
+
+}  // namespace
+
+void RunMeshTexturer(CommandContext& context) {
+  fs::path workspace_path;
+  TextureWorkspaceOptions texturer;
+  Options& options = context.Declare(
+      "Gives the mesh of dense/0 the colours of the photos: dense/0/textured-tsdf.obj (with .mtl), .glb (one "
+      "file) and .ply, with their texture's pages textured-tsdf_0.png and so on. Each texel is blended from "
+      "the photos that show its place best: large, sharp, without gloss, and with nothing in front. Light "
+      "that stands still while the table turns, and the shadows that the object casts on itself, are found "
+      "from the photos and taken out. Skipped when it is done; with --output_path it always runs.",
+      "--workspace_path scan --Texture.texel_size_pixels 0.5");
+  options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
+  AddTextureOptions(&options, &texturer);
   Reporter& reporter = context.Parse();
 
   const Workspace workspace{workspace_path};

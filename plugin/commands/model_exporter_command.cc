@@ -135,6 +135,38 @@ void ExportMasks(const Settings& s, Reporter& reporter) {
   }
 }
 
+void Export(const Settings& s, Reporter& reporter) {
+  switch (s.type) {
+    case OutputType::kNerf:
+      ExportNerf(s);
+      break;
+    case OutputType::kMetashape:
+      ExportMetashape(s);
+      break;
+    case OutputType::kSplatSet:
+      WriteSplatSet(s.workspace, s.image_path, s.output_path, reporter);
+      break;
+    case OutputType::kSplatPly: {
+      GaussianPlyOptions layout;
+      layout.layout = GaussianPlyLayout::k3dgs;
+      layout.foreground_only = true;
+      WriteGaussianPly(s.output_path, ReadGaussianPly(s.workspace.PointCloud()), layout);
+      break;
+    }
+    case OutputType::kSplatGlb: {
+      const Gaussians gaussians = ReadGaussianPly(s.workspace.PointCloud());
+      WriteFileAtomically(s.output_path,
+                          [&](std::ostream& stream) { WriteGaussianGlb(gaussians, s.output_path, stream); });
+      break;
+    }
+    case OutputType::kMasksColmap:
+    case OutputType::kMasksRealityScan:
+    case OutputType::kPhotosAlpha:
+      ExportMasks(s, reporter);
+      break;
+  }
+}
+
 }  // namespace
 
 void RunModelExporter(CommandContext& context) {
@@ -175,35 +207,7 @@ void RunModelExporter(CommandContext& context) {
   }
   RequireFreePlace(s.workspace, s.image_path, s.output_path);
   RequireExtension(s);
-  switch (s.type) {
-    case OutputType::kNerf:
-      ExportNerf(s);
-      break;
-    case OutputType::kMetashape:
-      ExportMetashape(s);
-      break;
-    case OutputType::kSplatSet:
-      WriteSplatSet(s.workspace, s.image_path, s.output_path, reporter);
-      break;
-    case OutputType::kSplatPly: {
-      GaussianPlyOptions layout;
-      layout.layout = GaussianPlyLayout::k3dgs;
-      layout.foreground_only = true;
-      WriteGaussianPly(s.output_path, ReadGaussianPly(s.workspace.PointCloud()), layout);
-      break;
-    }
-    case OutputType::kSplatGlb: {
-      const Gaussians gaussians = ReadGaussianPly(s.workspace.PointCloud());
-      WriteFileAtomically(s.output_path,
-                          [&](std::ostream& stream) { WriteGaussianGlb(gaussians, s.output_path, stream); });
-      break;
-    }
-    case OutputType::kMasksColmap:
-    case OutputType::kMasksRealityScan:
-    case OutputType::kPhotosAlpha:
-      ExportMasks(s, reporter);
-      break;
-  }
+  Export(s, reporter);
   context.out() << "written to  " << s.output_path.string() << '\n';
 }
 

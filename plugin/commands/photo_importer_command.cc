@@ -46,16 +46,12 @@ void RunPhotoImporter(CommandContext& context) {
   VideoOptions video;
   Options& options = context.Declare(
       "Makes photos that COLMAP reads of those that came otherwise, once, in imported/ of the workspace: "
-      "HEIC, AVIF, "
-      "WebP, TIFF, BMP, EXR, raw files and PNG of 16 bits become PNG of 8 bits in sRGB, JPEG and PNG are "
-      "copied. "
-      "Pixels stay as they are stored, EXIF's lens and orientation are kept, and photos that EXIF mirrors "
-      "are "
-      "mirrored back. Of a video, the sharpest frame of each of --video_frames intervals is taken. The "
-      "photos "
-      "themselves are only read. automatic_scanner runs this by itself where it is needed; the other "
-      "commands then "
-      "take imported/ as --image_path.",
+      "HEIC, AVIF, WebP, TIFF, BMP, EXR, raw files and PNG of 16 bits become PNG of 8 bits in sRGB, JPEG and "
+      "PNG are copied. Pixels stay as they are stored, but for HEIC, AVIF and raw files, whose decoders turn "
+      "them upright; EXIF's lens and orientation are kept, and photos that EXIF mirrors are mirrored back. "
+      "Of a video, the sharpest frame of each of --video_frames intervals is taken. The photos themselves "
+      "are only read. automatic_scanner runs this by itself where it is needed; the other commands then take "
+      "imported/ as --image_path.",
       "--workspace_path scan --image_path photos");
   options.Add("workspace_path", &workspace_path, "the workspace; created when it does not exist").Required();
   options.Add("image_path", &image_path, "the folder of photos, with folders below it, or a video file")

@@ -131,6 +131,29 @@ void RunObjects(const Settings& settings, const std::vector<BatchObject>& object
   RunBatch(objects, sound, settings.batch, on_event, [&] { return reporter.StopRequested(); });
 }
 
+// Throws what gives the exit code, unless all that were chosen are done and sound.
+void RequireAllDone(const Settings& settings, const std::vector<BatchEntry>& entries,
+                    const std::vector<size_t>& chosen) {
+  const size_t num_failed =
+      CountState(entries, chosen, BatchState::kFailed) + CountState(entries, chosen, BatchState::kWrong);
+  if (num_failed > 0) {
+    throw UserError(settings.list, fmt::format("{} of {} objects have failed", num_failed, chosen.size()),
+                    "The table says why; mend them and give the same command again");
+  }
+  // Whoever waits for them must not take them for done.
+  const size_t num_elsewhere = CountState(entries, chosen, BatchState::kRunning);
+  if (num_elsewhere > 0) {
+    throw UserError(settings.list,
+                    fmt::format("other processes work on {} of {} objects", num_elsewhere, chosen.size()),
+                    "Give the same command again when they are done");
+  }
+  const size_t num_doubtful = CountState(entries, chosen, BatchState::kDoubtful);
+  if (num_doubtful > 0) {
+    throw DoubtfulResult(
+        fmt::format("{} of {} objects are doubtful: the table says why.", num_doubtful, chosen.size()));
+  }
+}
+
 }  // namespace
 
 void RunScanBatch(CommandContext& context) {
@@ -139,8 +162,8 @@ void RunScanBatch(CommandContext& context) {
       "Scans many objects, each by automatic_scanner in a process of its own. The list is a CSV file whose "
       "first line is `images,workspace,options`: the folder of an object's photos, or a video, the folder of "
       "its scan (both relative to the list's), and options of automatic_scanner. A row that is wrong is "
-      "named with its "
-      "line, and the others run. Ends with a table that says done, doubtful or failed and why, and writes "
+      "named with its line, and the others run. Ends with a table that says done, doubtful or failed and "
+      "why, and writes "
       "index.html, one page with a link to each report, and batch.json. Given again, it goes on where it "
       "was: what is done is skipped. Each workspace keeps s2gs/batch.log. Exit code 1 when an object has "
       "failed, 3 when one is doubtful and none has failed.",
@@ -192,25 +215,7 @@ void RunScanBatch(CommandContext& context) {
   if (settings.rows.empty()) {
     context.out() << "written          " << (settings.output_path / "index.html").string() << '\n';
   }
-  if (!settings.run) return;
-  const size_t num_failed = CountState(entries.get(), chosen, BatchState::kFailed) +
-                            CountState(entries.get(), chosen, BatchState::kWrong);
-  const size_t num_doubtful = CountState(entries.get(), chosen, BatchState::kDoubtful);
-  if (num_failed > 0) {
-    throw UserError(settings.list, fmt::format("{} of {} objects have failed", num_failed, chosen.size()),
-                    "The table says why; mend them and give the same command again");
-  }
-  // Whoever waits for them must not take them for done.
-  const size_t num_elsewhere = CountState(entries.get(), chosen, BatchState::kRunning);
-  if (num_elsewhere > 0) {
-    throw UserError(settings.list,
-                    fmt::format("other processes work on {} of {} objects", num_elsewhere, chosen.size()),
-                    "Give the same command again when they are done");
-  }
-  if (num_doubtful > 0) {
-    throw DoubtfulResult(
-        fmt::format("{} of {} objects are doubtful: the table says why.", num_doubtful, chosen.size()));
-  }
+  if (settings.run) RequireAllDone(settings, entries.get(), chosen);
 }
 
 }  // namespace s2gs
