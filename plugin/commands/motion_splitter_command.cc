@@ -183,8 +183,10 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   const bool is_always = settings.weak_features_always && pictures.has_value();
   if ((split.lacks_features || is_always) && may_add) {
     SplitFeatures with_weak = features;
-    if (AddWeakFeatures(settings.extraction.image_path, *pictures, settings.weak_features_always, &with_weak,
-                        reporter) > 0) {
+    const int64_t added = AddWeakFeatures(settings.extraction.image_path, *pictures,
+                                          settings.weak_features_always, &with_weak, reporter);
+    features.changing = with_weak.changing;
+    if (added > 0) {
       MotionSplit again = SplitMotion(with_weak.images, split_settings, &reporter, given, seen);
       const auto joined = [](const MotionSplit& s) {
         return std::make_pair(s.ringed_photos, s.object_pairs.size());

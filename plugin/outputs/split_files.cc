@@ -241,6 +241,7 @@ void WriteLabels(const fs::path& path, const MotionSplit& split, const SplitFeat
                                {"label_values", {{"0", "unknown"}, {"1", "static"}, {"2", "rotating"}}},
                                {"pairs_matched", split.num_pairs_matched},
                                {"features_added", num_added},
+                               {"changing_features", features.changing},
                                {"object_pairs", split.object_pairs.size()},
                                {"ringed_photos", split.ringed_photos},
                                {"station_photos", split.station_photos},

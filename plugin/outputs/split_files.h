@@ -17,6 +17,8 @@ struct SplitFeatures {
   std::vector<SplitImage> images;   ///< in the natural order of names, or in that of capture.
   /// Per image, or none at all: features that the database lacks; they stand last among the image's.
   std::vector<SiftFeatures> added;
+  /// Features of a photo where things change, the median over photos; 0: nobody asked (AddWeakFeatures).
+  int changing = 0;
 };
 
 /// Throws UserError when the database is damaged or has fewer than three images.

@@ -127,8 +127,10 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
     num_changing.push_back(
         static_cast<int>(std::count_if(image.keypoints.begin(), image.keypoints.end(), is_changing)));
   }
+  if (num_changing.empty()) return 0;
   const int typical = UpperMedian(num_changing);
-  if (num_changing.empty() || (!always && typical >= kEnoughFeatures)) return 0;
+  features->changing = typical;
+  if (!always && typical >= kEnoughFeatures) return 0;
   features->added.resize(num);
   ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
     if (parts[i].empty()) return;

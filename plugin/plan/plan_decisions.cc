@@ -141,6 +141,13 @@ void DecideWeakFeatures(const PlanRequest& /*request*/, const Evidence& e, PlanD
                               Number(e.labels, "object_pairs"), Number(e.labels, "ringed_photos"),
                               Number(e.labels, "station_photos"));
   }
+  // Counted only where the pairs are too few.
+  const double changing = Number(e.labels, "changing_features");
+  if (changing > 0) {
+    d->measured += fmt::format("; {:.0f} features a photo where things change", changing);
+    return LeaveOut(d, "there are features where things change, or more of them join the photos no better",
+                    "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
+  }
   LeaveOut(d, "enough pairs of photos have features that turn, or nothing changes",
            "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
 }
