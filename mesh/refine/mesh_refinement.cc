@@ -211,7 +211,10 @@ class Refiner {
     const size_t count = mesh_.vertices.size();
     visible_ = FindVisible({static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)),
                             kVisibilityMargin << pass.level});
-    if (course_.empty()) NoteAgreement();
+    if (course_.empty()) {
+      measured_visible_ = visible_;
+      NoteAgreement();
+    }
     const int width = 2 * pass.max_steps + 1;
     curves_.assign(count * width, 0);
     pixels_.assign(count, 0);
@@ -269,11 +272,11 @@ class Refiner {
   }
 
   // The surface at a vertex with the photos that are compared there.
-  SurfacePatch PatchAt(size_t vertex) const {
+  SurfacePatch PatchAt(size_t vertex, const std::vector<VertexFlags>& visible) const {
     std::vector<const PhotoPyramid*> candidates;
     candidates.reserve(photos_.size());
     for (size_t i = 0; i < photos_.size(); ++i) {
-      if (visible_[i].Get(vertex)) candidates.push_back(photos_[i].get());
+      if (visible[i].Get(vertex)) candidates.push_back(photos_[i].get());
     }
     SurfacePatch patch;
     patch.middle = mesh_.vertices[vertex];
@@ -282,12 +285,12 @@ class Refiner {
     return patch;
   }
 
-  // Where the mesh is now, by what was visible when the pass began.
+  // Where the mesh is now, by what was visible at first: at all moments the same places in the same photos.
   void NoteAgreement() {
     const size_t every = std::max<size_t>(1, mesh_.vertices.size() / kMeasuredVertices);
     std::vector<float> agreement(mesh_.vertices.size() / every, std::numeric_limits<float>::quiet_NaN());
     ParallelFor(static_cast<int64_t>(agreement.size()), num_threads_, 128, [&](int64_t i) {
-      const SurfacePatch patch = PatchAt(static_cast<size_t>(i) * every);
+      const SurfacePatch patch = PatchAt(static_cast<size_t>(i) * every, measured_visible_);
       if (patch.num_views < kMinViews) return;
       ConsistencyCurve(patch, 0, patch.PixelSize(), 0, &agreement[static_cast<size_t>(i)]);
     });
@@ -302,7 +305,7 @@ class Refiner {
   }
 
   void MeasureCurve(size_t vertex, const Pass& pass) {
-    const SurfacePatch patch = PatchAt(vertex);
+    const SurfacePatch patch = PatchAt(vertex, visible_);
     if (patch.num_views < kMinViews) return;
     pixels_[vertex] = patch.PixelSize();
     is_known_[vertex] = 1;
@@ -351,6 +354,7 @@ class Refiner {
   std::vector<std::unique_ptr<PhotoPyramid>> photos_;
   std::optional<VertexGraph> graph_;
   std::vector<VertexFlags> visible_;
+  std::vector<VertexFlags> measured_visible_;
   std::vector<float> curves_;
   std::vector<float> pixels_;  // size of a photo's pixel at each vertex
   std::vector<uint8_t> is_known_;
