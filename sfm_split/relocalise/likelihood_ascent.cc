@@ -6,10 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -18,10 +19,10 @@
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/sampson_error.h"
-#include "sfm_split/relocalise/possible_matches.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/focal_prior.h"
 #include "sfm_split/turntable/match_mixture.h"
+#include "sfm_split/turntable/possible_matches.h"
 
 namespace s2gs {
 namespace {
@@ -34,11 +35,12 @@ using Eigen::VectorXd;
 constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr double kFirstSigmaPx = 4;      // a degree of a camera, where the object is a hundred pixels wide
 constexpr double kSearchSigmaPx = 1;     // wide enough that climbs come from one start to the next
-constexpr double kSearchStepPx = 0.5;    // of a station's turn, as the object's points move
-constexpr int kSearchReach = 12;         // steps to either side
-constexpr size_t kMaxMatches = 30000;    // that count; of more, an even choice
+constexpr double kSearchStep = 1;        // of the noise; of a station's turn, as the object's points move
+constexpr size_t kSearchTops = 3;        // of the turns of one station
+constexpr size_t kMaxMatches = 30000;    // that count; of more pairs, an even choice
 constexpr size_t kSearchMatches = 6000;  // of the search
-constexpr double kSurely = 3;            // standard deviations
+constexpr size_t kSearchDecided = 3;     // of the places found, by all matches
+constexpr size_t kMostSweeps = 3;        // over the stations
 constexpr int kSearchSteps = 12;
 constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better
 constexpr double kMostSigmaPx = 2;     // of keypoints that are found badly
@@ -49,7 +51,6 @@ constexpr double kRounding = 1e-9;
 constexpr double kFirstDamping = 1e-3;
 constexpr double kLeastDamping = 1e-9;
 constexpr double kMostDamping = 1e6;
-constexpr double kHeld = 1e3;
 constexpr double kUntold = 1e-6;  // of the largest curvature: what is so flat stays
 
 // Six numbers of a camera's pose, and one of the angle that its station begins at.
@@ -207,7 +208,7 @@ class Ascent {
   /// From the likeliest of several starts about where the cameras are.
   void Search(double sigma_px, Reporter& reporter);
   /// To the top at one noise. Returns the logarithm of the likelihood there.
-  double Climb(double sigma_px, int max_steps, Reporter& reporter, int held_turn = -1);
+  double Climb(double sigma_px, int max_steps, Reporter& reporter);
   /// Logarithm of the likelihood over that of chance.
   double Value(double sigma_px) const;
   /// Of right matches inside stations, where the cameras are: between stations, what is wrong alike would
@@ -224,9 +225,10 @@ class Ascent {
   std::vector<PairSum<T>> SumsOf(double sigma_px) const;
   void Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const;
   State Moved(const VectorXd& step) const;
+  void TakeLikeliest(double sigma_px, Reporter& reporter, std::vector<std::pair<double, State>>* found);
   void Thin(size_t max_matches);
   double RadiusPx() const;
-  double TurnSigma(size_t station, double sigma_px) const;
+  std::vector<double> TurnsAlone(size_t station, double sigma_px, double step_rad) const;
   void AddPairs(const ScanFeatures& features, const AlignedScene& aligned,
                 const std::vector<PossiblePair>& possible, bool is_object);
 
@@ -378,7 +380,7 @@ State Ascent::Moved(const VectorXd& step) const {
   return moved;
 }
 
-double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter, int held_turn) {
+double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter) {
   double damping = kFirstDamping;
   double value = Value(sigma_px);
   MatrixXd normal;
@@ -386,13 +388,6 @@ double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter, int hel
   for (int k = 0; k < max_steps && damping < kMostDamping; ++k) {
     if (reporter.StopRequested()) throw Interrupted();
     Linearize(sigma_px, &normal, &right);
-    if (held_turn >= 0) {
-      const Eigen::Index at = kOfStation * (held_turn + 1) - 1;
-      normal.row(at).setZero();
-      normal.col(at).setZero();
-      normal(at, at) = normal.diagonal().maxCoeff();
-      right(at) = 0;
-    }
     double gained = 0;
     while (damping < kMostDamping) {
       MatrixXd damped = normal;
@@ -425,21 +420,17 @@ double Ascent::Noise(double sigma_px) const {
   return std::clamp(std::sqrt(squares / std::max(inliers, 1e-9)), kLeastSigmaPx, kMostSigmaPx);
 }
 
+// Whole pairs, evenly of each two stations: of a few matches of each pair nobody knows which are right.
 void Ascent::Thin(size_t max_matches) {
   size_t total = 0;
   for (const PairOfPhotos& pair : pairs_) total += pair.matches.size();
   const size_t stride = 1 + total / max_matches;
-  size_t next = 0;
+  std::map<std::tuple<bool, int, int>, size_t> next;
+  std::vector<PairOfPhotos> kept;
   for (PairOfPhotos& pair : pairs_) {
-    size_t kept = 0;
-    for (; next < pair.matches.size(); next += stride) {
-      pair.matches[kept] = pair.matches[next];
-      pair.chance[kept++] = pair.chance[next];
-    }
-    next -= pair.matches.size();
-    pair.matches.resize(kept);
-    pair.chance.resize(kept);
+    if (next[{pair.is_object, pair.station1, pair.station2}]++ % stride == 0) kept.push_back(std::move(pair));
   }
+  pairs_ = std::move(kept);
 }
 
 // How far the object's points lie from its middle [px]: those that have nothing to do with each other are
@@ -455,61 +446,90 @@ double Ascent::RadiusPx() const {
   return std::max(1.0, std::sqrt(squares / std::max(1.0, 2 * num)));
 }
 
-// Standard deviation of a station's turn against the other stations' [rad], infinite where nothing tells it.
-double Ascent::TurnSigma(size_t station, double sigma_px) const {
-  MatrixXd normal;
-  VectorXd right;
-  Linearize(sigma_px, &normal, &right);
-  // The turns of all others are held: what is common to all is nobody's.
-  for (size_t s = 0; s < state_.stations.size(); ++s) {
-    const auto at = static_cast<Eigen::Index>(kOfStation * (s + 1) - 1);
-    if (s != station) normal(at, at) += kHeld * normal.diagonal().maxCoeff();
+// Turns of one station against the others at which, the rest held, the matches are likelier than at the turns
+// beside, the likeliest first [rad].
+std::vector<double> Ascent::TurnsAlone(size_t station, double sigma_px, double step_rad) const {
+  const auto num = static_cast<int64_t>(std::ceil(2 * kPi / step_rad));
+  const double step = 2 * kPi / static_cast<double>(num);
+  std::vector<double> values(static_cast<size_t>(num));
+  ParallelFor(num, 0, [&](int64_t k) {
+    State turned = state_;
+    turned.stations[station].turn_rad += static_cast<double>(k) * step;
+    for (const PairOfPhotos& pair : pairs_) {
+      const bool is_first = static_cast<size_t>(pair.station1) == station;
+      const bool is_second = static_cast<size_t>(pair.station2) == station;
+      if (pair.is_object && is_first != is_second)
+        values[static_cast<size_t>(k)] += SumOf<double>(pair, turned, axis_, sigma_px).value;
+    }
+  });
+  std::vector<std::pair<double, double>> tops;  // value and turn
+  for (size_t k = 0; k < values.size(); ++k) {
+    const double before = values[(k + values.size() - 1) % values.size()];
+    const double after = values[(k + 1) % values.size()];
+    if (k > 0 && values[k] > before && values[k] >= after)
+      tops.emplace_back(values[k], WrapAngle(static_cast<double>(k) * step));
   }
-  normal.diagonal().array() += kUntold * kUntold * normal.diagonal().maxCoeff();
-  const auto at = static_cast<Eigen::Index>(kOfStation * (station + 1) - 1);
-  const double variance = normal.ldlt().solve(VectorXd::Unit(normal.rows(), at))(at);
-  return variance > 0 ? std::sqrt(variance) : std::numeric_limits<double>::infinity();
+  std::sort(tops.begin(), tops.end(), std::greater<>());
+  if (tops.size() > kSearchTops) tops.resize(kSearchTops);
+  std::vector<double> turns;
+  turns.reserve(tops.size());
+  for (const auto& [value, turn_rad] : tops) turns.push_back(turn_rad);
+  return turns;
 }
 
-// Where matches are few, what is wrong among them is likeliest at places of its own.
+// Where matches are few, what is wrong among them is likeliest at places of its own. Some of the matches find
+// the places, all of them decide.
 void Ascent::Search(double sigma_px, Reporter& reporter) {
   Ascent search = *this;
   search.Thin(kSearchMatches);
-  const State given = state_;
-  double best = search.Climb(sigma_px, kSearchSteps, reporter);
-  state_ = search.state_;
-  const auto consider = [&](double first_sigma_px) {
+  std::vector<std::pair<double, State>> found;
+  const auto climb_from = [&](const State& from, double first_sigma_px) {
+    search.state_ = from;
     for (double wide_px = first_sigma_px; wide_px > sigma_px; wide_px *= 0.5)
       search.Climb(wide_px, kSearchSteps, reporter);
-    const double value = search.Climb(sigma_px, kSearchSteps, reporter);
-    if (value <= best) return;
-    best = value;
-    state_ = search.state_;
+    found.emplace_back(search.Climb(sigma_px, kSearchSteps, reporter), search.state_);
   };
-  for (const double first_sigma_px : {kSearchSigmaPx, kFirstSigmaPx}) {
-    search.state_ = given;
-    consider(first_sigma_px);
-  }
-  // Two photos from afar hardly tell how far the table turned between them; along that valley, the rest
-  // following, all photos do. Where they do already, there is none.
-  const double step = kSearchStepPx / RadiusPx();
-  for (size_t s = 0; s < given.stations.size(); ++s) {
-    search.state_ = state_;
-    if (kSurely * search.TurnSigma(s, sigma_px) < step) continue;
-    const State from = state_;
-    for (const double way : {step, -step}) {
-      search.state_ = from;
-      for (int k = 0; k < kSearchReach; ++k) {
-        search.state_.stations[s].turn_rad += way;
-        const double value = search.Climb(sigma_px, kSearchSteps / 2, reporter, static_cast<int>(s));
-        if (value <= best) continue;
-        best = value;
-        state_ = search.state_;
+  for (const double first_sigma_px : {sigma_px, kSearchSigmaPx, kFirstSigmaPx})
+    climb_from(state_, first_sigma_px);
+  TakeLikeliest(sigma_px, reporter, &found);
+  // What moves little as the table turns, light on an object without texture, has a maximum of its own, as
+  // sharp as that of what turns: the whole turn is looked at, the rest held, and the best of it climbed from;
+  // with wider noise as well, as cameras that stand wrong hide the sharpest one.
+  // One after the other, again while that helps: where one station stands wrong, others follow it.
+  size_t unmoved = 0;
+  for (size_t k = 0; unmoved < state_.stations.size() && k < kMostSweeps * state_.stations.size(); ++k) {
+    const size_t s = k % state_.stations.size();
+    const double before = Value(sigma_px);
+    for (const double wide_px : {sigma_px, kSearchSigmaPx, kFirstSigmaPx}) {
+      if (wide_px < sigma_px) continue;
+      search.state_ = state_;
+      for (const double turn_rad : search.TurnsAlone(s, wide_px, kSearchStep * wide_px / RadiusPx())) {
+        State turned = state_;
+        turned.stations[s].turn_rad += turn_rad;
+        climb_from(turned, wide_px);
       }
     }
+    TakeLikeliest(sigma_px, reporter, &found);
+    unmoved = Value(sigma_px) > before + kSettled ? 0 : unmoved + 1;
   }
-  search.state_ = state_;
-  consider(sigma_px);
+}
+
+// Climbs with all matches from the likeliest of some places, to which the present one belongs. Empties them.
+void Ascent::TakeLikeliest(double sigma_px, Reporter& reporter,
+                           std::vector<std::pair<double, State>>* found) {
+  std::stable_sort(found->begin(), found->end(),
+                   [](const auto& a, const auto& b) { return a.first > b.first; });
+  double best = Value(sigma_px);
+  State likeliest = state_;
+  for (size_t k = 0; k < std::min(found->size(), kSearchDecided); ++k) {
+    state_ = (*found)[k].second;
+    const double value = Climb(sigma_px, kSearchSteps, reporter);
+    if (value <= best) continue;
+    best = value;
+    likeliest = state_;
+  }
+  state_ = std::move(likeliest);
+  found->clear();
 }
 
 void Ascent::Apply(AlignedScene* aligned) const {

@@ -25,15 +25,23 @@ struct Error {
   double chance = 0;  // density of a wrong match's error
 };
 
-// One round of expectation and maximisation over all pairs' errors.
-MatchLikelihood Round(const std::vector<std::vector<Error>>& errors, double sigma_px) {
+struct PairErrors {
+  bool is_one_station = true;
+  std::vector<Error> errors;
+};
+
+// One round of expectation and maximisation over all pairs' errors. Matches inside stations tell the noise
+// where there are any: between stations, shading that hardly turns lies alike off its lines in all of them,
+// and widens it until it is right.
+MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
   MatchLikelihood result;
-  double squares = 0;
+  double squares[2] = {0, 0};  // between stations, inside
+  double inliers[2] = {0, 0};
   std::vector<double> over;  // density of a right match's error over that of a wrong one's
   const double peak = 1 / (sigma_px * kRootTwoPi);
-  for (const std::vector<Error>& of_pair : errors) {
+  for (const PairErrors& pair : pairs) {
     over.clear();
-    for (const Error& error : of_pair) {
+    for (const Error& error : pair.errors) {
       const double ratio = error.px / sigma_px;
       over.push_back(std::isfinite(error.px) ? peak / error.chance * std::exp(-0.5 * ratio * ratio) : 0);
     }
@@ -42,11 +50,13 @@ MatchLikelihood Round(const std::vector<std::vector<Error>>& errors, double sigm
     for (size_t m = 0; m < over.size(); ++m) {
       const double right = share * over[m] / (share * over[m] + 1 - share);
       if (!(right > 0)) continue;
-      result.inliers += right;
-      squares += right * of_pair[m].px * of_pair[m].px;
+      inliers[pair.is_one_station ? 1 : 0] += right;
+      squares[pair.is_one_station ? 1 : 0] += right * pair.errors[m].px * pair.errors[m].px;
     }
   }
-  result.sigma_px = std::sqrt(squares / std::max(result.inliers, 1e-9));
+  result.inliers = inliers[0] + inliers[1];
+  const size_t telling = inliers[1] > 0 ? 1 : 0;
+  result.sigma_px = std::sqrt(squares[telling] / std::max(inliers[telling], 1e-9));
   return result;
 }
 
@@ -71,12 +81,12 @@ std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs) {
   const std::vector<PosedImage> posed = PosedBy(features, aligned);
-  std::vector<std::vector<Error>> errors;
+  std::vector<PairErrors> errors;
   for (const PossiblePair& pair : object_pairs) {
     const auto i = static_cast<size_t>(pair.image1);
     const auto j = static_cast<size_t>(pair.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
-    errors.emplace_back();
+    errors.push_back({features.images[i].station == features.images[j].station, {}});
     // A match in one station that moves farther than the table's turn can move it is wrong.
     const double turn = AngleBetween(posed[i].cam_from_body.rotation, posed[j].cam_from_body.rotation);
     const double farthest_px =
@@ -85,9 +95,10 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
       const FeatureMatch& match = pair.matches[m];
       const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
       const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
-      errors.back().push_back({(xy2 - xy1).norm() <= farthest_px ? MatchErrorPx(posed[i], posed[j], xy1, xy2)
-                                                                 : std::numeric_limits<double>::infinity(),
-                               pair.chance[m]});
+      errors.back().errors.push_back({(xy2 - xy1).norm() <= farthest_px
+                                          ? MatchErrorPx(posed[i], posed[j], xy1, xy2)
+                                          : std::numeric_limits<double>::infinity(),
+                                      pair.chance[m]});
     }
   }
   MatchLikelihood result;

@@ -2,16 +2,16 @@
 
 #include <vector>
 
-#include "sfm_split/relocalise/possible_matches.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
+#include "sfm_split/turntable/possible_matches.h"
 
 namespace s2gs {
 
 /// How much better than chance a scene's poses explain the matches of its photos.
 struct MatchLikelihood {
   double gain = 0;      ///< logarithm of the likelihood over that of chance alone.
-  double sigma_px = 0;  ///< of a right match's epipolar error.
+  double sigma_px = 0;  ///< of a right match's epipolar error, inside stations where they have any.
   double inliers = 0;   ///< matches, each by its probability to be right.
 };
 

@@ -25,7 +25,8 @@ namespace {
 constexpr double kCertain = 8;         // e^8 to one
 constexpr double kAgreeingSigmas = 4;  // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;
-constexpr double kRisk = 0.01;  // that chance takes a photo off its place among equal steps
+constexpr size_t kMostCircles = 2;  // whose stations are moved to where they are likeliest
+constexpr double kRisk = 0.01;      // that chance takes a photo off its place among equal steps
 
 // Half the logarithm of the matches for each unknown of the poses.
 double Charge(const ScanCandidate& candidate, double inliers) {
@@ -167,7 +168,8 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanC
     candidate->refined =
         RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate->aligned);
   }
-  candidate->is_usable = true;
+  // Epipolar errors do not tell a motion from one that puts all points behind the cameras.
+  candidate->is_usable = !candidate->aligned.object.points3D.empty();
   candidate->log_likelihood = LogLikelihood(*candidate);
 }
 
@@ -236,23 +238,29 @@ void Placement::TryCircularMotion() {
   Consider(ByCircularMotion(finding, std::move(aligned)), "circular_motion");
 }
 
-// Where the background tells how the stations' cameras stand, all their matches together tell one axis.
+// Where the background tells how the stations' cameras stand, all their matches together tell one axis. Which
+// of several it is they tell once the stations stand where they are likeliest.
 void Placement::TryRiggedCircle() {
-  RiggedCircle circle;
   ScanCandidate candidate;
-  candidate.aligned =
-      SceneFromRiggedCircle(features_, *background_, options_.circular.noise_px, reporter_, &circle);
-  const size_t found = candidate.aligned.scene.views.size();
-  const double sigma_px = MoveStations(options_.circular.noise_px, &candidate.aligned);
-  reporter_.Debug("circle through the background's cameras: log-likelihood " + std::to_string(circle.gain) +
-                  ", better than the next by " + std::to_string(circle.margin));
-  if (found > 0 && !IsWorthAdjusting(candidate.aligned, false, "a circle through the background's cameras")) {
+  double sigma_px = options_.circular.noise_px;
+  std::optional<double> best;
+  for (AlignedScene& aligned :
+       ScenesFromRiggedCircles(features_, pairs_, *background_, options_.circular.noise_px, reporter_)) {
+    const double noise_px = MoveStations(options_.circular.noise_px, &aligned);
+    const double gain = LikelihoodOfMatches(features_, aligned, pairs_).gain;
+    if (best && gain <= *best) continue;
+    best = gain;
+    sigma_px = noise_px;
+    candidate.aligned = std::move(aligned);
+  }
+  if (best && !IsWorthAdjusting(candidate.aligned, false, "a circle through the background's cameras")) {
     result_.durations.emplace_back("rigged_circle", watch_.Lap());
     return;
   }
-  if (found == 0) {
+  if (!best) {
     candidate.finding = "no circle goes with the background's cameras";
   } else {
+    const size_t found = candidate.aligned.scene.views.size();
     candidate = RefineCircle(std::move(candidate.aligned), sigma_px, true);
     candidate.finding = "a circle through the background's cameras placed " + std::to_string(found) +
                         " images, " + std::to_string(candidate.aligned.scene.views.size()) + " after mending";

@@ -116,7 +116,7 @@ class SceneBuilder {
     const auto at = std::find(camera_ids_.begin(), camera_ids_.end(), features_.images[image].camera_id);
     return finding_.motion.cameras[static_cast<size_t>(at - camera_ids_.begin())];
   }
-  std::vector<CrossingPair> CrossingPairs(int station) const;
+  std::vector<CrossingPair> CrossingPairs(int station, double chance) const;
   CircularPlace StartOf(int station, int placed) const;
 
   const ScanFeatures& features_;
@@ -129,7 +129,8 @@ class SceneBuilder {
 };
 
 // Matches between a station and all those that are placed.
-std::vector<CrossingPair> SceneBuilder::CrossingPairs(int station) const {
+// \param chance  density of a wrong match's error [1 / px].
+std::vector<CrossingPair> SceneBuilder::CrossingPairs(int station, double chance) const {
   std::vector<CrossingPair> result;
   for (const ImagePairMatches& given : AllPairs(features_)) {
     const auto i = static_cast<size_t>(given.image1);
@@ -154,9 +155,10 @@ std::vector<CrossingPair> SceneBuilder::CrossingPairs(int station) const {
           UnprojectFromImage(CameraOf(mine), features_.images[mine].keypoints[k].cast<double>());
       const std::optional<Vector3d> other_ray =
           UnprojectFromImage(CameraOf(other), features_.images[other].keypoints[l].cast<double>());
-      if (ray && other_ray && pair.rays.size() < kMaxCrossing) pair.rays.emplace_back(*other_ray, *ray);
+      if (ray && other_ray && pair.matches.size() < kMaxCrossing)
+        pair.matches.push_back({*other_ray, *ray, chance});
     }
-    if (!pair.rays.empty()) result.push_back(std::move(pair));
+    if (!pair.matches.empty()) result.push_back(std::move(pair));
   }
   return result;
 }
@@ -190,11 +192,12 @@ int SceneBuilder::Place() {
     CircularTie best_tie;
     for (size_t s = 0; s < places_.size(); ++s) {
       if (places_[s] || !FitOf(s).found) continue;
-      const std::vector<CrossingPair> pairs = CrossingPairs(static_cast<int>(s));
-      if (pairs.empty()) continue;
       const double extent_px = 0.5 * (looks_[s].extent_px + looks_[static_cast<size_t>(root)].extent_px);
-      const CircularTie tie = TieCircularStation(pairs, StartOf(static_cast<int>(s), root),
-                                                 finding_.motion.sigma_px, 1 / (kUniformWidth * extent_px));
+      const std::vector<CrossingPair> pairs =
+          CrossingPairs(static_cast<int>(s), 1 / (kUniformWidth * extent_px));
+      if (pairs.empty()) continue;
+      const CircularTie tie =
+          TieCircularStation(pairs, StartOf(static_cast<int>(s), root), finding_.motion.sigma_px);
       if (!tie.found || tie.gain <= best_tie.gain) continue;
       best = static_cast<int>(s);
       best_tie = tie;

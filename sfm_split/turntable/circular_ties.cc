@@ -19,29 +19,31 @@ constexpr double kGrid = 1.5 * kDegree;
 constexpr double kCoarseSigmaPx = 4;  // between places of the grid
 constexpr double kDistinct = 15 * kDegree;
 constexpr double kCertain = 8;  // e^-8: what is believed against chance, and against another mode
-constexpr size_t kCoarseMatches = 800;
+constexpr size_t kCoarseMatches = 3000;
 constexpr int kNumRefined = 8;
 
+// \param stride  every so many pairs count: of a few matches of each, nobody knows which are right.
 double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, double sigma_px,
-            double chance, size_t stride) {
+            size_t stride) {
   double gain = 0;
-  for (const CrossingPair& pair : pairs) {
-    gain += EpipolarGain(pair.rays, CamFromObject(pair.view, place) * pair.cam_from_object.Inverse(),
-                         pair.placed_focal_px, pair.focal_px, sigma_px, chance, stride);
+  for (size_t p = 0; p < pairs.size(); p += stride) {
+    const CrossingPair& pair = pairs[p];
+    gain += EpipolarGain(pair.matches, CamFromObject(pair.view, place) * pair.cam_from_object.Inverse(),
+                         pair.placed_focal_px, pair.focal_px, sigma_px);
   }
   return gain;
 }
 
 // Distance, height and turn to the top of the likelihood.
-double Refine(const std::vector<CrossingPair>& pairs, double sigma_px, double chance, size_t stride,
-              double first_step, double last_step, CircularPlace* place) {
+double Refine(const std::vector<CrossingPair>& pairs, double sigma_px, size_t stride, double first_step,
+              double last_step, CircularPlace* place) {
   const auto moved = [](CircularPlace there, size_t number, double step) {
     if (number == 0) there.distance *= std::exp(step);
     if (number == 1) there.height += step;
     if (number == 2) there.turn_rad += step;
     return there;
   };
-  const auto value = [&](const CircularPlace& there) { return Gain(pairs, there, sigma_px, chance, stride); };
+  const auto value = [&](const CircularPlace& there) { return Gain(pairs, there, sigma_px, stride); };
   return Climb(3, first_step, last_step, moved, value, place);
 }
 
@@ -54,18 +56,18 @@ Rigid3 CamFromObject(const CircularView& view, const CircularPlace& place) {
 }
 
 CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const CircularPlace& start,
-                               double sigma_px, double chance) {
+                               double sigma_px) {
   CircularTie tie;
   size_t total = 0;
-  for (const CrossingPair& pair : pairs) total += pair.rays.size();
+  for (const CrossingPair& pair : pairs) total += pair.matches.size();
   if (total == 0) return tie;
-  const size_t stride = std::max<size_t>(1, total / kCoarseMatches);
+  const size_t stride = 1 + total / kCoarseMatches;
   std::vector<std::pair<double, CircularPlace>> places;
   for (double turn = -kPi; turn < kPi; turn += kGrid) {
     for (const double distance : {0.85, 1.0, 1.18}) {
       for (const double height : {-0.15, 0.0, 0.15}) {
         const CircularPlace place{start.distance * distance, start.height + height * start.distance, turn};
-        places.emplace_back(Gain(pairs, place, kCoarseSigmaPx, chance, stride), place);
+        places.emplace_back(Gain(pairs, place, kCoarseSigmaPx, stride), place);
       }
     }
   }
@@ -81,17 +83,17 @@ CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const Cir
     if (is_new) modes.push_back(candidate);
   }
   for (auto& [gain, place] : modes) {
-    Refine(pairs, kCoarseSigmaPx, chance, stride, 0.05, 0.003, &place);
-    gain = Refine(pairs, 2 * sigma_px, chance, stride, 0.01, 0.001, &place);
+    Refine(pairs, kCoarseSigmaPx, stride, 0.05, 0.003, &place);
+    gain = Refine(pairs, 2 * sigma_px, stride, 0.01, 0.001, &place);
   }
   std::stable_sort(modes.begin(), modes.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   tie.place = modes[0].second;
-  tie.gain = Refine(pairs, sigma_px, chance, 1, 0.005, 1e-5, &tie.place);
+  tie.gain = Refine(pairs, sigma_px, 1, 0.005, 1e-5, &tie.place);
   tie.margin = tie.gain;
   for (size_t m = 1; m < modes.size(); ++m) {
     CircularPlace place = modes[m].second;
-    const double gain = Refine(pairs, sigma_px, chance, 1, 0.005, 1e-3, &place);
+    const double gain = Refine(pairs, sigma_px, 1, 0.005, 1e-3, &place);
     if (std::abs(WrapAngle(place.turn_rad - tie.place.turn_rad)) <= kDistinct) continue;
     tie.margin = std::min(tie.margin, tie.gain - gain);
   }

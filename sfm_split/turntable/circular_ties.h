@@ -1,10 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <utility>
 #include <vector>
 
 #include "sfm_split/base/rigid3.h"
+#include "sfm_split/turntable/epipolar_gain.h"
 
 namespace s2gs {
 
@@ -36,8 +36,7 @@ struct CrossingPair {
   CircularView view;       ///< of the other one.
   double placed_focal_px = 0;
   double focal_px = 0;
-  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>>
-      rays;  ///< z = 1: in the placed photo, in the other.
+  std::vector<RayMatch> matches;  ///< in the placed photo, in the other.
 };
 
 struct CircularTie {
@@ -49,8 +48,7 @@ struct CircularTie {
 
 /// \param start     distance and height to search about.
 /// \param sigma_px  of a right match's epipolar error.
-/// \param chance    density of a wrong one's [1 / px].
 CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const CircularPlace& start,
-                               double sigma_px, double chance);
+                               double sigma_px);
 
 }  // namespace s2gs

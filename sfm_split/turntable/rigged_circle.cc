@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <map>
+#include <utility>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
@@ -20,11 +22,13 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kCoarseSigmaPx = 4;     // between points of the grid
-constexpr double kGrid = 2 * kDegree;    // of a station's first angle
-constexpr size_t kCoarseMatches = 1500;  // that judge the grid
-constexpr size_t kNumFirst = 24;         // axes, by the matches inside stations, whose angles are searched
-constexpr size_t kNumRefined = 6;        // circles that are refined
+constexpr double kCoarseSigmaPx = 4;   // between points of the grid
+constexpr double kGrid = 2 * kDegree;  // of a station's first angle
+constexpr double kFineGrid = kDegree;
+constexpr size_t kNumTurned = 3;         // circles whose stations are turned once more
+constexpr size_t kCoarseMatches = 6000;  // that judge the grid
+constexpr size_t kNumFirst = 16;         // axes, by the matches inside stations, whose angles are searched
+constexpr size_t kNumRefined = 8;        // circles that are refined
 constexpr double kCertain = 8;           // e^-8: what is believed against chance, and against another circle
 constexpr double kDistinct = 5 * kDegree;
 
@@ -38,48 +42,55 @@ struct Circle {
 
 class Rig {
  public:
-  Rig(const std::vector<RiggedStation>& stations, const std::vector<RiggedPair>& pairs, double extent_px)
-      : stations_(stations), pairs_(pairs), chance_(1 / extent_px) {
-    size_t total = 0;
-    for (const RiggedPair& pair : pairs) total += pair.rays.size();
-    num_matches_ = total;
-    stride_ = std::max<size_t>(1, total / kCoarseMatches);
+  Rig(const std::vector<RiggedStation>& stations, const std::vector<RiggedPair>& pairs)
+      : stations_(stations), pairs_(pairs) {
+    for (const RiggedPair& pair : pairs) num_matches_ += pair.matches.size();
+    // A few matches of each pair would say nothing: which of them are right, many together tell.
+    const size_t stride = 1 + num_matches_ / kCoarseMatches;
+    std::map<std::pair<int, int>, size_t> next;
+    for (const RiggedPair& pair : pairs)
+      is_coarse_.push_back(next[{pair.station1, pair.station2}]++ % stride == 0);
   }
 
   size_t num_matches() const { return num_matches_; }
-  size_t stride() const { return stride_; }
 
-  double GainOf(const RiggedPair& pair, const Circle& circle, double sigma_px, size_t stride) const {
+  double GainOf(const RiggedPair& pair, const Circle& circle, double sigma_px) const {
     const RiggedStation& a = stations_[static_cast<size_t>(pair.station1)];
     const RiggedStation& b = stations_[static_cast<size_t>(pair.station2)];
     const double turn = Angle(circle, pair.station2, pair.photo2) - Angle(circle, pair.station1, pair.photo1);
     const Matrix3d rotation = RotationAbout<double>(circle.direction, turn);
     const Rigid3 turned{Eigen::Quaterniond(rotation), circle.point - rotation * circle.point};
-    return EpipolarGain(pair.rays, b.cam_from_world * turned * a.cam_from_world.Inverse(), a.focal_px,
-                        b.focal_px, sigma_px, chance_, stride);
+    return EpipolarGain(pair.matches, b.cam_from_world * turned * a.cam_from_world.Inverse(), a.focal_px,
+                        b.focal_px, sigma_px);
+  }
+
+  template <typename Counts>
+  double Sum(bool is_coarse, const Circle& circle, double sigma_px, const Counts& counts) const {
+    double gain = 0;
+    for (size_t p = 0; p < pairs_.size(); ++p) {
+      if ((!is_coarse || is_coarse_[p]) && counts(pairs_[p])) gain += GainOf(pairs_[p], circle, sigma_px);
+    }
+    return gain;
   }
 
   // Of the matches inside one station, or between it and those before it.
-  double GainInside(int station, const Circle& circle, double sigma_px, size_t stride) const {
-    double gain = 0;
-    for (const RiggedPair& pair : pairs_) {
-      if (pair.station1 == station && pair.station2 == station)
-        gain += GainOf(pair, circle, sigma_px, stride);
-    }
-    return gain;
+  double GainInside(int station, const Circle& circle, double sigma_px, bool is_coarse) const {
+    return Sum(is_coarse, circle, sigma_px,
+               [&](const RiggedPair& pair) { return pair.station1 == station && pair.station2 == station; });
   }
-  double GainAcross(int station, const Circle& circle, double sigma_px, size_t stride) const {
-    double gain = 0;
-    for (const RiggedPair& pair : pairs_) {
-      if (pair.station1 != pair.station2 && std::max(pair.station1, pair.station2) == station)
-        gain += GainOf(pair, circle, sigma_px, stride);
-    }
-    return gain;
+  double GainAcross(int station, const Circle& circle, double sigma_px, bool is_coarse) const {
+    return Sum(is_coarse, circle, sigma_px, [&](const RiggedPair& pair) {
+      return pair.station1 != pair.station2 && std::max(pair.station1, pair.station2) == station;
+    });
   }
-  double Gain(const Circle& circle, double sigma_px, size_t stride) const {
-    double gain = 0;
-    for (const RiggedPair& pair : pairs_) gain += GainOf(pair, circle, sigma_px, stride);
-    return gain;
+  // Between one station and all others.
+  double GainWithOthers(int station, const Circle& circle, double sigma_px, bool is_coarse) const {
+    return Sum(is_coarse, circle, sigma_px, [&](const RiggedPair& pair) {
+      return (pair.station1 == station) != (pair.station2 == station);
+    });
+  }
+  double Gain(const Circle& circle, double sigma_px, bool is_coarse) const {
+    return Sum(is_coarse, circle, sigma_px, [](const RiggedPair& /*pair*/) { return true; });
   }
 
   double Angle(const Circle& circle, int station, int photo) const {
@@ -93,9 +104,9 @@ class Rig {
     circle->sense.assign(stations_.size(), 1);
     circle->gain = 0;
     for (size_t s = 0; s < stations_.size(); ++s) {
-      const double forth = GainInside(static_cast<int>(s), *circle, kCoarseSigmaPx, stride_);
+      const double forth = GainInside(static_cast<int>(s), *circle, kCoarseSigmaPx, true);
       circle->sense[s] = -1;
-      const double back = GainInside(static_cast<int>(s), *circle, kCoarseSigmaPx, stride_);
+      const double back = GainInside(static_cast<int>(s), *circle, kCoarseSigmaPx, true);
       if (forth >= back) circle->sense[s] = 1;
       circle->gain += std::max(forth, back);
     }
@@ -108,10 +119,10 @@ class Rig {
       double best = -1e300;
       for (const int sense : {1, -1}) {
         trial.sense[s] = sense;
-        const double inside = GainInside(static_cast<int>(s), trial, kCoarseSigmaPx, stride_);
+        const double inside = GainInside(static_cast<int>(s), trial, kCoarseSigmaPx, true);
         for (double angle = 0; angle < 2 * kPi; angle += kGrid) {
           trial.first[s] = angle;
-          const double gain = inside + GainAcross(static_cast<int>(s), trial, kCoarseSigmaPx, stride_);
+          const double gain = inside + GainAcross(static_cast<int>(s), trial, kCoarseSigmaPx, true);
           if (gain <= best) continue;
           best = gain;
           circle->first[s] = angle;
@@ -119,11 +130,32 @@ class Rig {
         }
       }
     }
-    circle->gain = Gain(*circle, kCoarseSigmaPx, stride_);
+    circle->gain = Gain(*circle, kCoarseSigmaPx, true);
+  }
+
+  // Each station's way and first angle once more, the axis being known better: by all matches inside it, of
+  // which few of one pair say nothing.
+  void TakeTurns(double sigma_px, Circle* circle) const {
+    for (size_t s = 0; s < stations_.size(); ++s) {
+      Circle trial = *circle;
+      double best = -1e300;
+      for (const int sense : {1, -1}) {
+        trial.sense[s] = sense;
+        const double inside = GainInside(static_cast<int>(s), trial, sigma_px, false);
+        for (double angle = 0; angle < 2 * kPi; angle += kFineGrid) {
+          trial.first[s] = angle;
+          const double gain = inside + GainWithOthers(static_cast<int>(s), trial, sigma_px, true);
+          if (gain <= best) continue;
+          best = gain;
+          circle->first[s] = angle;
+          circle->sense[s] = sense;
+        }
+      }
+    }
   }
 
   // To the top of the likelihood: two numbers of the axis' direction, two of its place, each station's angle.
-  void Refine(double sigma_px, size_t stride, double first_step, double last_step, Circle* circle) const {
+  void Refine(double sigma_px, bool is_coarse, double first_step, double last_step, Circle* circle) const {
     const auto moved = [](const Circle& from, size_t number, double step) {
       Circle there = from;
       if (number >= 4) {
@@ -139,16 +171,15 @@ class Rig {
       }
       return there;
     };
-    const auto value = [&](const Circle& there) { return Gain(there, sigma_px, stride); };
+    const auto value = [&](const Circle& there) { return Gain(there, sigma_px, is_coarse); };
     circle->gain = Climb(3 + stations_.size(), first_step, last_step, moved, value, circle);
   }
 
  private:
   const std::vector<RiggedStation>& stations_;
   const std::vector<RiggedPair>& pairs_;
-  double chance_;
   size_t num_matches_ = 0;
-  size_t stride_ = 1;
+  std::vector<bool> is_coarse_;  // per pair: counts where many circles are compared
 };
 
 // The point nearest to where all stations see what moves; nothing when they see it from one place.
@@ -156,9 +187,9 @@ bool FindMiddle(const std::vector<RiggedStation>& stations, const std::vector<Ri
                 Vector3d* middle, double* distance) {
   std::vector<Vector3d> sum(stations.size(), Vector3d::Zero());
   for (const RiggedPair& pair : pairs) {
-    for (const auto& [first, second] : pair.rays) {
-      sum[static_cast<size_t>(pair.station1)] += first;
-      sum[static_cast<size_t>(pair.station2)] += second;
+    for (const RayMatch& match : pair.matches) {
+      sum[static_cast<size_t>(pair.station1)] += match.first;
+      sum[static_cast<size_t>(pair.station2)] += match.second;
     }
   }
   Matrix3d normal = Matrix3d::Zero();
@@ -222,19 +253,19 @@ bool IsSame(const Circle& a, const Circle& b) {
 
 }  // namespace
 
-RiggedCircle FitRiggedCircle(const std::vector<RiggedStation>& given, const std::vector<RiggedPair>& pairs,
-                             double extent_px, double sigma_px, Reporter& reporter) {
-  RiggedCircle result;
+std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& given,
+                                           const std::vector<RiggedPair>& pairs, double sigma_px,
+                                           Reporter& reporter) {
   Vector3d middle;
   double distance = 0;
-  if (given.size() < 2 || !FindMiddle(given, pairs, &middle, &distance)) return result;
+  if (given.size() < 2 || !FindMiddle(given, pairs, &middle, &distance)) return {};
   // The cameras' distance from the middle is the unit of length, the middle its origin.
   std::vector<RiggedStation> stations = given;
   for (RiggedStation& station : stations) {
     station.cam_from_world.translation =
         (station.cam_from_world.translation + station.cam_from_world.rotation * middle) / distance;
   }
-  const Rig rig(stations, pairs, extent_px);
+  const Rig rig(stations, pairs);
   std::vector<Circle> circles = StartingAxes(stations[0], Vector3d::Zero());
   ParallelFor(static_cast<int64_t>(circles.size()), 0,
               [&](int64_t k) { rig.TakeSenses(&circles[static_cast<size_t>(k)]); });
@@ -246,28 +277,40 @@ RiggedCircle FitRiggedCircle(const std::vector<RiggedStation>& given, const std:
   if (reporter.StopRequested()) throw Interrupted();
   ParallelFor(static_cast<int64_t>(circles.size()), 0, [&](int64_t k) {
     Circle& circle = circles[static_cast<size_t>(k)];
-    rig.Refine(kCoarseSigmaPx, rig.stride(), 0.05, 0.003, &circle);
-    rig.Refine(2 * sigma_px, rig.stride(), 0.01, 0.001, &circle);
-    rig.Refine(sigma_px, 1, 0.005, 1e-4, &circle);
+    rig.Refine(kCoarseSigmaPx, true, 0.05, 0.003, &circle);
+    rig.Refine(2 * sigma_px, true, 0.01, 0.001, &circle);
   });
-  KeepBest(kNumRefined, &circles);
-  const Circle& best = circles[0];
-  result.gain = result.margin = best.gain;
-  for (const Circle& other : circles) {
-    if (!IsSame(best, other)) result.margin = std::min(result.margin, best.gain - other.gain);
-  }
-  result.axis.direction = best.direction;
-  result.axis.point = middle + distance * best.point;
-  for (size_t s = 0; s < stations.size(); ++s) {
-    std::vector<double>& angles = result.angle_rad.emplace_back();
-    for (int i = 0; i < stations[s].num_photos; ++i)
-      angles.push_back(rig.Angle(best, static_cast<int>(s), i) - best.first[0]);
-  }
+  KeepBest(kNumTurned, &circles);
+  if (reporter.StopRequested()) throw Interrupted();
+  // As they are, and with other turns of the stations.
+  const size_t num = circles.size();
+  for (size_t k = 0; k < num; ++k) circles.push_back(circles[k]);
+  ParallelFor(static_cast<int64_t>(circles.size()), 0, [&](int64_t k) {
+    Circle& circle = circles[static_cast<size_t>(k)];
+    if (static_cast<size_t>(k) >= num) rig.TakeTurns(2 * sigma_px, &circle);
+    rig.Refine(sigma_px, false, 0.005, 1e-4, &circle);
+  });
+  KeepBest(circles.size(), &circles);
   const double unknowns = 3.0 + static_cast<double>(stations.size());
-  result.found =
-      result.gain >
-          0.5 * unknowns * std::log(static_cast<double>(std::max<size_t>(2, rig.num_matches()))) + kCertain &&
-      result.margin > kCertain;
+  const double least_gain =
+      0.5 * unknowns * std::log(static_cast<double>(std::max<size_t>(2, rig.num_matches()))) + kCertain;
+  std::vector<RiggedCircle> result;
+  std::vector<Circle> kept;
+  for (const Circle& circle : circles) {
+    const bool is_known =
+        std::any_of(kept.begin(), kept.end(), [&](const Circle& other) { return IsSame(circle, other); });
+    if (is_known || circle.gain <= least_gain) continue;
+    kept.push_back(circle);
+    RiggedCircle& found = result.emplace_back();
+    found.gain = circle.gain;
+    found.axis.direction = circle.direction;
+    found.axis.point = middle + distance * circle.point;
+    for (size_t s = 0; s < stations.size(); ++s) {
+      std::vector<double>& angles = found.angle_rad.emplace_back();
+      for (int i = 0; i < stations[s].num_photos; ++i)
+        angles.push_back(rig.Angle(circle, static_cast<int>(s), i) - circle.first[0]);
+    }
+  }
   return result;
 }
 

@@ -1,12 +1,12 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <utility>
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/base/rigid3.h"
 #include "sfm_split/scene/scene.h"
+#include "sfm_split/turntable/epipolar_gain.h"
 
 namespace s2gs {
 
@@ -28,22 +28,21 @@ struct RiggedPair {
   int photo1 = 0;  ///< place in the station's order of capture.
   int station2 = 0;
   int photo2 = 0;
-  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> rays;  ///< z = 1, in the first and second photo.
+  std::vector<RayMatch> matches;
 };
 
 struct RiggedCircle {
-  bool found = false;
   TurntableAxis axis;                          ///< in the world of the stations' cameras.
   std::vector<std::vector<double>> angle_rad;  ///< per station and photo; 0 at the first photo of all.
   double gain = 0;                             ///< logarithm of the likelihood over that of chance alone.
-  double margin = 0;                           ///< gain less that of the best other circle.
 };
 
-/// Needs two stations in different places.
-/// \param extent_px  of the object: a wrong match lies anywhere along it.
-/// \param sigma_px   of a right match's epipolar error.
-/// Throws Interrupted when the reporter asks to stop.
-RiggedCircle FitRiggedCircle(const std::vector<RiggedStation>& stations, const std::vector<RiggedPair>& pairs,
-                             double extent_px, double sigma_px, Reporter& reporter);
+/// Circles that the matches bear out, the likeliest first; none where chance does as well, or of less than
+/// two stations in different places. Where matches between stations are few there are several, and the noise
+/// with which they are told apart is that of poses that are not adjusted yet. \param sigma_px   of a right
+/// match's epipolar error. Throws Interrupted when the reporter asks to stop.
+std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& stations,
+                                           const std::vector<RiggedPair>& pairs, double sigma_px,
+                                           Reporter& reporter);
 
 }  // namespace s2gs

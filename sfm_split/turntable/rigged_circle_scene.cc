@@ -4,21 +4,20 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "sfm_split/turntable/axis_sense.h"
 #include "sfm_split/turntable/background_cameras.h"
-#include "sfm_split/turntable/match_mixture.h"
+#include "sfm_split/turntable/rigged_circle.h"
 
 namespace s2gs {
 namespace {
 
-using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr size_t kMaxMatches = 60;  // of a pair: more say the same again
-constexpr int kLeastPhotos = 4;     // of a station that can be a turn
+constexpr int kLeastPhotos = 4;  // of a station that can be a turn
 
 struct Place {
   int station = -1;  // index into Rig::stations; -1: the background does not know it
@@ -29,7 +28,6 @@ struct Rig {
   std::vector<RiggedStation> stations;
   std::vector<Place> places;  // per image of the features
   std::vector<RiggedPair> pairs;
-  double extent_px = 0;  // of what the matches lie on
 };
 
 class RigCollector {
@@ -41,10 +39,10 @@ class RigCollector {
     for (const auto& [id, camera] : features.cameras) camera_of_id_.emplace(id, camera_of_id_.size());
   }
 
-  Rig Collect() const {
+  Rig Collect(const std::vector<PossiblePair>& possible) const {
     Rig rig;
     PlaceStations(&rig);
-    if (rig.stations.size() >= 2) CollectPairs(&rig);
+    if (rig.stations.size() >= 2) CollectPairs(possible, &rig);
     return rig;
   }
 
@@ -68,29 +66,23 @@ class RigCollector {
     }
   }
 
-  void CollectPairs(Rig* rig) const {
-    KeypointExtent extent;
-    for (const ImagePairMatches& given : AllPairs(features_)) {
+  void CollectPairs(const std::vector<PossiblePair>& possible, Rig* rig) const {
+    for (const PossiblePair& given : possible) {
       const auto i = static_cast<size_t>(given.image1);
       const auto j = static_cast<size_t>(given.image2);
       const Place& first = rig->places[i];
       const Place& second = rig->places[j];
       if (first.station < 0 || second.station < 0) continue;
       RiggedPair pair{first.station, first.photo, second.station, second.photo, {}};
-      const FeatureMatches matches = PossibleObjectMatches(features_, given);
-      const size_t stride = matches.size() / kMaxMatches + 1;
-      for (size_t m = 0; m < matches.size(); m += stride) {
-        const Vector2d xy1 = features_.images[i].keypoints[matches[m].point2D_idx1].cast<double>();
-        const Vector2d xy2 = features_.images[j].keypoints[matches[m].point2D_idx2].cast<double>();
-        const std::optional<Vector3d> ray1 = UnprojectFromImage(CameraOf(i), xy1);
-        const std::optional<Vector3d> ray2 = UnprojectFromImage(CameraOf(j), xy2);
-        if (!ray1 || !ray2) continue;
-        pair.rays.emplace_back(*ray1, *ray2);
-        extent.Add(xy1);
+      for (size_t m = 0; m < given.matches.size(); ++m) {
+        const std::optional<Vector3d> ray1 = UnprojectFromImage(
+            CameraOf(i), features_.images[i].keypoints[given.matches[m].point2D_idx1].cast<double>());
+        const std::optional<Vector3d> ray2 = UnprojectFromImage(
+            CameraOf(j), features_.images[j].keypoints[given.matches[m].point2D_idx2].cast<double>());
+        if (ray1 && ray2) pair.matches.push_back({*ray1, *ray2, given.chance[m]});
       }
-      if (!pair.rays.empty()) rig->pairs.push_back(std::move(pair));
+      if (!pair.matches.empty()) rig->pairs.push_back(std::move(pair));
     }
-    rig->extent_px = extent.Px();
   }
 
   const ScanFeatures& features_;
@@ -114,24 +106,30 @@ void PointAxisUp(const std::vector<RiggedStation>& stations, RiggedCircle* circl
 
 }  // namespace
 
-AlignedScene SceneFromRiggedCircle(const ScanFeatures& features, const ColmapModel& background,
-                                   double sigma_px, Reporter& reporter, RiggedCircle* circle) {
-  const Rig rig = RigCollector(features, background).Collect();
+std::vector<AlignedScene> ScenesFromRiggedCircles(const ScanFeatures& features,
+                                                  const std::vector<PossiblePair>& object_pairs,
+                                                  const ColmapModel& background, double sigma_px,
+                                                  Reporter& reporter) {
+  const Rig rig = RigCollector(features, background).Collect(object_pairs);
   if (rig.pairs.empty()) return {};
-  *circle = FitRiggedCircle(rig.stations, rig.pairs, rig.extent_px, sigma_px, reporter);
-  if (!circle->found) return {};
-  PointAxisUp(rig.stations, circle);
-  std::vector<PhotoOnTurn> photos;
-  size_t reference = 0;
-  for (size_t i = 0; i < features.images.size(); ++i) {
-    const Place& place = rig.places[i];
-    if (place.station < 0) continue;
-    const auto s = static_cast<size_t>(place.station);
-    if (place.station == 0 && place.photo == 0) reference = photos.size();
-    photos.push_back(
-        {i, rig.stations[s].cam_from_world, circle->angle_rad[s][static_cast<size_t>(place.photo)]});
+  std::vector<AlignedScene> scenes;
+  for (RiggedCircle& circle : FitRiggedCircles(rig.stations, rig.pairs, sigma_px, reporter)) {
+    PointAxisUp(rig.stations, &circle);
+    std::vector<PhotoOnTurn> photos;
+    size_t reference = 0;
+    for (size_t i = 0; i < features.images.size(); ++i) {
+      const Place& place = rig.places[i];
+      if (place.station < 0) continue;
+      const auto s = static_cast<size_t>(place.station);
+      if (place.station == 0 && place.photo == 0) reference = photos.size();
+      photos.push_back(
+          {i, rig.stations[s].cam_from_world, circle.angle_rad[s][static_cast<size_t>(place.photo)]});
+    }
+    reporter.Debug("circle through the background's cameras: log-likelihood " + std::to_string(circle.gain));
+    scenes.push_back(
+        SceneAboutAxis(features, &background, circle.axis, photos, reference, /*scale_observable=*/true));
   }
-  return SceneAboutAxis(features, &background, circle->axis, photos, reference, /*scale_observable=*/true);
+  return scenes;
 }
 
 }  // namespace s2gs

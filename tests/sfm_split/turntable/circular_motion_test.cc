@@ -299,11 +299,11 @@ TEST(CircularTies, ThreeNumbersFromMatchesBetweenStations) {
       a /= a.z();
       b /= b.z();
       if (m % 3 == 0) b += Eigen::Vector3d(0.1 * std::sin(7.0 * m + k), 0.1 * std::cos(11.0 * m + k), 0);
-      pair.rays.emplace_back(a, b);
+      pair.matches.push_back({a, b, 1.0 / 150});
     }
     pairs.push_back(std::move(pair));
   }
-  const CircularTie tie = TieCircularStation(pairs, {1.15, 0.7, 0}, 0.5, 1.0 / 150);
+  const CircularTie tie = TieCircularStation(pairs, {1.15, 0.7, 0}, 0.5);
   ASSERT_TRUE(tie.found) << tie.gain << " " << tie.margin << " " << tie.place.distance << " "
                          << tie.place.height << " " << tie.place.turn_rad;
   // Exact rays, and a climb along one number at a time: measured 1.4e-3.

@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/possible_matches.h"
+#include "sfm_split/turntable/possible_matches.h"
 
 #include <algorithm>
 #include <cstdlib>
