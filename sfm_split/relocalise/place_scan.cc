@@ -244,8 +244,10 @@ void Placement::TryRiggedCircle() {
   ScanCandidate candidate;
   double sigma_px = options_.circular.noise_px;
   std::optional<double> best;
-  for (AlignedScene& aligned :
-       ScenesFromRiggedCircles(features_, pairs_, *background_, options_.circular.noise_px, reporter_)) {
+  std::vector<AlignedScene> scenes =
+      ScenesFromRiggedCircles(features_, pairs_, *background_, options_.circular.noise_px, reporter_);
+  if (scenes.size() > kMostCircles) scenes.resize(kMostCircles);
+  for (AlignedScene& aligned : scenes) {
     const double noise_px = MoveStations(options_.circular.noise_px, &aligned);
     const double gain = LikelihoodOfMatches(features_, aligned, pairs_).gain;
     if (best && gain <= *best) continue;

@@ -254,8 +254,8 @@ bool IsSame(const Circle& a, const Circle& b) {
 }  // namespace
 
 std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& given,
-                                           const std::vector<RiggedPair>& pairs, double sigma_px,
-                                           Reporter& reporter) {
+                                           const std::vector<RiggedPair>& pairs, double extent_px,
+                                           double sigma_px, Reporter& reporter) {
   Vector3d middle;
   double distance = 0;
   if (given.size() < 2 || !FindMiddle(given, pairs, &middle, &distance)) return {};
@@ -294,12 +294,22 @@ std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& giv
   const double unknowns = 3.0 + static_cast<double>(stations.size());
   const double least_gain =
       0.5 * unknowns * std::log(static_cast<double>(std::max<size_t>(2, rig.num_matches()))) + kCertain;
+  // Where wrong matches are thought to be rare, a few make a circle: none is believed that needs this.
+  std::vector<RiggedPair> even = pairs;
+  for (RiggedPair& pair : even) {
+    for (RayMatch& match : pair.matches) match.chance = std::max(match.chance, 1 / extent_px);
+  }
+  const Rig even_rig(stations, even);
+  const auto second = std::find_if(circles.begin(), circles.end(),
+                                   [&](const Circle& other) { return !IsSame(circles[0], other); });
+  // What chance finds is not much better than what else it finds.
+  if (second != circles.end() && circles[0].gain - second->gain <= kCertain) return {};
   std::vector<RiggedCircle> result;
   std::vector<Circle> kept;
   for (const Circle& circle : circles) {
     const bool is_known =
         std::any_of(kept.begin(), kept.end(), [&](const Circle& other) { return IsSame(circle, other); });
-    if (is_known || circle.gain <= least_gain) continue;
+    if (is_known || even_rig.Gain(circle, sigma_px, false) <= least_gain) continue;
     kept.push_back(circle);
     RiggedCircle& found = result.emplace_back();
     found.gain = circle.gain;

@@ -10,6 +10,7 @@
 
 #include "sfm_split/turntable/axis_sense.h"
 #include "sfm_split/turntable/background_cameras.h"
+#include "sfm_split/turntable/match_mixture.h"
 #include "sfm_split/turntable/rigged_circle.h"
 
 namespace s2gs {
@@ -28,6 +29,7 @@ struct Rig {
   std::vector<RiggedStation> stations;
   std::vector<Place> places;  // per image of the features
   std::vector<RiggedPair> pairs;
+  double extent_px = 0;  // of what the matches lie on
 };
 
 class RigCollector {
@@ -67,6 +69,7 @@ class RigCollector {
   }
 
   void CollectPairs(const std::vector<PossiblePair>& possible, Rig* rig) const {
+    KeypointExtent extent;
     for (const PossiblePair& given : possible) {
       const auto i = static_cast<size_t>(given.image1);
       const auto j = static_cast<size_t>(given.image2);
@@ -75,14 +78,20 @@ class RigCollector {
       if (first.station < 0 || second.station < 0) continue;
       RiggedPair pair{first.station, first.photo, second.station, second.photo, {}};
       for (size_t m = 0; m < given.matches.size(); ++m) {
-        const std::optional<Vector3d> ray1 = UnprojectFromImage(
-            CameraOf(i), features_.images[i].keypoints[given.matches[m].point2D_idx1].cast<double>());
-        const std::optional<Vector3d> ray2 = UnprojectFromImage(
-            CameraOf(j), features_.images[j].keypoints[given.matches[m].point2D_idx2].cast<double>());
-        if (ray1 && ray2) pair.matches.push_back({*ray1, *ray2, given.chance[m]});
+        const Eigen::Vector2d xy1 =
+            features_.images[i].keypoints[given.matches[m].point2D_idx1].cast<double>();
+        const Eigen::Vector2d xy2 =
+            features_.images[j].keypoints[given.matches[m].point2D_idx2].cast<double>();
+        const std::optional<Vector3d> ray1 = UnprojectFromImage(CameraOf(i), xy1);
+        const std::optional<Vector3d> ray2 = UnprojectFromImage(CameraOf(j), xy2);
+        if (!ray1 || !ray2) continue;
+        pair.matches.push_back({*ray1, *ray2, given.chance[m]});
+        extent.Add(xy1);
+        extent.Add(xy2);
       }
       if (!pair.matches.empty()) rig->pairs.push_back(std::move(pair));
     }
+    rig->extent_px = extent.Px();
   }
 
   const ScanFeatures& features_;
@@ -113,7 +122,7 @@ std::vector<AlignedScene> ScenesFromRiggedCircles(const ScanFeatures& features,
   const Rig rig = RigCollector(features, background).Collect(object_pairs);
   if (rig.pairs.empty()) return {};
   std::vector<AlignedScene> scenes;
-  for (RiggedCircle& circle : FitRiggedCircles(rig.stations, rig.pairs, sigma_px, reporter)) {
+  for (RiggedCircle& circle : FitRiggedCircles(rig.stations, rig.pairs, rig.extent_px, sigma_px, reporter)) {
     PointAxisUp(rig.stations, &circle);
     std::vector<PhotoOnTurn> photos;
     size_t reference = 0;
