@@ -41,6 +41,7 @@ constexpr size_t kMaxMatches = 30000;    // that count; of more pairs, an even c
 constexpr size_t kSearchMatches = 6000;  // of the search
 constexpr size_t kSearchDecided = 3;     // of the places found, by all matches
 constexpr size_t kMostSweeps = 3;        // over the stations
+constexpr int kWideSteps = 4;            // at each noise that is wider than it is
 constexpr int kSearchSteps = 12;
 constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better
 constexpr double kMostSigmaPx = 2;     // of keypoints that are found badly
@@ -486,7 +487,7 @@ void Ascent::Search(double sigma_px, Reporter& reporter) {
   const auto climb_from = [&](const State& from, double first_sigma_px) {
     search.state_ = from;
     for (double wide_px = first_sigma_px; wide_px > sigma_px; wide_px *= 0.5)
-      search.Climb(wide_px, kSearchSteps, reporter);
+      search.Climb(wide_px, kWideSteps, reporter);
     found.emplace_back(search.Climb(sigma_px, kSearchSteps, reporter), search.state_);
   };
   for (const double first_sigma_px : {sigma_px, kSearchSigmaPx, kFirstSigmaPx})
@@ -500,7 +501,7 @@ void Ascent::Search(double sigma_px, Reporter& reporter) {
   for (size_t k = 0; unmoved < state_.stations.size() && k < kMostSweeps * state_.stations.size(); ++k) {
     const size_t s = k % state_.stations.size();
     const double before = Value(sigma_px);
-    for (const double wide_px : {sigma_px, kSearchSigmaPx, kFirstSigmaPx}) {
+    for (const double wide_px : {sigma_px, kSearchSigmaPx}) {
       if (wide_px < sigma_px) continue;
       search.state_ = state_;
       for (const double turn_rad : search.TurnsAlone(s, wide_px, kSearchStep * wide_px / RadiusPx())) {
