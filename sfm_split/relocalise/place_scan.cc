@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -39,6 +40,16 @@ double Charge(const ScanCandidate& candidate, double inliers) {
   double unknowns = angles + 6.0 * candidate.aligned.scene.num_stations;
   if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
   return 0.5 * unknowns * std::log(std::max(2.0, inliers));
+}
+
+// Epipolar errors do not tell a motion from one that puts the points behind the cameras: then hardly a photo
+// sees any that is left.
+bool MostPhotosSeePoints(const AlignedScene& aligned) {
+  std::set<uint32_t> seeing;
+  for (const auto& [id, point] : aligned.object.points3D) {
+    for (const ColmapTrackElement& element : point.track) seeing.insert(element.image_id);
+  }
+  return 2 * seeing.size() > aligned.scene.views.size();
 }
 
 class Placement {
@@ -168,8 +179,7 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanC
     candidate->refined =
         RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate->aligned);
   }
-  // Epipolar errors do not tell a motion from one that puts all points behind the cameras.
-  candidate->is_usable = !candidate->aligned.object.points3D.empty();
+  candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
   candidate->log_likelihood = LogLikelihood(*candidate);
 }
 
@@ -239,33 +249,39 @@ void Placement::TryCircularMotion() {
 }
 
 // Where the background tells how the stations' cameras stand, all their matches together tell one axis. Which
-// of several it is they tell once the stations stand where they are likeliest.
+// of several it is they tell once the stations stand where they are likeliest, and the points: of two circles
+// that mirror each other, one has them in front of the cameras.
 void Placement::TryRiggedCircle() {
-  ScanCandidate candidate;
-  double sigma_px = options_.circular.noise_px;
-  std::optional<double> best;
+  struct Moved {
+    AlignedScene aligned;
+    double sigma_px = 0;
+    double gain = 0;
+  };
   std::vector<AlignedScene> scenes =
       ScenesFromRiggedCircles(features_, pairs_, *background_, options_.circular.noise_px, reporter_);
   if (scenes.size() > kMostCircles) scenes.resize(kMostCircles);
+  std::vector<Moved> circles;
   for (AlignedScene& aligned : scenes) {
-    const double noise_px = MoveStations(options_.circular.noise_px, &aligned);
+    const double sigma_px = MoveStations(options_.circular.noise_px, &aligned);
     const double gain = LikelihoodOfMatches(features_, aligned, pairs_).gain;
-    if (best && gain <= *best) continue;
-    best = gain;
-    sigma_px = noise_px;
-    candidate.aligned = std::move(aligned);
+    circles.push_back({std::move(aligned), sigma_px, gain});
   }
-  if (best && !IsWorthAdjusting(candidate.aligned, false, "a circle through the background's cameras")) {
-    result_.durations.emplace_back("rigged_circle", watch_.Lap());
-    return;
-  }
-  if (!best) {
-    candidate.finding = "no circle goes with the background's cameras";
-  } else {
-    const size_t found = candidate.aligned.scene.views.size();
-    candidate = RefineCircle(std::move(candidate.aligned), sigma_px, true);
+  std::stable_sort(circles.begin(), circles.end(),
+                   [](const Moved& a, const Moved& b) { return a.gain > b.gain; });
+  ScanCandidate candidate;
+  candidate.finding = "no circle goes with the background's cameras";
+  for (Moved& circle : circles) {
+    if (!IsWorthAdjusting(circle.aligned, false, "a circle through the background's cameras")) {
+      result_.durations.emplace_back("rigged_circle", watch_.Lap());
+      return;
+    }
+    const size_t found = circle.aligned.scene.views.size();
+    ScanCandidate refined = RefineCircle(std::move(circle.aligned), circle.sigma_px, true);
+    if (!refined.is_usable) continue;
+    candidate = std::move(refined);
     candidate.finding = "a circle through the background's cameras placed " + std::to_string(found) +
                         " images, " + std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+    break;
   }
   Consider(std::move(candidate), "rigged_circle");
 }
