@@ -200,6 +200,13 @@ PairSum<T> SumOf(const PairOfPhotos& pair, const State& state, const TurntableAx
   return sum;
 }
 
+// How far before a camera its optical axis is nearest to the table's.
+double DepthOfAxis(const Rigid3& cam_from_world, const TurntableAxis& axis) {
+  const Vector3d forward = cam_from_world.rotation.conjugate() * Vector3d::UnitZ();
+  const Vector3d across = forward - forward.dot(axis.direction) * axis.direction;
+  return across.dot(axis.point - CameraCentre(cam_from_world)) / std::max(across.squaredNorm(), kRounding);
+}
+
 class Ascent {
  public:
   Ascent(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
@@ -546,7 +553,12 @@ void Ascent::Apply(AlignedScene* aligned) const {
     before += distance(view.cam_from_world);
     after += distance(station.cam_from_world);
   }
-  const double scale = after > 0 ? before / after : 1;
+  double scale = after > 0 ? before / after : 1;
+  // Epipolar errors are the same for cameras that stand opposite, with all they see behind them.
+  const auto num_facing =
+      std::count_if(state_.stations.begin(), state_.stations.end(),
+                    [&](const auto& station) { return DepthOfAxis(station.cam_from_world, axis_) > 0; });
+  if (2 * static_cast<size_t>(num_facing) < state_.stations.size()) scale = -scale;
   Sim3 about_axis;
   about_axis.scale = scale;
   about_axis.translation = (1 - scale) * axis_.point;

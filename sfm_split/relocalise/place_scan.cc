@@ -68,8 +68,9 @@ class Placement {
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
   double MoveStations(double sigma_px, AlignedScene* aligned) const;
-  void RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanCandidate* candidate);
-  ScanCandidate RefineCircle(AlignedScene aligned, double sigma_px, bool steps_are_equal);
+  void RefineAgreeing(double sigma_px, const StepsFinding& steps, JointModel model, ScanCandidate* candidate);
+  ScanCandidate RefineSimplest(const AlignedScene& aligned, double sigma_px, const StepsFinding& steps);
+  ScanCandidate RefineCircle(const AlignedScene& aligned, double sigma_px, bool steps_are_equal);
   StepsFinding EqualSteps(const TurntableScene& scene) const;
   ScanCandidate ByCircularMotion(const CircularFinding& finding, AlignedScene aligned);
   ScanCandidate BySingleAxis();
@@ -163,7 +164,8 @@ StepsFinding Placement::EqualSteps(const TurntableScene& scene) const {
 
 // With the matches that agree with a circle alone: it needs no others, and where texture is poor most
 // verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
-void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanCandidate* candidate) {
+void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, JointModel model,
+                               ScanCandidate* candidate) {
   const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
   RefineOptions refine = options_.refine;
   refine.max_error_px = std::min(refine.max_error_px, bound_px);
@@ -171,32 +173,45 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, ScanC
   refine.noise_px = sigma_px;
   refine.equal_steps = steps.steps;
   candidate->has_given_steps = !steps.steps.empty();
+  JointOptions joint = options_.joint;
+  joint.model = model;
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
     agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
     agreeing.raw_pairs.clear();
     candidate->aligned.object.points3D.clear();
-    candidate->refined =
-        RefineScan(agreeing, nullptr, options_.joint, refine, reporter_, &candidate->aligned);
+    candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
   }
   candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
   candidate->log_likelihood = LogLikelihood(*candidate);
 }
 
+// Poses of their own for photos, which their points ask for, cost more than all matches may gain by them.
+ScanCandidate Placement::RefineSimplest(const AlignedScene& aligned, double sigma_px,
+                                        const StepsFinding& steps) {
+  ScanCandidate candidate;
+  candidate.aligned = aligned;
+  RefineAgreeing(sigma_px, steps, options_.joint.model, &candidate);
+  if (options_.joint.model != JointModel::kAuto || candidate.refined.model == JointModel::kSharedStations)
+    return candidate;
+  ScanCandidate shared;
+  shared.aligned = aligned;
+  RefineAgreeing(sigma_px, steps, JointModel::kSharedStations, &shared);
+  reporter_.Debug("log-likelihood with poses of " + std::string(JointModelName(candidate.refined.model)) +
+                  " " + std::to_string(candidate.log_likelihood) + ", with those of stations " +
+                  std::to_string(shared.log_likelihood));
+  return shared.IsBetterThan(candidate) ? shared : candidate;
+}
+
 // Free angles follow wrong matches where right ones are few; equal steps may be those of a turn that does not
 // close. Both are adjusted, and the likelihood of all matches decides, in which angles that are free cost
 // what is not known of them.
-ScanCandidate Placement::RefineCircle(AlignedScene aligned, double sigma_px, bool steps_are_equal) {
+ScanCandidate Placement::RefineCircle(const AlignedScene& aligned, double sigma_px, bool steps_are_equal) {
   ScanCandidate about_steps;
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
-  if (!steps.steps.empty()) {
-    about_steps.aligned = aligned;
-    RefineAgreeing(sigma_px, steps, &about_steps);
-  }
-  ScanCandidate free;
-  free.aligned = std::move(aligned);
-  RefineAgreeing(sigma_px, {}, &free);
+  if (!steps.steps.empty()) about_steps = RefineSimplest(aligned, sigma_px, steps);
+  const ScanCandidate free = RefineSimplest(aligned, sigma_px, {});
   if (about_steps.is_usable) {
     reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
                     ", with free angles " + std::to_string(free.log_likelihood));
@@ -207,7 +222,7 @@ ScanCandidate Placement::RefineCircle(AlignedScene aligned, double sigma_px, boo
 ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
   const size_t found = aligned.scene.views.size();
   const double sigma_px = MoveStations(finding.motion.sigma_px, &aligned);
-  ScanCandidate candidate = RefineCircle(std::move(aligned), sigma_px, finding.motion.steps_are_equal);
+  ScanCandidate candidate = RefineCircle(aligned, sigma_px, finding.motion.steps_are_equal);
   const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
                                     [](const CircularStationFit& fit) { return fit.found && fit.closes; });
   candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +
@@ -270,13 +285,13 @@ void Placement::TryRiggedCircle() {
                    [](const Moved& a, const Moved& b) { return a.gain > b.gain; });
   ScanCandidate candidate;
   candidate.finding = "no circle goes with the background's cameras";
-  for (Moved& circle : circles) {
+  for (const Moved& circle : circles) {
     if (!IsWorthAdjusting(circle.aligned, false, "a circle through the background's cameras")) {
       result_.durations.emplace_back("rigged_circle", watch_.Lap());
       return;
     }
     const size_t found = circle.aligned.scene.views.size();
-    ScanCandidate refined = RefineCircle(std::move(circle.aligned), circle.sigma_px, true);
+    ScanCandidate refined = RefineCircle(circle.aligned, circle.sigma_px, true);
     if (!refined.is_usable) continue;
     candidate = std::move(refined);
     candidate.finding = "a circle through the background's cameras placed " + std::to_string(found) +

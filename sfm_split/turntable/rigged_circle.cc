@@ -300,10 +300,6 @@ std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& giv
     for (RayMatch& match : pair.matches) match.chance = std::max(match.chance, 1 / extent_px);
   }
   const Rig even_rig(stations, even);
-  const auto second = std::find_if(circles.begin(), circles.end(),
-                                   [&](const Circle& other) { return !IsSame(circles[0], other); });
-  // What chance finds is not much better than what else it finds.
-  if (second != circles.end() && circles[0].gain - second->gain <= kCertain) return {};
   std::vector<RiggedCircle> result;
   std::vector<Circle> kept;
   for (const Circle& circle : circles) {

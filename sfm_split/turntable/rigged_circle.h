@@ -37,10 +37,9 @@ struct RiggedCircle {
   double gain = 0;                             ///< logarithm of the likelihood over that of chance alone.
 };
 
-/// Circles that the matches bear out, the likeliest first and clearly likelier than the next; none where
-/// chance does as well, or of less than two stations in different places. The noise with which they are told
-/// apart is that of stations that do not stand where they are likeliest yet.
-/// \param extent_px  of the object: a wrong match lies anywhere along it.
+/// Circles that the matches bear out, the likeliest first; none where chance does as well, or of less than
+/// two stations in different places. The noise with which they are told apart is that of stations that do not
+/// stand where they are likeliest yet. \param extent_px  of the object: a wrong match lies anywhere along it.
 /// \param sigma_px   of a right match's epipolar error.
 /// Throws Interrupted when the reporter asks to stop.
 std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& stations,
