@@ -18,7 +18,6 @@ constexpr size_t kMaxMatches = 100;  // of a pair, evenly
 constexpr int kNoiseRounds = 20;
 constexpr double kFirstNoisePx = 1;
 constexpr double kNoiseSettled = 0.01;
-constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr double kLeastNoisePx = 0.5;  // keypoints are hardly better
 constexpr double kMostNoisePx = 2;     // more is what the poses are wrong by
 constexpr int kNear = 2;               // places
@@ -40,6 +39,18 @@ Eigen::Vector2d Move(const ScanFeatures& features, const ImagePairMatches& pair,
   return (features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2] -
           features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1])
       .cast<double>();
+}
+
+// Those that may be the object's, without `others`.
+FeatureMatches OwnMatches(const ScanFeatures& features, const ImagePairMatches& given,
+                          const std::set<std::pair<int, uint32_t>>& others) {
+  FeatureMatches own;
+  for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
+    if (others.count({given.image1, match.point2D_idx1}) == 0 &&
+        others.count({given.image2, match.point2D_idx2}) == 0)
+      own.push_back(match);
+  }
+  return own;
 }
 
 // How wrong matches of a station move: as those of its photos farthest apart do.
@@ -93,12 +104,7 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
       return std::min(apart, count - apart) <= kNear;
     });
     if (!are_near) continue;
-    ImagePairMatches own = {given.image1, given.image2, {}};
-    for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
-      if (others.count({given.image1, match.point2D_idx1}) == 0 &&
-          others.count({given.image2, match.point2D_idx2}) == 0)
-        own.matches.push_back(match);
-    }
+    const ImagePairMatches own = {given.image1, given.image2, OwnMatches(features, given, others)};
     pairs.push_back({static_cast<size_t>(given.image1), static_cast<size_t>(given.image2), {}});
     const Keypoints& keypoints1 = features.images[pairs.back().image1].keypoints;
     const Keypoints& keypoints2 = features.images[pairs.back().image2].keypoints;
@@ -123,12 +129,7 @@ std::vector<TurnPair> CrossingPairs(const ScanFeatures& features, const std::vec
     const auto j = static_cast<size_t>(given.image2);
     if (features.images[i].station == features.images[j].station) continue;
     if (views[i] == nullptr || views[j] == nullptr) continue;
-    FeatureMatches own;
-    for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
-      if (others.count({given.image1, match.point2D_idx1}) == 0 &&
-          others.count({given.image2, match.point2D_idx2}) == 0)
-        own.push_back(match);
-    }
+    const FeatureMatches own = OwnMatches(features, given, others);
     if (own.empty()) continue;
     TurnPair pair{i, j, {}};
     const Keypoints& keypoints1 = features.images[i].keypoints;
@@ -161,10 +162,10 @@ std::vector<double> TurnLikelihood::OfTurns(const TurnPair& pair, const std::vec
   std::vector<double> gains;
   gains.reserve(turns_deg.size());
   const PosedImage first = Posed(pair.image1, 0);
-  double share = 0;
-  for (const double turn_deg : turns_deg)
-    gains.push_back(
-        MixtureGain(OverChance(pair, first, Posed(pair.image2, turn_deg), noise_px, nullptr), &share));
+  for (const double turn_deg : turns_deg) {
+    const std::vector<double> over = OverChance(pair, first, Posed(pair.image2, turn_deg), noise_px, nullptr);
+    gains.push_back(MixtureGain(over, RightShare(over)));
+  }
   return gains;
 }
 
@@ -177,10 +178,9 @@ double TurnLikelihood::Noise(const std::vector<TurnPair>& pairs) const {
       std::vector<double> errors;
       const std::vector<double> over =
           OverChance(pair, Posed(pair.image1, 0), Posed(pair.image2, 0), noise, &errors);
-      double share = 0;
-      MixtureGain(over, &share);
+      const double share = RightShare(over);
       for (size_t m = 0; m < over.size(); ++m) {
-        const double right = share * over[m] / (share * over[m] + 1 - share);
+        const double right = RightProbability(over[m], share);
         if (!(right > 0)) continue;
         sum += right;
         squares += right * errors[m] * errors[m];

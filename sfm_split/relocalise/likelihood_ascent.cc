@@ -32,7 +32,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr double kFirstSigmaPx = 4;      // a degree of a camera, where the object is a hundred pixels wide
 constexpr double kSearchSigmaPx = 1;     // wide enough that climbs come from one start to the next
 constexpr double kSearchStep = 1;        // of the noise; of a station's turn, as the object's points move
@@ -183,10 +182,10 @@ PairSum<T> SumOf(const PairOfPhotos& pair, const State& state, const TurntableAx
     const double ratio = value_of(errors[m]) / sigma_px;
     over.push_back(peak / pair.chance[m] * std::exp(-0.5 * ratio * ratio));
   }
-  double share = 0;
-  sum.value = MixtureGain(over, &share);
+  const double share = RightShare(over);
+  sum.value = MixtureGain(over, share);
   for (size_t m = 0; m < errors.size(); ++m) {
-    const double probability = share * over[m] / (share * over[m] + 1 - share);
+    const double probability = RightProbability(over[m], share);
     if (!(probability > 0)) continue;
     sum.inliers += probability;
     sum.squares += probability * value_of(errors[m]) * value_of(errors[m]);

@@ -14,7 +14,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr double kFirstSigmaPx = 1;
 constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better
 constexpr double kMostSigmaPx = 2;     // of keypoints that are found badly
@@ -45,10 +44,10 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
       const double ratio = error.px / sigma_px;
       over.push_back(std::isfinite(error.px) ? peak / error.chance * std::exp(-0.5 * ratio * ratio) : 0);
     }
-    double share = 0;
-    result.gain += MixtureGain(over, &share);
+    const double share = RightShare(over);
+    result.gain += MixtureGain(over, share);
     for (size_t m = 0; m < over.size(); ++m) {
-      const double right = share * over[m] / (share * over[m] + 1 - share);
+      const double right = RightProbability(over[m], share);
       if (!(right > 0)) continue;
       inliers[pair.is_one_station ? 1 : 0] += right;
       squares[pair.is_one_station ? 1 : 0] += right * pair.errors[m].px * pair.errors[m].px;

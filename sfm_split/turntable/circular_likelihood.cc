@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/turntable/match_mixture.h"
 
 namespace s2gs {
 namespace {
@@ -19,7 +20,6 @@ using Eigen::VectorXd;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-constexpr double kRootTwoPi = 2.50662827463100050;
 constexpr int kShareIterations = 6;
 constexpr int kMaxAttempts = 8;  // of one step, with ever more damping
 

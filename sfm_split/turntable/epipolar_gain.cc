@@ -12,7 +12,6 @@ using Eigen::Vector3d;
 
 double EpipolarGain(const std::vector<RayMatch>& matches, const Rigid3& second_from_first, double focal1_px,
                     double focal2_px, double sigma_px) {
-  constexpr double kRootTwoPi = 2.50662827463100050;
   const Matrix3d e =
       CrossMatrix<double>(second_from_first.translation) * second_from_first.rotation.toRotationMatrix();
   const double peak = 1 / (sigma_px * kRootTwoPi);
@@ -28,8 +27,7 @@ double EpipolarGain(const std::vector<RayMatch>& matches, const Rigid3& second_f
                        ? peak / chance * std::exp(-0.5 * error * error / (squared * sigma_px * sigma_px))
                        : 0);
   }
-  double share = 0;
-  return MixtureGain(over, &share);
+  return MixtureGain(over, RightShare(over));
 }
 
 }  // namespace s2gs

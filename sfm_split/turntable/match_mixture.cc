@@ -10,15 +10,19 @@ constexpr int kShareRounds = 6;
 
 }  // namespace
 
-double MixtureGain(const std::vector<double>& over, double* share) {
-  *share = 0.5;
+double RightShare(const std::vector<double>& over) {
+  double share = 0.5;
   for (int k = 0; k < kShareRounds; ++k) {
     double sum = 1;
-    for (const double o : over) sum += *share * o / (*share * o + 1 - *share);
-    *share = sum / (static_cast<double>(over.size()) + 2);
+    for (const double o : over) sum += RightProbability(o, share);
+    share = sum / (static_cast<double>(over.size()) + 2);
   }
+  return share;
+}
+
+double MixtureGain(const std::vector<double>& over, double share) {
   double gain = 0;
-  for (const double o : over) gain += std::log(1 - *share + *share * o);
+  for (const double o : over) gain += std::log(1 - share + share * o);
   return gain;
 }
 

@@ -10,10 +10,21 @@ namespace s2gs {
 /// Width of a uniform distribution over its standard deviation, the square root of 12.
 inline constexpr double kUniformWidth = 3.4641016151377546;
 
-/// Logarithm of how much likelier than chance alone errors of one pair's matches are, at the share of right
-/// ones that makes it largest. \param over  density of a right match's error over that of a wrong one's.
-/// \param share  of right matches, in (0, 1); found here.
-double MixtureGain(const std::vector<double>& over, double* share);
+/// Of the density of a normal distribution.
+inline constexpr double kRootTwoPi = 2.50662827463100050;
+
+/// The share of right ones among one pair's matches, in (0, 1), at which their errors are likeliest.
+/// \param over  density of a right match's error over that of a wrong one's.
+double RightShare(const std::vector<double>& over);
+
+/// Logarithm of how much likelier than chance alone errors of one pair's matches are.
+/// \param share  of right ones.
+double MixtureGain(const std::vector<double>& over, double share);
+
+/// That a match is right.
+inline double RightProbability(double over, double share) {
+  return share * over / (share * over + 1 - share);
+}
 
 /// How far keypoints spread, as the width of a uniform distribution of their deviation: a wrong match lies
 /// anywhere along it.
