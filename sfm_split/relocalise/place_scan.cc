@@ -23,8 +23,9 @@
 namespace s2gs {
 namespace {
 
-constexpr double kCertain = 8;         // e^8 to one
-constexpr double kAgreeingSigmas = 4;  // of an epipolar error
+constexpr double kCertain = 8;              // e^8 to one
+constexpr double kCertainDeviations = 3.4;  // of a normal distribution: chance goes beyond once in e^8
+constexpr double kAgreeingSigmas = 4;       // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;
 constexpr size_t kMostCircles = 2;  // whose stations are moved to where they are likeliest
 constexpr double kRisk = 0.01;      // that chance takes a photo off its place among equal steps
@@ -40,6 +41,28 @@ double Charge(const ScanCandidate& candidate, double inliers) {
   double unknowns = angles + 6.0 * candidate.aligned.scene.num_stations;
   if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
   return 0.5 * unknowns * std::log(std::max(2.0, inliers));
+}
+
+// What poses gain over the true ones in the likelihood of matches that they alone were fitted to, but for a
+// chance of e^-8: half of chi squared with a degree of freedom for each unknown.
+double GainByFitting(double unknowns) {
+  return 0.5 * unknowns + kCertainDeviations * std::sqrt(0.5 * unknowns);
+}
+
+// Of a fit of circular motion: how each station's camera stands to the axis, its step or its angles, lenses.
+double UnknownsOf(const CircularMotion& motion) {
+  auto unknowns = static_cast<double>(motion.cameras.size());
+  for (const char is_free : motion.distortion_is_free) unknowns += is_free != 0 ? 1 : 0;
+  for (const CircularStationFit& fit : motion.stations) {
+    if (!fit.found) continue;
+    unknowns += 3 + (motion.steps_are_equal ? 1 : static_cast<double>(fit.angles_rad.size()) - 1);
+  }
+  return unknowns;
+}
+
+// Of a scene that was moved to where its matches are likeliest: poses of stations, a step of each, lenses.
+double UnknownsOf(const TurntableScene& scene) {
+  return 7.0 * scene.num_stations + static_cast<double>(scene.cameras.size());
 }
 
 // Epipolar errors do not tell a motion from one that puts the points behind the cameras: then hardly a photo
@@ -84,8 +107,10 @@ class Placement {
   }
   // What all poses explain, less what their unknowns cost.
   double LogLikelihood(const ScanCandidate& candidate) const;
-  // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos.
-  bool IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const;
+  // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos,
+  // by more than their being fitted to these matches alone does.
+  bool IsWorthAdjusting(const AlignedScene& aligned, double unknowns, bool inside_stations,
+                        const char* how) const;
   bool IsEnough(const ScanCandidate& candidate) const {
     return candidate.is_usable && static_cast<double>(candidate.aligned.scene.views.size()) >=
                                       options_.enough_share * static_cast<double>(features_.images.size());
@@ -232,7 +257,8 @@ ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, Aligne
   return candidate;
 }
 
-bool Placement::IsWorthAdjusting(const AlignedScene& aligned, bool inside_stations, const char* how) const {
+bool Placement::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, bool inside_stations,
+                                 const char* how) const {
   if (!IsEnough(result_.best)) return true;
   const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
   const MatchLikelihood matches = LikelihoodOfMatches(features_, result_.best.aligned, pairs);
@@ -242,8 +268,10 @@ bool Placement::IsWorthAdjusting(const AlignedScene& aligned, bool inside_statio
   if (result_.best.refined.model != JointModel::kSharedStations)
     best -= Charge(result_.best, matches.inliers);
   reporter_.Debug("log-likelihood of the matches" + std::string(inside_stations ? " inside stations" : "") +
-                  ": " + std::to_string(best) + ", by " + how + " " + std::to_string(here));
-  return here > best + kCertain;
+                  ": " + std::to_string(best) + ", by " + how + " " + std::to_string(here) + ", of which " +
+                  std::to_string(GainByFitting(unknowns)) + " may come of " + std::to_string(unknowns) +
+                  " unknowns");
+  return here > best + GainByFitting(unknowns) + kCertain;
 }
 
 // Alone, or where free SfM is not enough or explains the matches inside stations less well.
@@ -256,7 +284,8 @@ void Placement::TryCircularMotion() {
     Consider(std::move(none), "circular_motion");
     return;
   }
-  if (options_.path == PlacementPath::kAuto && !IsWorthAdjusting(aligned, true, "circular motion")) {
+  if (options_.path == PlacementPath::kAuto &&
+      !IsWorthAdjusting(aligned, UnknownsOf(finding.motion), true, "circular motion")) {
     result_.durations.emplace_back("circular_motion", watch_.Lap());
     return;
   }
@@ -286,7 +315,8 @@ void Placement::TryRiggedCircle() {
   ScanCandidate candidate;
   candidate.finding = "no circle goes with the background's cameras";
   for (const Moved& circle : circles) {
-    if (!IsWorthAdjusting(circle.aligned, false, "a circle through the background's cameras")) {
+    if (!IsWorthAdjusting(circle.aligned, UnknownsOf(circle.aligned.scene), false,
+                          "a circle through the background's cameras")) {
       result_.durations.emplace_back("rigged_circle", watch_.Lap());
       return;
     }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/match_mixture.h"
 
@@ -21,7 +22,8 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 constexpr int kShareIterations = 6;
-constexpr int kMaxAttempts = 8;  // of one step, with ever more damping
+constexpr size_t kWorthThreads = 5000;  // matches: some .5 ms
+constexpr int kMaxAttempts = 8;         // of one step, with ever more damping
 
 // A keypoint as a ray with z = 1, and how that moves with the lens.
 struct LensPoint {
@@ -32,8 +34,8 @@ struct LensPoint {
   double px = 1;  // pixels per unit in the plane z = 1, here
 };
 
-LensPoint ThroughLens(const CircularLens& lens, const Vector2d& xy) {
-  const double focal = std::exp(lens.log_focal);
+// \param focal  of the lens [px].
+LensPoint ThroughLens(const CircularLens& lens, double focal, const Vector2d& xy) {
   const Vector2d distorted = xy / focal;
   const double rd = distorted.norm();
   const double k = lens.distortion;
@@ -103,10 +105,11 @@ void ErrorsOf(const CircularMatches::Pair& pair, double reach_px, const Circular
   if (with_derivatives) result->derivatives.assign(num, Vector6d::Zero());
   const double farthest_px =
       reach_px > 0 ? reach_px * 2 * std::abs(std::sin(angle / 2)) : std::numeric_limits<double>::infinity();
+  const double focal = std::exp(lens.log_focal);
   for (size_t m = 0; m < num; ++m) {
     if ((pair.matches[m].second - pair.matches[m].first).norm() > farthest_px) continue;
-    const LensPoint first = ThroughLens(lens, pair.matches[m].first);
-    const LensPoint second = ThroughLens(lens, pair.matches[m].second);
+    const LensPoint first = ThroughLens(lens, focal, pair.matches[m].first);
+    const LensPoint second = ThroughLens(lens, focal, pair.matches[m].second);
     if (!first.is_valid || !second.is_valid) continue;
     const Vector3d line2 = e * first.ray;
     const Vector3d line1 = e.transpose() * second.ray;
@@ -144,11 +147,20 @@ void ErrorsOf(const CircularMatches::Pair& pair, double reach_px, const Circular
 struct PairMixture {
   double gain = 0;
   std::vector<double> over_chance;  // density of a right match's error over that of a wrong one's
+  std::vector<double> right;        // probability of each match
   double share = 0;
 
-  double Responsibility(size_t match) const {
-    const double right = share * over_chance[match];
-    return right / (right + 1 - share);
+  // Not summed on the way: divisions go several at a time.
+  void FindResponsibilities() {
+    const size_t num = over_chance.size();
+    right.resize(num);
+    const double its_share = share;
+    const double* const over = over_chance.data();
+    double* const to = right.data();
+    for (size_t m = 0; m < num; ++m) {
+      const double density = its_share * over[m];
+      to[m] = density / (density + 1 - its_share);
+    }
   }
 };
 
@@ -164,13 +176,37 @@ PairMixture MixtureOf(const CircularMatches::Pair& pair, const std::vector<doubl
   // As if one match more were right and one more wrong: the share stays inside (0, 1).
   mixture.share = 0.5;
   for (int iteration = 0; iteration < kShareIterations; ++iteration) {
+    mixture.FindResponsibilities();
     double sum = 1;
-    for (size_t m = 0; m < errors.size(); ++m) sum += mixture.Responsibility(m);
+    for (const double right : mixture.right) sum += right;
     mixture.share = sum / (static_cast<double>(errors.size()) + 2);
   }
+  mixture.FindResponsibilities();
   for (const double over : mixture.over_chance)
     mixture.gain += std::log(1 - mixture.share + mixture.share * over);
   return mixture;
+}
+
+struct PlacedPair {
+  size_t station;
+  const CircularMatches::Pair* pair;
+};
+
+std::vector<PlacedPair> AllPairs(const std::vector<CircularMatches>& data) {
+  std::vector<PlacedPair> pairs;
+  for (size_t s = 0; s < data.size(); ++s) {
+    for (const CircularMatches::Pair& pair : data[s].pairs) pairs.push_back({s, &pair});
+  }
+  return pairs;
+}
+
+// From several threads, unless they would wait for each other longer than they work.
+template <typename Work>
+void ForEachPair(const std::vector<PlacedPair>& pairs, const Work& work) {
+  size_t num_matches = 0;
+  for (const PlacedPair& pair : pairs) num_matches += pair.pair->matches.size();
+  ParallelFor(static_cast<int64_t>(pairs.size()), num_matches < kWorthThreads ? 1 : 0,
+              [&](int64_t p) { work(static_cast<size_t>(p)); });
 }
 
 double AngleSigma(const CircularPriors& priors, size_t station) {
@@ -236,22 +272,31 @@ NormalEquations Linearize(const std::vector<CircularMatches>& data, const Circul
                           const CircularState& state, const Columns& columns) {
   NormalEquations normal{MatrixXd::Zero(columns.size(), columns.size()), VectorXd::Zero(columns.size())};
   const double information = 1 / (state.sigma_px * state.sigma_px);
-  PairErrors errors;
+  struct PairNormal {
+    Matrix6d matrix = Matrix6d::Zero();
+    Vector6d right = Vector6d::Zero();
+  };
+  const std::vector<PlacedPair> pairs = AllPairs(data);
+  std::vector<PairNormal> normals(pairs.size());
+  ForEachPair(pairs, [&](size_t p) {
+    const CircularMatches& station = data[pairs[p].station];
+    PairErrors errors;
+    ErrorsOf(*pairs[p].pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
+             state.turns[pairs[p].station], true, &errors);
+    const PairMixture mixture = MixtureOf(*pairs[p].pair, errors.errors, state.sigma_px);
+    for (size_t m = 0; m < errors.errors.size(); ++m) {
+      if (!std::isfinite(errors.errors[m])) continue;
+      const double weight = mixture.right[m] * information;
+      if (weight < 1e-6 * information) continue;
+      normals[p].matrix.noalias() += weight * errors.derivatives[m] * errors.derivatives[m].transpose();
+      normals[p].right -= weight * errors.errors[m] * errors.derivatives[m];
+    }
+  });
+  auto of_pair = normals.begin();
   for (size_t s = 0; s < data.size(); ++s) {
     const CircularMatches& station = data[s];
     for (const CircularMatches::Pair& pair : station.pairs) {
-      ErrorsOf(pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], true,
-               &errors);
-      const PairMixture mixture = MixtureOf(pair, errors.errors, state.sigma_px);
-      Matrix6d matrix = Matrix6d::Zero();
-      Vector6d right = Vector6d::Zero();
-      for (size_t m = 0; m < errors.errors.size(); ++m) {
-        if (!std::isfinite(errors.errors[m])) continue;
-        const double weight = mixture.Responsibility(m) * information;
-        if (weight < 1e-6 * information) continue;
-        matrix.noalias() += weight * errors.derivatives[m] * errors.derivatives[m].transpose();
-        right -= weight * errors.errors[m] * errors.derivatives[m];
-      }
+      const auto& [matrix, right] = *of_pair++;
       // The pair's angle is that of its second photo less that of its first.
       std::array<std::pair<int, double>, 7> place;
       size_t used = 0;
@@ -335,7 +380,21 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
                                  const CircularState& state, bool with_photos) {
   CircularFigures figures;
   figures.log_posterior = LogPriors(priors, state);
-  PairErrors errors;
+  struct PairTerms {
+    std::vector<double> errors;
+    PairMixture mixture;
+  };
+  const std::vector<PlacedPair> pairs = AllPairs(data);
+  std::vector<PairTerms> terms(pairs.size());
+  ForEachPair(pairs, [&](size_t p) {
+    const CircularMatches& station = data[pairs[p].station];
+    PairErrors errors;
+    ErrorsOf(*pairs[p].pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
+             state.turns[pairs[p].station], false, &errors);
+    terms[p].mixture = MixtureOf(*pairs[p].pair, errors.errors, state.sigma_px);
+    terms[p].errors = std::move(errors.errors);
+  });
+  auto of_pair = terms.begin();
   double squares = 0;
   for (size_t s = 0; s < data.size(); ++s) {
     const CircularMatches& station = data[s];
@@ -343,15 +402,13 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
     figures.inliers_of_station.push_back(0);
     if (with_photos) figures.gain_of_photo.emplace_back(static_cast<size_t>(station.num_photos), 0.0);
     for (const CircularMatches::Pair& pair : station.pairs) {
-      ErrorsOf(pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)], state.turns[s], false,
-               &errors);
-      const PairMixture mixture = MixtureOf(pair, errors.errors, state.sigma_px);
+      const auto& [errors, mixture] = *of_pair++;
       figures.gain.back() += mixture.gain;
-      for (size_t m = 0; m < errors.errors.size(); ++m) {
-        const double right = mixture.Responsibility(m);
+      for (size_t m = 0; m < errors.size(); ++m) {
+        const double right = mixture.right[m];
         if (!(right > 0)) continue;
         figures.inliers += right;
-        squares += right * errors.errors[m] * errors.errors[m];
+        squares += right * errors[m] * errors[m];
         figures.inliers_of_station.back() += right > 0.5 ? 1 : 0;
       }
       if (with_photos) {

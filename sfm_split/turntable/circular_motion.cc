@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/circular_likelihood.h"
 #include "sfm_split/turntable/match_mixture.h"
@@ -80,6 +81,14 @@ class Fitter {
   CircularState StateOf(const CircularMatches& station, const Vector2d& middle, double focal_px,
                         double elevation, const Vector2d& up, double step) const;
   void Search(size_t station, std::optional<Start>* closed, std::optional<Start>* open) const;
+  // From several threads: each start by itself.
+  template <typename Work>
+  void ForEach(std::vector<Start>* starts, const Work& work) const {
+    ParallelFor(static_cast<int64_t>(starts->size()), 0, [&](int64_t i) {
+      if (reporter_.StopRequested()) throw Interrupted();
+      work(&(*starts)[static_cast<size_t>(i)]);
+    });
+  }
   Start RefineAll(const std::vector<const Start*>& starts) const;
   CircularPriors PriorsOf(size_t lens) const;
   CircularPriors AllPriors(bool with_distortion) const;
@@ -317,26 +326,30 @@ void Fitter::Search(size_t station, std::optional<Start>* closed, std::optional<
             start.state = StateOf(few[0], middle, focal_px, elevation_deg * kDegree, up, sense * step);
             start.state.lenses[0].distortion = priors.distortion[0];
             start.state.sigma_px = kCoarseNoise * options_.noise_px;
-            start.log_posterior = EvaluateCircular(few, priors, start.state, false).log_posterior;
             starts.push_back(std::move(start));
           }
         }
       }
     }
+    ForEach(&starts, [&](Start* start) {
+      start->log_posterior = EvaluateCircular(few, priors, start->state, false).log_posterior;
+    });
     starts = BestOfEachView(std::move(starts), options_.num_refined);
     const CircularSteps mode = is_closed ? CircularSteps::kEqualHeld : CircularSteps::kEqual;
     std::optional<Start>& best = is_closed ? *closed : *open;
+    ForEach(&starts, [&](Start* start) {
+      RefineCircular(few, priors, mode, 12, &start->state, nullptr);
+      start->state.sigma_px = options_.noise_px;
+      start->log_posterior = RefineCircular(few, priors, mode, 8, &start->state, nullptr).log_posterior;
+    });
+    starts = DifferentOptima(std::move(starts), kNumFinished);
+    ForEach(&starts, [&](Start* start) {
+      start->state.sigma_px = 0.5 * options_.noise_px;
+      start->log_posterior = RefineCircular(many, priors, mode, 15, &start->state, nullptr).log_posterior;
+      start->log_posterior += PointAxisUp(&start->state.turns[0]);
+    });
     for (Start& start : starts) {
-      if (reporter_.StopRequested()) throw Interrupted();
-      RefineCircular(few, priors, mode, 12, &start.state, nullptr);
-      start.state.sigma_px = options_.noise_px;
-      start.log_posterior = RefineCircular(few, priors, mode, 8, &start.state, nullptr).log_posterior;
-    }
-    for (Start& start : DifferentOptima(std::move(starts), kNumFinished)) {
-      start.state.sigma_px = 0.5 * options_.noise_px;
-      start.log_posterior = RefineCircular(many, priors, mode, 15, &start.state, nullptr).log_posterior;
-      start.log_posterior += PointAxisUp(&start.state.turns[0]);
-      if (!best || start.log_posterior > best->log_posterior) best = start;
+      if (!best || start.log_posterior > best->log_posterior) best = std::move(start);
     }
     reporter_.Debug(std::string(is_closed ? "closed" : "open") + ": log-likelihood " +
                     std::to_string(best->log_posterior) + ", step " +
@@ -388,18 +401,22 @@ Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
   all.steps = all.is_closed ? CircularSteps::kEqualHeld : CircularSteps::kEqual;
   // One lens for all: stations that were fitted alone disagree on it, and each may be right.
   const CircularState start = all.state;
-  double best = 0;
+  std::vector<Start> with_lens(lenses.size());
   for (size_t k = 0; k < lenses.size(); ++k) {
-    CircularState state = start;
-    state.lenses = lenses[k];
-    state.sigma_px = options_.noise_px;
-    RefineCircular(data_, priors, all.steps, 12, &state, nullptr);
-    state.sigma_px = 0.5 * options_.noise_px;
-    const double there = RefineCircular(data_, priors, all.steps, 12, &state, nullptr).log_posterior;
-    if (k > 0 && there <= best) continue;
-    best = there;
-    all.state = std::move(state);
+    with_lens[k].state = start;
+    with_lens[k].state.lenses = lenses[k];
   }
+  ForEach(&with_lens, [&](Start* one) {
+    one->state.sigma_px = options_.noise_px;
+    RefineCircular(data_, priors, all.steps, 12, &one->state, nullptr);
+    one->state.sigma_px = 0.5 * options_.noise_px;
+    one->log_posterior = RefineCircular(data_, priors, all.steps, 12, &one->state, nullptr).log_posterior;
+  });
+  const Start* best = &with_lens[0];
+  for (const Start& one : with_lens) {
+    if (one.log_posterior > best->log_posterior) best = &one;
+  }
+  all.state = best->state;
   const CircularFigures equal = Settle(priors, all.steps, &all.state);
   const double charge = 0.5 * std::log(std::max(2.0, equal.inliers));  // for one more unknown
   all.log_posterior = equal.log_posterior;
