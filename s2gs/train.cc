@@ -292,13 +292,13 @@ class Trainer {
 
   void UseLevel(int level) {
     if (level == level_) return;
-    const std::vector<TrainingPhoto> photos = PhotosAtLevel(scene_, level, options_.min_coarse_size);
+    std::vector<TrainingPhoto> photos = PhotosAtLevel(scene_, level, options_.min_coarse_size);
     width_ = photos.front().view.width;
     height_ = photos.front().view.height;
     training_views_.clear();
     training_views_.reserve(photos.size());
     for (const TrainingPhoto& photo : photos) training_views_.push_back(photo.view);
-    backend_->SetPhotos(photos);
+    backend_->SetPhotos(std::move(photos));
     level_ = level;
   }
 

@@ -1,7 +1,10 @@
 #include "s2gs/training_scene.h"
 
+#include <omp.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
+#include <atomic>
 #include <cctype>
 #include <cmath>
 #include <map>
@@ -15,6 +18,7 @@
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_model.h"
@@ -30,6 +34,8 @@ constexpr double kPoseAgreement = 1e-3;    // of the two models' poses, in radia
 constexpr double kRegionQuantile = 0.995;  // of the rotating points: the few beyond are outliers.
 constexpr double kRegionMargin = 1.15;     // SfM points end before the surface does.
 constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a disc whose top alone has points.
+constexpr int64_t kLoadingBytesPerPixel =
+    2 * (3 + 1);                            // of a photo and its mask, as they are and undistorted
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
 
 // What the workspace's files say before any photo is read.
@@ -205,6 +211,7 @@ struct Loader {
   Reporter& reporter;
   std::map<uint32_t, Undistortion> undistortions;  // by camera
 
+  // From several threads once a view of the camera is planned.
   const Undistortion& Plan(const Camera& camera) {
     const auto found = undistortions.find(camera.camera_id);
     if (found != undistortions.end()) return found->second;
@@ -231,28 +238,28 @@ struct Loader {
     return UndistortImage(image, plan.source, plan.pinhole, reporter);
   }
 
+  // The view at its size in training.
+  void PlanView(const Camera& camera, ScenePhoto* photo) {
+    PinholeView view = ViewOfPinhole(Plan(camera).pinhole);
+    const int longer = std::max(view.width, view.height);
+    const int most =
+        photo->held_out && options.max_test_size > 0 ? options.max_test_size : options.max_image_size;
+    if (longer > most) {
+      const double scale = static_cast<double>(most) / longer;
+      view = ResizeView(view, std::max(1, static_cast<int>(std::lround(view.width * scale))),
+                        std::max(1, static_cast<int>(std::lround(view.height * scale))));
+    }
+    view.cam_from_world = photo->view.cam_from_world;
+    view.cam_from_object = photo->view.cam_from_object;
+    photo->view = view;
+  }
+
   void Load(const Camera& camera, bool with_mask, bool needs_mask, ScenePhoto* photo) {
     const fs::path path = paths.images / photo->name;
     Image8 image = ReadImage(path, 3);
     RequireSize(path, image, camera);
     image = Undistort(image, camera);
-    const Rigid3 cam_from_world = photo->view.cam_from_world;
-    const Rigid3 cam_from_object = photo->view.cam_from_object;
-    PinholeView view = ViewOfPinhole(Plan(camera).pinhole);
-    const int longer = std::max(view.width, view.height);
-    int width = view.width;
-    int height = view.height;
-    const int most =
-        photo->held_out && options.max_test_size > 0 ? options.max_test_size : options.max_image_size;
-    if (longer > most) {
-      const double scale = static_cast<double>(most) / longer;
-      width = std::max(1, static_cast<int>(std::lround(view.width * scale)));
-      height = std::max(1, static_cast<int>(std::lround(view.height * scale)));
-    }
-    photo->view = ResizeView(view, width, height);
-    photo->view.cam_from_world = cam_from_world;
-    photo->view.cam_from_object = cam_from_object;
-    photo->image = ResizeByArea(image, width, height);
+    photo->image = ResizeByArea(image, photo->view.width, photo->view.height);
     if (with_mask) photo->mask = LoadMask(paths.masks, camera, needs_mask, *photo);
     if (photo->held_out && !paths.truth_masks.empty()) {
       photo->truth_mask = LoadMask(paths.truth_masks, camera, false, *photo);
@@ -440,7 +447,8 @@ Gaussians NormaliseGaussians(Gaussians gaussians, const Eigen::Vector3d& origin,
 }
 
 TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingSceneOptions& options,
-                                Reporter& reporter) {
+                                Reporter& reporter,
+                                const std::function<void(const TrainingSize&)>& before_photos) {
   const SceneFiles files = ReadFiles(paths, options.mode, reporter);
   TrainingScene scene;
   scene.mode = files.mode;
@@ -458,13 +466,35 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
   const bool needs_mask = files.mode == TrainMode::kMasks;
   const bool with_mask = needs_mask || (options.masks_as_hint && Exists(paths.masks));
   Loader loader{paths, options, reporter, {}};
+  TrainingSize size;
+  size.num_photos = static_cast<int64_t>(scene.photos.size());
+  size.num_points = static_cast<int64_t>(scene.points.size());
+  int64_t largest_file = 0;
   for (size_t i = 0; i < scene.photos.size(); ++i) {
-    if (reporter.StopRequested()) throw Interrupted();
     ScenePhoto& photo = scene.photos[i];
     photo.held_out = held_out.count(photo.name) > 0;
-    loader.Load(*cameras[i], with_mask, needs_mask, &photo);
-    reporter.Progress("read photos", static_cast<int64_t>(i) + 1, static_cast<int64_t>(scene.photos.size()));
+    loader.PlanView(*cameras[i], &photo);
+    const int64_t pixels = int64_t{photo.view.width} * photo.view.height;
+    const int64_t bytes = (with_mask ? 4 : 3) * pixels;
+    size.photo_bytes += bytes;
+    if (!photo.held_out) size.trained_bytes += bytes;
+    size.largest_view_px = std::max(size.largest_view_px, pixels);
+    size.longest_side_px = std::max({size.longest_side_px, photo.view.width, photo.view.height});
+    largest_file = std::max(largest_file, static_cast<int64_t>(cameras[i]->width * cameras[i]->height));
   }
+  const auto at_once = std::min<int64_t>(size.num_photos, std::max(1, omp_get_max_threads()));
+  size.loading_bytes = at_once * kLoadingBytesPerPixel * largest_file;
+  if (before_photos) before_photos(size);
+  std::atomic<int64_t> num_read = 0;
+  ParallelFor(size.num_photos, 0, [&](int64_t i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    loader.Load(*cameras[static_cast<size_t>(i)], with_mask, needs_mask,
+                &scene.photos[static_cast<size_t>(i)]);
+    const int64_t done = ++num_read;
+    const bool is_callers_thread = omp_get_thread_num() == 0;
+    if (is_callers_thread && done < size.num_photos) reporter.Progress("read photos", done, size.num_photos);
+  });
+  reporter.Progress("read photos", size.num_photos, size.num_photos);
   NormaliseScene(&scene);
   WarnFarFromOrigin(scene, paths.object_model, reporter);
   return scene;

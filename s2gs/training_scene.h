@@ -3,12 +3,14 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/gaussians.h"
+#include "s2gs/training_size.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/base/rigid3.h"
@@ -84,8 +86,11 @@ struct TrainingScene {
 
 /// Reads the models, turntable.json, photos and masks. Photos of the model that are missing, damaged or of
 /// another size than their camera are refused with their path, as are held-out names that do not exist.
+/// \param before_photos  called once the size of all is known, and before the first photo is read, which an
+///                       exception prevents.
 TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingSceneOptions& options,
-                                Reporter& reporter);
+                                Reporter& reporter,
+                                const std::function<void(const TrainingSize&)>& before_photos = {});
 
 /// The same without photos: poses and points only. For rendering.
 TrainingScene ReadScenePoses(const TrainingScenePaths& paths, TrainMode mode, Reporter& reporter);

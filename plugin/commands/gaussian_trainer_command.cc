@@ -4,10 +4,12 @@
 #include <fmt/format.h>
 #include <xxhash.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <filesystem>
 #include <initializer_list>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -20,8 +22,10 @@
 #include "plugin/commands/quality.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
+#include "s2gs/core/available_memory.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/train.h"
+#include "s2gs/training_memory.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/file_io.h"
 
@@ -74,6 +78,8 @@ struct Arguments {
   GaussianPlyLayout ply_layout = GaussianPlyLayout::k2dgs;
   bool foreground_only = false;
   bool resume = true;
+  int64_t host_memory_mb = 0;  // 0: what is free
+  int64_t gpu_memory_mb = 0;
   TrainingSceneOptions scene;
   TrainOptions train;
   BackendChoice backend;
@@ -115,6 +121,13 @@ void AddSceneOptions(Options* options, Arguments* a) {
             "in mode s2gs: draw p towards the masks there are");
   options->Add("resume", &a->resume, "go on from the last checkpoint, if options and photos are the same");
   options->Add("foreground_only", &a->foreground_only, "write only the Gaussians of the rotating part");
+  options
+      ->Add("host_memory", &a->host_memory_mb,
+            "what training may take: the peak is stated before it starts, and the model grows no larger than "
+            "fits; "
+            "0: what is free")
+      .Unit("MB");
+  options->Add("gpu_memory", &a->gpu_memory_mb, "the same of the GPU's memory").Unit("MB");
   options->AddEnum("ply_layout", &a->ply_layout, kLayoutNames,
                    "2dgs: two scales, for s2gs and 2DGS; 3dgs: a third one, for viewers of 3D Gaussians");
 }
@@ -265,9 +278,10 @@ std::string SettingsOf(const Options& options, const TrainingScene& scene) {
 // What results depend on; where and with how many threads they are computed does not count. Presets count by
 // their name, so that a finished model stays when the workspace moves to a machine with another backend.
 std::map<std::string, std::string> StageOptions(const Options& options) {
-  std::map<std::string, std::string> values = ValuesWithout(
-      options, {"workspace_path", "image_path", "mask_path", "truth_mask_path", "test_list", "output_path",
-                "use_gpu", "gpu_index", "num_threads", "resume", "Train.checkpoint_every"});
+  std::map<std::string, std::string> values =
+      ValuesWithout(options, {"workspace_path", "image_path", "mask_path", "truth_mask_path", "test_list",
+                              "output_path", "use_gpu", "gpu_index", "num_threads", "host_memory",
+                              "gpu_memory", "resume", "Train.checkpoint_every"});
   for (const char* name : kPresetOptions) {
     if (!options.IsGiven(name)) values[name] = "of quality " + values.at("quality");
   }
@@ -287,6 +301,17 @@ Gaussians ForFile(Gaussians gaussians, const TrainingScene& scene) {
     gaussians.foreground_logit[i] = is_object ? kCertainLogit : -kCertainLogit;
   }
   return DenormaliseGaussians(std::move(gaussians), scene.origin, scene.size);
+}
+
+MemoryLimits LimitsOf(const Arguments& a, const BackendInfo& info) {
+  constexpr int64_t kMegabyte = 1'000'000;
+  constexpr auto kUnknown = static_cast<uint64_t>(std::numeric_limits<int64_t>::max());
+  MemoryLimits limits;
+  limits.host = static_cast<int64_t>(std::min(AvailableMemoryBytes(), kUnknown));
+  limits.device = info.free_device_bytes;
+  if (a.host_memory_mb > 0) limits.host = std::min(limits.host, a.host_memory_mb * kMegabyte);
+  if (a.gpu_memory_mb > 0) limits.device = std::min(limits.device, a.gpu_memory_mb * kMegabyte);
+  return limits;
 }
 
 std::string Shown(double value, const char* unit) {
@@ -353,9 +378,13 @@ void RunGaussianTrainer(CommandContext& context) {
     RemoveStaleTemporaries(checkpoints);
     const std::unique_ptr<Backend> backend = MakeBackend(a.backend, reporter);
     ApplyPreset(options, backend->Info().kind, &a);
-    const TrainingScene scene = ReadTrainingScene(paths, a.scene, reporter);
+    TrainOptions fitted = a.train;
+    const TrainingScene scene = ReadTrainingScene(paths, a.scene, reporter, [&](const TrainingSize& size) {
+      FitTrainingMemory(size, backend->Info().kind, LimitsOf(a, backend->Info()), &fitted, reporter);
+    });
+    // As asked for: how much memory is free is no reason to begin anew.
     files.settings = SettingsOf(options, scene);
-    const TrainResult result = Train(scene, a.train, options.random_seed(), files, backend.get(), reporter);
+    const TrainResult result = Train(scene, fitted, options.random_seed(), files, backend.get(), reporter);
     WriteGaussianPly(ply, ForFile(result.gaussians, scene), {a.ply_layout, a.foreground_only});
     PrintSummary(result, scene, ply, context.out());
   };

@@ -160,6 +160,7 @@ struct BackendInfo {
   std::string device;        ///< e.g. the GPU's name, or "2 threads, AVX2".
   int64_t memory_bytes = 0;  ///< in use by the model, its optimiser and buffers.
   int64_t peak_memory_bytes = 0;
+  int64_t free_device_bytes = 0;  ///< that the GPU still has; 0 for the CPU.
 };
 
 /// The request's choice as the kernels need it.
@@ -178,7 +179,7 @@ class Backend {
   virtual BackendInfo Info() const = 0;
 
   /// Replaces the training photos. Called again when training goes to another resolution.
-  virtual void SetPhotos(const std::vector<TrainingPhoto>& photos) = 0;
+  virtual void SetPhotos(std::vector<TrainingPhoto> photos) = 0;
   /// Replaces the model and the optimiser's state. Empty moments mean zeros.
   virtual void SetState(const TrainState& state) = 0;
   virtual TrainState GetState() const = 0;

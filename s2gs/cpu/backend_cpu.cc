@@ -48,7 +48,7 @@ class CpuBackend : public Backend {
     return info;
   }
 
-  void SetPhotos(const std::vector<TrainingPhoto>& photos) override { photos_ = photos; }
+  void SetPhotos(std::vector<TrainingPhoto> photos) override { photos_ = std::move(photos); }
 
   void SetState(const TrainState& state) override {
     state_ = state;

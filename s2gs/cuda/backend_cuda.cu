@@ -52,10 +52,14 @@ class CudaBackend : public Backend {
     info.device = device_name_;
     info.memory_bytes = memory_.bytes;
     info.peak_memory_bytes = memory_.peak_bytes;
+    size_t free_bytes = 0;
+    size_t all_bytes = 0;
+    CheckCuda(cudaMemGetInfo(&free_bytes, &all_bytes), "cudaMemGetInfo");
+    info.free_device_bytes = static_cast<int64_t>(free_bytes);
     return info;
   }
 
-  void SetPhotos(const std::vector<TrainingPhoto>& photos) override {
+  void SetPhotos(std::vector<TrainingPhoto> photos) override {
     Wait();
     photos_.clear();
     photos_.reserve(photos.size());

@@ -94,6 +94,37 @@ TEST_F(TrainingSceneFiles, HoldsOutEveryNthOrAList) {
   ExpectUserError([&] { ReadTrainingScene(paths_, options, silent_); }, {"list.txt", "nobody.jpg"});
 }
 
+TEST_F(TrainingSceneFiles, SizesAreToldBeforeTheFirstPhotoIsRead) {
+  TrainingSceneOptions options;
+  options.test_every = 3;
+  options.max_image_size = 16;
+  TrainingSize size;
+  const TrainingScene scene =
+      ReadTrainingScene(paths_, options, silent_, [&](const TrainingSize& told) { size = told; });
+  int64_t all = 0;
+  int64_t trained = 0;
+  for (const ScenePhoto& photo : scene.photos) {
+    const auto bytes = static_cast<int64_t>(photo.image.pixels.size());
+    all += bytes;
+    trained += photo.held_out ? 0 : bytes;
+  }
+  EXPECT_EQ(size.num_photos, 6);
+  EXPECT_EQ(size.num_points, static_cast<int64_t>(scene.points.size()));
+  EXPECT_EQ(size.photo_bytes, all);
+  EXPECT_EQ(size.trained_bytes, trained);
+  EXPECT_EQ(size.largest_view_px, 16 * 12);
+  EXPECT_EQ(size.longest_side_px, 16);
+  EXPECT_GE(size.loading_bytes, 32 * 24 * 6);
+  // No photo is missed where that is refused.
+  fs::remove_all(paths_.images);
+  ExpectUserError(
+      [&] {
+        ReadTrainingScene(paths_, options, silent_,
+                          [](const TrainingSize&) { throw UserError("too large"); });
+      },
+      {"too large"});
+}
+
 TEST_F(TrainingSceneFiles, ReducesLargePhotos) {
   TrainingSceneOptions options;
   options.max_image_size = 16;
