@@ -63,21 +63,30 @@ void SpreadDistances(int width, int height, std::vector<uint8_t>* distances) {
   }
 }
 
-// Bilinear at a place counted from the centre of the first pixel, which lies between two pixels or on one.
-void SampleBilinear(const Image8& image, float x, float y, std::array<uint8_t, 3>* rgb) {
+// Of the pixels before, at, after and after next, for a place between the second and the third: Keys, "Cubic
+// convolution interpolation for digital image processing", 1981. A mean of neighbours would be blurred.
+std::array<float, 4> CubicWeights(float t) {
+  const float u = 1 - t;
+  return {-0.5F * t * u * u, 1 + t * t * (1.5F * t - 2.5F), 1 + u * u * (1.5F * u - 2.5F), -0.5F * u * t * t};
+}
+
+// At a place counted from the centre of the first pixel, which lies between two pixels or on one.
+void SampleCubic(const Image8& image, float x, float y, std::array<uint8_t, 3>* rgb) {
   x = std::clamp(x, 0.0F, static_cast<float>(image.width - 1));
   y = std::clamp(y, 0.0F, static_cast<float>(image.height - 1));
   const int x0 = std::min(static_cast<int>(x), image.width - 2);
   const int y0 = std::min(static_cast<int>(y), image.height - 2);
-  const float fx = x - static_cast<float>(x0);
-  const float fy = y - static_cast<float>(y0);
-  const uint8_t* top = image.Pixel(x0, y0);
-  const uint8_t* bottom = image.Pixel(x0, y0 + 1);
-  for (int c = 0; c < 3; ++c) {
-    const float value =
-        (1 - fy) * ((1 - fx) * top[c] + fx * top[3 + c]) + fy * ((1 - fx) * bottom[c] + fx * bottom[3 + c]);
-    (*rgb)[c] = static_cast<uint8_t>(value + 0.5F);
+  const std::array<float, 4> across = CubicWeights(x - static_cast<float>(x0));
+  const std::array<float, 4> down = CubicWeights(y - static_cast<float>(y0));
+  std::array<float, 3> sum = {};
+  for (int j = 0; j < 4; ++j) {
+    const int row = std::clamp(y0 + j - 1, 0, image.height - 1);
+    for (int i = 0; i < 4; ++i) {
+      const uint8_t* pixel = image.Pixel(std::clamp(x0 + i - 1, 0, image.width - 1), row);
+      for (int c = 0; c < 3; ++c) sum[c] += down[j] * across[i] * static_cast<float>(pixel[c]);
+    }
   }
+  for (int c = 0; c < 3; ++c) (*rgb)[c] = static_cast<uint8_t>(std::clamp(sum[c], 0.0F, 255.0F) + 0.5F);
 }
 
 }  // namespace
@@ -271,7 +280,7 @@ bool TexturePhoto::Sample(const Eigen::Vector3f& x_in_object, const Eigen::Vecto
   const float along = std::min(1.0F, static_cast<float>(border_distances_[nearest]) / (3 * kFadePixels));
   const float fade = std::max(kLeastFade, along * along * (3 - 2 * along));
   sample->weight = fade * (cosine - kMinCosine) * focal_.x() * focal_.y() / (x.z() * x.z());
-  SampleBilinear(color_, column, row, &sample->color);
+  SampleCubic(color_, column, row, &sample->color);
   return SampleSmooth(p, 1 / x.z(), &sample->smooth);
 }
 

@@ -15,7 +15,7 @@ namespace s2gs {
 /// What a photo says about a point of the surface.
 struct PhotoSample {
   float weight = 0;  ///< how well it shows the point: above 0, of no meaning but beside other photos'.
-  std::array<uint8_t, 3> color = {};   ///< RGB, bilinear.
+  std::array<uint8_t, 3> color = {};   ///< RGB, bicubic.
   std::array<uint8_t, 3> smooth = {};  ///< the same in the smoothed photo.
 };
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "mesh/texture/render_textured.h"
+#include "mesh/texture/texture_photo.h"
 #include "s2gs/image/image_error.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
@@ -264,6 +265,37 @@ TEST(TextureMesh, SameForAnyNumberOfThreadsAndPortions) {
   ASSERT_EQ(one.pages.size(), four.pages.size());
   EXPECT_EQ(one.pages[0].image.pixels, four.pages[0].image.pixels);
   EXPECT_EQ(one.texels, four.texels);
+}
+
+// Waves of five pixels, seen straight on between the pixels: a pixel is their mean over its width. Measured:
+// off by .027 of the waves' height (root mean square), .052 at most; a mean of neighbours is off by .091 and
+// .183.
+TEST(TexturePhotos, FinePatternsAreNotBlurred) {
+  constexpr double kPixel = (kDistance - 0.5) / kFocal;
+  constexpr double kHeight = 60;
+  const double frequency = 2 * kPi / (5 * kPixel);
+  const PaintedBox box = {{-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5}, [&](const Eigen::Vector3d& x) {
+                            return Eigen::Array3d::Constant(128 + kHeight * std::sin(frequency * x.y()));
+                          }};
+  const ObjectView view = LookAtOrigin({kDistance, 0, 0}, kSide, kFocal);
+  const BoxPhotos photos({box}, {view});
+  const TriangleMesh mesh = MeshOf({box});
+  const TexturePhoto photo(view, photos.Load(0), {}, mesh);
+  const double of_pixel = std::sin(kPi / 5) / (kPi / 5);
+  double squares = 0;
+  double worst = 0;
+  constexpr int kCount = 400;
+  for (int i = 0; i < kCount; ++i) {
+    const double y = -0.4 + 0.8 * i / kCount;
+    PhotoSample sample;
+    ASSERT_TRUE(
+        photo.Sample(Eigen::Vector3d(0.5, y, 0.031).cast<float>(), Eigen::Vector3f::UnitX(), &sample));
+    const double off = (sample.color[1] - 128) / kHeight - of_pixel * std::sin(frequency * y);
+    squares += off * off;
+    worst = std::max(worst, std::abs(off));
+  }
+  EXPECT_LT(std::sqrt(squares / kCount), 0.04);
+  EXPECT_LT(worst, 0.08);
 }
 
 TEST(TextureMesh, LargeTexturesTakeSeveralPages) {
