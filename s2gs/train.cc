@@ -27,6 +27,7 @@ enum Stream : uint64_t { kOrderStream = 201, kBackgroundStream = 202 };
 
 constexpr double kFirstMeasurement = 0.01;
 constexpr double kTidyEvery = 0.1;          // of the run: strays are looked for.
+constexpr double kStandingEvery = 0.2;      // of the run: those before what photos show, which takes longer.
 constexpr double kTidyUntil = 0.95;         // what goes later could not be made up for.
 constexpr double kSettleCheckEvery = 0.01;  // of the run.
 constexpr double kMessageEvery = 0.05;      // of the run.
@@ -451,7 +452,7 @@ class Trainer {
       return;
     }
     if (now < options_.densify_until - 1e-9) return;
-    RemoveStanding();
+    if (Passed(before, now, kStandingEvery)) RemoveStanding();
     const Placement placement = backend_->GetPlacement();
     std::vector<uint32_t> kept =
         has_region ? KeepInsideRegion(placement, *scene_.region, kRegionMargin) : std::vector<uint32_t>();

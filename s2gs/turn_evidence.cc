@@ -32,7 +32,8 @@ constexpr float kMinWeight = 0.1F;    // of a Gaussian in some pixel: it is seen
 constexpr int kNeighbours = 8;        // that are judged together.
 constexpr double kDeviations = 3.09;  // of the sign test: chance passes once in a thousand.
 constexpr float kNormalMedian = 0.6745F;
-constexpr size_t kNoiseStride = 7;  // of the pixels that noise is measured from.
+constexpr int64_t kGaussiansAtOnce = 1000;  // whose votes one thread counts
+constexpr size_t kNoiseStride = 7;          // of the pixels that noise is measured from.
 
 float MostDifferent(const uint8_t* a, const uint8_t* b) {
   int most = 0;
@@ -386,12 +387,13 @@ std::vector<uint32_t> FindStandingGaussians(const TurnEvidence& evidence, Backen
   }
 
   const std::vector<std::vector<PixelSight>> sights = evidence.Look(look.covered);
-  const Neighbours near = FindNeighbours(centres, kNeighbours);
-  std::vector<SightVotes> votes(rotating.size());
-  std::vector<int> seen(rotating.size());
-  for (size_t v = 0; v < views.size(); ++v) {
+  const Neighbours near = FindNeighbours(centres, kNeighbours, 0);
+  // By view and Gaussian: 1 something else than the background, -1 the background, 0 neither.
+  std::vector<std::vector<int8_t>> seen(views.size());
+  ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t view) {
+    const auto v = static_cast<size_t>(view);
+    seen[v].assign(rotating.size(), 0);
     for (size_t i = 0; i < rotating.size(); ++i) {
-      seen[i] = 0;
       const float* x = centres.data() + 3 * i;
       Eigen::Vector2d pixel;
       if (look.is_visible[v][i] == 0 ||
@@ -401,15 +403,19 @@ std::vector<uint32_t> FindStandingGaussians(const TurnEvidence& evidence, Backen
         continue;
       const auto column = static_cast<size_t>(pixel.x());
       const PixelSight sight = sights[v][static_cast<size_t>(pixel.y()) * views[v].width + column];
-      seen[i] = sight == PixelSight::kOther ? 1 : sight == PixelSight::kBackground ? -1 : 0;
+      seen[v][i] = sight == PixelSight::kOther ? 1 : sight == PixelSight::kBackground ? -1 : 0;
     }
-    for (size_t i = 0; i < rotating.size(); ++i) {
-      int sum = seen[i];
-      for (int k = 0; k < near.k; ++k) sum += seen[near.index[i * near.k + k]];
+  });
+  std::vector<SightVotes> votes(rotating.size());
+  ParallelFor(static_cast<int64_t>(rotating.size()), 0, kGaussiansAtOnce, [&](int64_t gaussian) {
+    const auto i = static_cast<size_t>(gaussian);
+    for (const std::vector<int8_t>& in_view : seen) {
+      int sum = in_view[i];
+      for (int k = 0; k < near.k; ++k) sum += in_view[near.index[i * near.k + k]];
       if (sum > 0) ++votes[i].other;
       if (sum < 0) ++votes[i].background;
     }
-  }
+  });
   std::vector<uint32_t> standing;
   for (size_t i = 0; i < rotating.size(); ++i) {
     if (votes[i].IsStanding()) standing.push_back(rotating[i]);
