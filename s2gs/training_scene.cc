@@ -34,6 +34,7 @@ constexpr double kPoseAgreement = 1e-3;    // of the two models' poses, in radia
 constexpr double kRegionQuantile = 0.995;  // of the rotating points: the few beyond are outliers.
 constexpr double kRegionMargin = 1.15;     // SfM points end before the surface does.
 constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a disc whose top alone has points.
+constexpr int64_t kMostLoadingBytes = 2'000'000'000;  // of photos that are read at the same time
 constexpr int64_t kLoadingBytesPerPixel =
     2 * (3 + 1);                            // of a photo and its mask, as they are and undistorted
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
@@ -482,11 +483,13 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
     size.longest_side_px = std::max({size.longest_side_px, photo.view.width, photo.view.height});
     largest_file = std::max(largest_file, static_cast<int64_t>(cameras[i]->width * cameras[i]->height));
   }
-  const auto at_once = std::min<int64_t>(size.num_photos, std::max(1, omp_get_max_threads()));
-  size.loading_bytes = at_once * kLoadingBytesPerPixel * largest_file;
+  const int64_t bytes_of_one = std::max<int64_t>(1, kLoadingBytesPerPixel * largest_file);
+  const auto at_once = static_cast<int>(std::clamp<int64_t>(
+      kMostLoadingBytes / bytes_of_one, 1, std::min<int64_t>(size.num_photos, omp_get_max_threads())));
+  size.loading_bytes = at_once * bytes_of_one;
   if (before_photos) before_photos(size);
   std::atomic<int64_t> num_read = 0;
-  ParallelFor(size.num_photos, 0, [&](int64_t i) {
+  ParallelFor(size.num_photos, at_once, [&](int64_t i) {
     if (reporter.StopRequested()) throw Interrupted();
     loader.Load(*cameras[static_cast<size_t>(i)], with_mask, needs_mask,
                 &scene.photos[static_cast<size_t>(i)]);
