@@ -19,6 +19,7 @@ namespace s2gs {
 namespace {
 
 constexpr char kPlanned[] = "planned";
+constexpr size_t kSeedsOfSpread = 3;  // the least that tell how far seeds spread
 
 // The part of a scan that parts of one command belong to, as a knob without values.
 struct Group {
@@ -103,9 +104,28 @@ nlohmann::ordered_json ToJson(const Spread& spread) {
   return {{"min", Finite(spread.min)}, {"median", Finite(spread.median)}, {"max", Finite(spread.max)}};
 }
 
+// By how much a part lowers the error, per seed that both have.
+std::vector<double> GainsOfSeeds(const WorkCurve& curve, const std::string& part) {
+  std::map<uint64_t, double> planned;
+  for (const WorkPoint& point : curve.points) {
+    if (point.value != kPlanned) continue;
+    if (const std::optional<double> error = point.Figure(curve.error)) planned[point.seed] = *error;
+  }
+  std::vector<double> gains;
+  for (const WorkPoint& point : curve.points) {
+    if (point.value != part || planned.count(point.seed) == 0) continue;
+    if (const std::optional<double> error = point.Figure(curve.error)) {
+      gains.push_back(planned.at(point.seed) - *error);
+    }
+  }
+  return gains;
+}
+
 }  // namespace
 
-double ForcedPart::GainSigmas() const { return (planned_error.median - forced_error.median) / planned_sigma; }
+double ForcedPart::GainSigmas() const {
+  return mean_gain.value_or(planned_error.median - forced_error.median) / gain_sigma;
+}
 
 double ForcedPart::GainPct() const {
   const double gain = 100 * (planned_error.median - forced_error.median) / planned_error.median;
@@ -149,7 +169,16 @@ std::vector<ForcedPart> MeasureForcedParts(const SweepOptions& options, const st
         row.planned_cpu_seconds = planned->cpu_seconds;
         row.forced_error = setting.error;
         row.forced_cpu_seconds = setting.cpu_seconds;
-        if (curve.error == ErrorOf(KnobStage::kPoses, true).figure) row.planned_sigma = PlannedSigma(curve);
+        if (curve.error == ErrorOf(KnobStage::kPoses, true).figure) row.gain_sigma = PlannedSigma(curve);
+        const std::vector<double> gains = GainsOfSeeds(curve, setting.value);
+        if (stage != KnobStage::kPoses && gains.size() >= kSeedsOfSpread) {
+          const Summary summary = Summarize(gains);
+          double squares = 0;
+          for (const double gain : gains) squares += (gain - summary.mean) * (gain - summary.mean);
+          const auto num = static_cast<double>(gains.size());
+          row.mean_gain = summary.mean;
+          row.gain_sigma = std::sqrt(squares / (num * (num - 1)));
+        }
         for (const WorkPoint& point : curve.points) {
           const bool is_it = point.value == setting.value || point.value == kPlanned;
           if (is_it && !point.failure.empty()) row.failure = point.failure;
@@ -188,7 +217,8 @@ void WriteForcedJson(const std::vector<ForcedPart>& parts, std::ostream& out) {
                              {"planned_error", ToJson(part.planned_error)},
                              {"forced_error", ToJson(part.forced_error)},
                              {"gain_pct", Finite(part.GainPct())},
-                             {"planned_sigma", Finite(part.planned_sigma)},
+                             {"gain_sigma", Finite(part.gain_sigma)},
+                             {"gain_sigmas", Finite(part.GainSigmas())},
                              {"planned_cpu_s", ToJson(part.planned_cpu_seconds)},
                              {"forced_cpu_s", ToJson(part.forced_cpu_seconds)},
                              {"failure", part.failure}});
@@ -208,8 +238,8 @@ void PrintForcedParts(const std::vector<ForcedPart>& parts, std::ostream& out) {
                        part.part, part.planned_error.median, part.forced_error.median, part.GainPct(),
                        part.planned_cpu_seconds.median, part.forced_cpu_seconds.median, part.error_text);
     if (std::isfinite(part.GainSigmas())) {
-      out << fmt::format("{:<37} {:.2g} standard deviations of the tilt that all photos share\n", "",
-                         std::abs(part.GainSigmas()));
+      out << fmt::format("{:<37} {:.2g} standard deviations of {}\n", "", std::abs(part.GainSigmas()),
+                         part.mean_gain ? "the mean over seeds" : "the tilt that all photos share");
     }
   }
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
@@ -19,16 +20,18 @@ struct ForcedPart {
   std::string error_text;  ///< what the errors are, with their unit.
   Spread planned_error, forced_error;
   Spread planned_cpu_seconds, forced_cpu_seconds;  ///< of the commands from the part's stage on.
-  /// The standard deviation that the adjustment as planned gives the camera's tilt against the axis, in the
-  /// unit of the errors, where these are of rotations against a truth; else NaN. All photos of a station
-  /// share the tilt, so that the error of a scan's poses is a single draw of it: errors that differ by less
-  /// say nothing.
-  double planned_sigma = std::numeric_limits<double>::quiet_NaN();
-  std::string failure;  ///< why there is no forced error; empty: there is one.
+  /// Errors that differ by less than this say nothing, in their unit; NaN: unknown. Where they are of
+  /// rotations against a truth, the standard deviation that the adjustment as planned gives the camera's tilt
+  /// against the axis: all photos of a station share the tilt, so that the error of a scan's poses is a
+  /// single draw of it. Elsewhere, from three seeds on, the standard error of the mean difference of runs of
+  /// one seed.
+  double gain_sigma = std::numeric_limits<double>::quiet_NaN();
+  std::optional<double> mean_gain;  ///< of the seeds, in the errors' unit, where gain_sigma is of them.
+  std::string failure;              ///< why there is no forced error; empty: there is one.
 
   /// By how much forcing it lowers the median error; below 0: it raises it [%].
   double GainPct() const;
-  /// The same in planned_sigma.
+  /// The same in gain_sigma; of means where that is of seeds.
   double GainSigmas() const;
 };
 

@@ -182,6 +182,17 @@ class Sweep {
   }
 
   // \param value  null: the command's default.
+  // What a value sets goes before what all runs are given.
+  bool IsSetBy(const std::string& value, const std::string& command, const std::string& option) const {
+    for (const KnobSetting& setting : o_.knob.settings) {
+      if (setting.value != value || setting.command != command) continue;
+      for (const auto& set : setting.options) {
+        if (set.first == option) return true;
+      }
+    }
+    return false;
+  }
+
   ChildExit RunCommand(const std::string& command, int scene, const Workspace& point, uint64_t seed,
                        const std::vector<std::string>& more, const std::string* value) {
     std::vector<std::string> words = {o_.program.string(), command};
@@ -204,6 +215,7 @@ class Sweep {
     if (command == o_.knob.command) {
       for (const std::string& argument : o_.arguments) {
         const size_t equals = argument.find('=');
+        if (value != nullptr && IsSetBy(*value, command, argument.substr(0, equals))) continue;
         add(argument.substr(0, equals), InWorkspace(argument.substr(equals + 1), Base(scene)));
       }
       for (const auto& [name, text] : o_.knob.fixed) add(name, text);

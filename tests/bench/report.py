@@ -178,16 +178,17 @@ def curves_part(written):
         lines += ['### What was left out, and forced', '',
                   'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on. A rotation error of poses is '
-                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance.', '',
+                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere the '
+                  'standard deviation is that of the mean gain over seeds.', '',
                   *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced'], rows)]
     return lines
 
 
 def sigmas_cell(part):
-    gain = part['gain_pct']
-    if gain is None or not part.get('planned_sigma'):
-        return ''
-    return f'{(part["planned_error"]["median"] - part["forced_error"]["median"]) / part["planned_sigma"]:+.2f}'
+    gain = part.get('gain_sigmas')
+    if gain is None and part['gain_pct'] is not None and part.get('gain_sigma'):
+        gain = (part["planned_error"]["median"] - part["forced_error"]["median"]) / part["gain_sigma"]
+    return '' if gain is None else f'{gain:+.2f}'
 
 
 def made_lines(written):

@@ -47,7 +47,7 @@ TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
   ASSERT_EQ(parts.size(), 2U);
   EXPECT_EQ(parts[0].part, "distortion_channel");
   EXPECT_NEAR(parts[0].GainPct(), 0, 1e-9);
-  EXPECT_TRUE(std::isnan(parts[0].planned_sigma));
+  EXPECT_TRUE(std::isnan(parts[0].gain_sigma));
   EXPECT_EQ(parts[1].part, "learning_p");
   EXPECT_NEAR(parts[1].planned_error.median, 0.1, 1e-12);  // 20 dB
   EXPECT_NEAR(parts[1].GainPct(), 100 * (1 - std::pow(10, 0.1)), 1e-9);
@@ -62,6 +62,43 @@ TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
   std::ostringstream csv;
   WriteForcedCsv(parts, csv);
   EXPECT_THAT(csv.str(), testing::HasSubstr("\"scan\",learning_p,"));
+}
+
+// Seeds: errors fall by .01, .02 and .03, a mean of .02 with a standard error of .01 / sqrt(3). What the part
+// sets goes before the same option among the arguments.
+TEST(ForcedParts, GainOfSeedsInStandardErrors) {
+  TemporaryFolder folder;
+  const Workspace scan{folder / "scan"};
+  WriteAll(scan.PointCloud(), "model");
+  WriteAll(scan.Images() / "a.jpg", "photo");
+  WriteAll(scan.Log(), "");
+  // PSNR of errors 0.1, 0.2, 0.3 as planned, and of 0.09, 0.18, 0.27 when forced.
+  folder.Write(
+      "program",
+      "#!/bin/sh\n"
+      "weight=0; seed=0; while [ $# -gt 0 ]; do case $1 in\n"
+      "--workspace_path) workspace=$2;; --random_seed) seed=$2;; --Train.distortion_weight) weight=$2;; "
+      "esac; "
+      "shift; done\n"
+      "case $weight$seed in 50) psnr=20;; 51) psnr=13.979400086720375;; 52) psnr=10.457574905606752;;\n"
+      "1000) psnr=20.91514981121350;; 1001) psnr=14.89454989793388;; 1002) psnr=11.37272471682025;; esac\n"
+      "mkdir -p \"$workspace/s2gs\"\n"
+      "echo '{\"event\": \"held_out\", \"psnr_db\": '$psnr'}' > \"$workspace/s2gs/log.jsonl\"\n");
+  fs::permissions(folder / "program", fs::perms::owner_all);
+  SweepOptions options;
+  options.scenes = {{scan.root, "", ""}};
+  options.program = folder / "program";
+  options.seeds = {0, 1, 2};
+  options.arguments = {"gaussian_trainer.Train.distortion_weight=5"};
+  Reporter silent;
+  const std::vector<ForcedPart> parts = MeasureForcedParts(options, {"distortion_channel"}, silent);
+  ASSERT_EQ(parts.size(), 1U);
+  EXPECT_EQ(parts[0].failure, "");
+  EXPECT_NEAR(parts[0].GainPct(), 10, 1e-9);
+  ASSERT_TRUE(parts[0].mean_gain.has_value());
+  EXPECT_NEAR(*parts[0].mean_gain, 0.02, 1e-12);
+  EXPECT_NEAR(parts[0].gain_sigma, 0.01 / std::sqrt(3.0), 1e-12);
+  EXPECT_NEAR(parts[0].GainSigmas(), 2 * std::sqrt(3.0), 1e-9);
 }
 
 // Poses: the gain is also told in what the adjustment as planned says of the tilt, 0.04 degrees, and a failed
@@ -89,11 +126,11 @@ TEST(ForcedParts, GainOfPosesInStandardDeviations) {
   ASSERT_EQ(parts.size(), 1U);
   EXPECT_EQ(parts[0].failure, "");
   EXPECT_NEAR(parts[0].GainPct(), 40, 1e-9);
-  EXPECT_NEAR(parts[0].planned_sigma, 0.04, 1e-12);
+  EXPECT_NEAR(parts[0].gain_sigma, 0.04, 1e-12);
   EXPECT_NEAR(parts[0].GainSigmas(), 0.5, 1e-9);
   std::ostringstream json;
   WriteForcedJson(parts, json);
-  EXPECT_THAT(json.str(), testing::HasSubstr("\"planned_sigma\": 0.04"));
+  EXPECT_THAT(json.str(), testing::HasSubstr("\"gain_sigma\": 0.04"));
 }
 
 }  // namespace
