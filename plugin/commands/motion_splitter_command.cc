@@ -61,11 +61,12 @@ void AddOptions(Options& options, Settings* settings) {
       "use_matches", &settings->use_matches,
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "
       "its pairs, instead of planning pairs and matching them");
-  options.Add("weak_features", &settings->weak_features,
-              "where things change but features that turn do not join the photos, look there again at lower "
-              "thresholds, given --image_path");
+  options.Add(
+      "weak_features", &settings->weak_features,
+      "look again at lower thresholds where things change, given --image_path, and take what is found "
+      "where that lowers standard deviations");
   options.Add("weak_features_always", &settings->weak_features_always,
-              "look there again even if enough features turn");
+              "take it even where it lowers them by less than 1 %, or joins the photos worse");
   options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
   auto station = options.Group("Station", &settings->split.station);
@@ -176,16 +177,17 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   }
   const ScanPictures* seen = pictures ? &*pictures : nullptr;
   MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
-  // Weak features are placed less exactly: scans that have enough of the others do without, and so do those
-  // whose photos they join worse. Where no pair of photos is verified with or without them, the circle is
-  // found from raw matches, of which they give more.
+  // Weak features are placed nearly as exactly as the others, so that every one of them tells of the poses.
+  // Only scans whose photos they join worse do without. Where no pair of photos is verified with or without
+  // them, the circle is found from raw matches, of which they give more.
   const bool may_add = settings.weak_features && !settings.use_matches && settings.mask_path.empty();
   const bool is_always = settings.weak_features_always && pictures.has_value();
-  if ((split.lacks_features || is_always) && may_add) {
+  if ((split.has_changes || is_always) && may_add) {
     SplitFeatures with_weak = features;
     const int64_t added = AddWeakFeatures(settings.extraction.image_path, *pictures,
-                                          settings.weak_features_always, &with_weak, reporter);
+                                          split.lacks_features || is_always, &with_weak, reporter);
     features.changing = with_weak.changing;
+    features.found = with_weak.found;
     if (added > 0) {
       MotionSplit again = SplitMotion(with_weak.images, split_settings, &reporter, given, seen);
       const auto joined = [](const MotionSplit& s) {

@@ -242,6 +242,8 @@ void WriteLabels(const fs::path& path, const MotionSplit& split, const SplitFeat
                                {"pairs_matched", split.num_pairs_matched},
                                {"features_added", num_added},
                                {"changing_features", features.changing},
+                               {"weak_features", features.found},
+                               {"takes_weak_features", features.takes_found},
                                {"object_pairs", split.object_pairs.size()},
                                {"ringed_photos", split.ringed_photos},
                                {"station_photos", split.station_photos},

@@ -17,8 +17,11 @@ struct SplitFeatures {
   std::vector<SplitImage> images;   ///< in the natural order of names, or in that of capture.
   /// Per image, or none at all: features that the database lacks; they stand last among the image's.
   std::vector<SiftFeatures> added;
-  /// Features of a photo where things change, the median over photos; 0: nobody asked (AddWeakFeatures).
+  /// Features of a photo where things change, and what a search at lower thresholds finds there beside them,
+  /// the medians over photos; 0: nobody asked (AddWeakFeatures).
   int changing = 0;
+  int found = 0;
+  bool takes_found = false;  ///< they are among `added`.
 };
 
 /// Throws UserError when the database is damaged or has fewer than three images.

@@ -21,7 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kEnoughFeatures = 500;  // of a photo, where it changes: what half of them show makes an object
 constexpr int kMostAdded = 2000;
 
 GreyPicture ReadGreyPicture(const fs::path& path, const Eigen::Vector2i& size) {
@@ -130,27 +129,37 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
   if (num_changing.empty()) return 0;
   const int typical = UpperMedian(num_changing);
   features->changing = typical;
-  if (!always && typical >= kEnoughFeatures) return 0;
-  features->added.resize(num);
+  std::vector<SiftFeatures> found(num);
   ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
     if (parts[i].empty()) return;
-    SplitImage& image = features->images[i];
+    const SplitImage& image = features->images[i];
     Image8 photo;
     try {
       photo = ReadImage(image_path / image.name, 1);
     } catch (const UserError&) {
       return;  // it was read before: somebody is changing it
     }
-    SiftFeatures& added = features->added[i];
-    added = FindWeakFeatures({photo.width, photo.height, photo.pixels.data(), parts[i].data()},
-                             image.keypoints, image.scales, kMostAdded);
+    found[i] = FindWeakFeatures({photo.width, photo.height, photo.pixels.data(), parts[i].data()},
+                                image.keypoints, image.scales, kMostAdded);
+  });
+  std::vector<int> num_found;
+  int64_t total = 0;
+  for (size_t i = 0; i < num; ++i) {
+    if (!parts[i].empty()) num_found.push_back(static_cast<int>(found[i].keypoints.size()));
+    total += static_cast<int64_t>(found[i].keypoints.size());
+  }
+  features->found = UpperMedian(num_found);
+  if (!always && GainOfFeatures(typical, features->found) < kLeastFeatureGain) return 0;
+  for (size_t i = 0; i < num; ++i) {
+    SplitImage& image = features->images[i];
+    const SiftFeatures& added = found[i];
     image.keypoints.insert(image.keypoints.end(), added.keypoints.begin(), added.keypoints.end());
     image.scales.insert(image.scales.end(), added.scales.begin(), added.scales.end());
     image.descriptors.insert(image.descriptors.end(), added.descriptors.begin(), added.descriptors.end());
-  });
-  int64_t total = 0;
-  for (const SiftFeatures& added : features->added) total += static_cast<int64_t>(added.keypoints.size());
-  reporter.Info("what changes from photo to photo has only " + std::to_string(typical) +
+  }
+  features->added = std::move(found);
+  features->takes_found = true;
+  reporter.Info("what changes from photo to photo has " + std::to_string(typical) +
                 " features a photo: looked again at lower thresholds, " +
                 std::to_string(total / static_cast<int64_t>(num)) + " more a photo");
   return total;

@@ -22,9 +22,9 @@ std::optional<ScanPictures> ReadScanPictures(const std::filesystem::path& image_
 void TakeOrderOfCapture(const StationOptions& options, ScanPictures* pictures, SplitFeatures* features,
                         Reporter& reporter);
 
-/// Where what changes has few features, looks there again at lower thresholds, and adds what it finds to
-/// `features`. Returns the number of features added.
-/// \param always  even where they are not few.
+/// Looks again at lower thresholds where things change, and adds what it finds to `features` where that is
+/// enough to lower the poses' standard deviations (kLeastFeatureGain). Returns the number of features added.
+/// \param always  even where it is not.
 int64_t AddWeakFeatures(const std::filesystem::path& image_path, const ScanPictures& pictures, bool always,
                         SplitFeatures* features, Reporter& reporter);
 

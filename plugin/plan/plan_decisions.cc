@@ -19,6 +19,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/matching/weak_features.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
@@ -128,27 +129,22 @@ void DecideMotion(const PlanRequest& request, const Evidence& /*evidence*/, Plan
 
 void DecideWeakFeatures(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
   if (e.labels.is_null()) return;
-  const auto added = static_cast<int64_t>(Number(e.labels, "features_added"));
-  // As MotionSplit::lacks_features says (motion_split.h).
-  d->threshold = "a pair that turns for every two photos, and rings of them that join all but a tenth";
-  if (added > 0) {
-    d->measured = fmt::format("{} features added", added);
-    return Keep(d, "too few pairs of photos had features that turn");
+  d->threshold = fmt::format("standard deviations lower by {:.0f} %, and photos that are joined no worse",
+                             100 * kLeastFeatureGain);
+  const double changing = Number(e.labels, "changing_features");
+  const double found = Number(e.labels, "weak_features");
+  if (changing > 0) {
+    d->measured = fmt::format(
+        "{:.0f} features a photo where things change, {:.0f} more at lower thresholds: standard "
+        "deviations lower by {:.0f} %",
+        changing, found, 100 * GainOfFeatures(changing, found));
+    if (e.labels.value("takes_weak_features", Json()) == true)
+      return Keep(d, "what it finds tells of the poses, too");
+    return LeaveOut(d, "it finds too little, or the photos are joined worse with it",
+                    "matching and adjusting what it finds");
   }
   d->measured = Text(e.labels, "reason");
-  if (Number(e.labels, "station_photos") > 0) {
-    d->measured = fmt::format("{:.0f} pairs turn and join {:.0f} of {:.0f} photos in rings",
-                              Number(e.labels, "object_pairs"), Number(e.labels, "ringed_photos"),
-                              Number(e.labels, "station_photos"));
-  }
-  // Counted only where the pairs are too few.
-  const double changing = Number(e.labels, "changing_features");
-  if (changing > 0) {
-    d->measured += fmt::format("; {:.0f} features a photo where things change", changing);
-    return LeaveOut(d, "there are features where things change, or more of them join the photos no better",
-                    "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
-  }
-  LeaveOut(d, "enough pairs of photos have features that turn, or nothing changes",
+  LeaveOut(d, "nothing is seen to change at a place of the camera",
            "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <vector>
 
@@ -22,6 +23,15 @@ struct GreyRegion {
   const uint8_t* grey = nullptr;       ///< height * width
   const uint8_t* is_wanted = nullptr;  ///< height * width, not 0 in the region
 };
+
+/// By which share standard deviations of poses fall when features are added to those that are known, all of
+/// them of the same noise: these go as one over the root of the number of observations.
+inline double GainOfFeatures(double known, double added) {
+  return added > 0 ? 1 - std::sqrt(known / (known + added)) : 0;
+}
+
+/// A gain that is not worth matching again: what a part of a scan that is left out may cost at most.
+constexpr double kLeastFeatureGain = 0.01;
 
 /// Finds features of little contrast in a region of a photo: all extrema that noise does not make, at four
 /// standard deviations of what it makes. Noise is measured in the photo.

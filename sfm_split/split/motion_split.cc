@@ -161,8 +161,9 @@ void Split(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* s
   const bool has_turned =
       static_cast<double>(split->object_pairs.size()) >= kMinTurningPairs * matching->NumImages();
   const int without_ring = split->station_photos - split->ringed_photos;
+  split->has_changes = active_share > 0;
   split->lacks_features =
-      active_share > 0 && (!has_turned || kOneInLacks * without_ring > split->station_photos);
+      split->has_changes && (!has_turned || kOneInLacks * without_ring > split->station_photos);
   if (!has_turned && active_share > 0) {
     split->warnings.push_back("only " + std::to_string(split->object_pairs.size()) +
                               " pairs of photos have features that turn, though " + Percent(active_share) +

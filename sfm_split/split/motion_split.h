@@ -79,8 +79,10 @@ struct MotionSplit {
   /// and how many photos stations have.
   int ringed_photos = 0;
   int station_photos = 0;
-  /// Things change at the stations, but pairs of the rotating part leave more than a tenth of their photos
-  /// without such a ring.
+  /// Things change at the stations.
+  bool has_changes = false;
+  /// They do, but pairs of the rotating part leave more than a tenth of the stations' photos without such a
+  /// ring.
   bool lacks_features = false;
   Stations stations;
   std::vector<int> representative;                 ///< per station: the image that stands for its background.

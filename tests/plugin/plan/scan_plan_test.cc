@@ -70,14 +70,21 @@ TEST_F(ScanPlanTest, TheSplitDecidesWhatItMeasured) {
   EXPECT_EQ(Of("pairs").state, PlanState::kLeftOut);
   EXPECT_EQ(Of("pairs").saving, "17 % of the matching");
   EXPECT_EQ(Of("weak_features").state, PlanState::kLeftOut);
-  EXPECT_EQ(Of("weak_features").measured, "7 pairs turn and join 3 of 4 photos in rings");
-  EXPECT_THAT(Of("weak_features").reason, HasSubstr("enough pairs"));
+  EXPECT_EQ(Of("weak_features").measured, "as measured");
+  EXPECT_THAT(Of("weak_features").reason, HasSubstr("nothing is seen to change"));
   std::string labels = ReadAll(request_.workspace.SplitLabels());
   WriteAll(request_.workspace.SplitLabels(),
-           labels.replace(labels.find("\"object_pairs\""), 0, "\"changing_features\": 555, "));
-  EXPECT_EQ(Of("weak_features").measured,
-            "7 pairs turn and join 3 of 4 photos in rings; 555 features a photo where things change");
-  EXPECT_THAT(Of("weak_features").reason, HasSubstr("features where things change"));
+           labels.replace(labels.find("\"object_pairs\""), 0,
+                          "\"changing_features\": 600, \"weak_features\": 400, "));
+  EXPECT_EQ(
+      Of("weak_features").measured,
+      "600 features a photo where things change, 400 more at lower thresholds: standard deviations lower "
+      "by 23 %");  // 1 - sqrt(0.6)
+  EXPECT_EQ(Of("weak_features").state, PlanState::kLeftOut);
+  EXPECT_THAT(Of("weak_features").reason, HasSubstr("joined worse"));
+  WriteAll(request_.workspace.SplitLabels(),
+           labels.replace(labels.find("\"object_pairs\""), 0, "\"takes_weak_features\": true, "));
+  EXPECT_EQ(Of("weak_features").state, PlanState::kRuns);
   EXPECT_EQ(Of("scale").state, PlanState::kLater);
 
   WriteSplit("one_body", 6, 0);

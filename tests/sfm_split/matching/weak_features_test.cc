@@ -56,6 +56,21 @@ std::vector<Eigen::Vector2f> Offsets(const Blobs& blobs, const SiftFeatures& fea
   return offsets;
 }
 
+// The mean of n measurements of noise 1 has a variance of the inverse of the sum of n ones.
+TEST(GainOfFeatures, IsThatOfTheStandardDeviationOfAMean) {
+  const auto sigma = [](int num) {
+    double information = 0;
+    for (int i = 0; i < num; ++i) information += 1;
+    return std::sqrt(1 / information);
+  };
+  EXPECT_NEAR(GainOfFeatures(300, 100), 1 - sigma(400) / sigma(300), 1e-15);
+  EXPECT_LT(GainOfFeatures(100, 2), kLeastFeatureGain);
+  EXPECT_GT(GainOfFeatures(100, 3), kLeastFeatureGain);
+  EXPECT_EQ(GainOfFeatures(100, 0), 0);
+  EXPECT_EQ(GainOfFeatures(0, 0), 0);
+  EXPECT_EQ(GainOfFeatures(0, 5), 1);
+}
+
 TEST(FindWeakFeatures, FindsBlobsOfFewGreyLevelsWhereTheyAre) {
   const Blobs blobs = MakeBlobs(12, 0.5);
   const std::vector<uint8_t> all(blobs.grey.size(), 1);
