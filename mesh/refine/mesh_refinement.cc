@@ -14,6 +14,7 @@
 
 #include "mesh/refine/offset_field.h"
 #include "mesh/refine/photo_consistency.h"
+#include "mesh/refine/surface_relief.h"
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/mesh_cleanup.h"
 #include "mesh/surface/vertex_normals.h"
@@ -29,8 +30,9 @@ struct Pass {
   int level;      // of the photos' pyramids
   float step;     // between offsets [px of level 0]
   int max_steps;  // either way
+  bool on_mesh;   // patches have the mesh's own relief, which is worth it once the mesh is about right.
 };
-constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3}, {0, 1.0F, 4}, {0, 0.5F, 4}}};
+constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3, false}, {0, 1.0F, 4, false}, {0, 0.5F, 4, true}}};
 
 // With fewer, a part that one photo shows may well be there.
 constexpr size_t kMinPhotosToDrop = 40;
@@ -122,7 +124,8 @@ class Refiner {
       : options_(options),
         num_threads_(options.num_threads > 0 ? options.num_threads : omp_get_max_threads()),
         reporter_(reporter),
-        mesh_(*mesh) {}
+        mesh_(*mesh),
+        scratch_(num_threads_) {}
 
   void LoadPhotos(const RefinementPhotoSource& source) {
     std::vector<Crop> crops;
@@ -204,7 +207,9 @@ class Refiner {
   // The mesh keeps its vertices and triangles from here on.
   void BeginPasses() {
     graph_.emplace(mesh_);
+    relief_.emplace(mesh_);
     moved_.assign(mesh_.vertices.size(), 0);
+    moved_px_.assign(mesh_.vertices.size(), 0);
   }
 
   void Run(const Pass& pass, int64_t done_before, int64_t total) {
@@ -219,6 +224,7 @@ class Refiner {
     curves_.assign(count * width, 0);
     pixels_.assign(count, 0);
     is_known_.assign(count, 0);
+    num_views_.assign(count, 0);
     for (size_t begin = 0; begin < count; begin += kVerticesPerTurn) {
       if (reporter_.StopRequested()) throw Interrupted();
       const auto size = static_cast<int64_t>(std::min<size_t>(kVerticesPerTurn, count - begin));
@@ -228,18 +234,27 @@ class Refiner {
     AverageOverNeighbors(*graph_, is_known_, width, kAverageRounds, num_threads_, &curves_);
     std::vector<OffsetObservation> observations(count);
     for (size_t i = 0; i < count; ++i) {
-      if (is_known_[i] != 0) observations[i] = FindPeak(&curves_[i * width], pass);
+      if (is_known_[i] == 0) continue;
+      observations[i] = FindPeak(&curves_[i * width], pass);
+      // Each photo more is one more comparison.
+      observations[i].weight *=
+          static_cast<float>(num_views_[i] - 1) / static_cast<float>(options_.num_views - 1);
     }
     num_accepted_ = std::count_if(observations.begin(), observations.end(),
                                   [](const OffsetObservation& o) { return o.weight > 0; });
     if (static_cast<double>(num_accepted_) < kLeastAcceptedShare * static_cast<double>(count)) return;
     // Vertices that no photo shows move as far as those around them.
     SpreadPixels();
+    // A pass says where the surface is and takes the place of those before: were its own moves made smooth
+    // and added to theirs, their noise would stay.
+    for (size_t i = 0; i < count; ++i) observations[i].offset += moved_[i] / pixels_[i];
     const std::vector<float> offsets =
         SmoothOffsets(*graph_, observations, options_.smoothness, kPrior, num_threads_);
     for (size_t i = 0; i < count; ++i) {
-      mesh_.vertices[i] += offsets[i] * pixels_[i] * mesh_.normals[i];
-      moved_[i] += offsets[i];
+      const float offset = offsets[i] - moved_[i] / pixels_[i];
+      mesh_.vertices[i] += offset * pixels_[i] * mesh_.normals[i];
+      moved_[i] += offset * pixels_[i];
+      moved_px_[i] += offset;
     }
     ComputeNormals(&mesh_);
     has_moved_ = true;
@@ -249,12 +264,12 @@ class Refiner {
   void Summarise(MeshRefinementSummary* summary) const {
     double sum = 0;
     double squares = 0;
-    for (const float offset : moved_) {
+    for (const float offset : moved_px_) {
       sum += offset;
       squares += static_cast<double>(offset) * offset;
     }
-    const auto count = static_cast<double>(std::max<size_t>(1, moved_.size()));
-    summary->num_vertices = static_cast<int64_t>(moved_.size());
+    const auto count = static_cast<double>(std::max<size_t>(1, moved_px_.size()));
+    summary->num_vertices = static_cast<int64_t>(moved_px_.size());
     summary->num_accepted = num_accepted_;
     summary->mean_offset_px = sum / count;
     summary->rms_offset_px = std::sqrt(squares / count);
@@ -290,8 +305,9 @@ class Refiner {
     const size_t every = std::max<size_t>(1, mesh_.vertices.size() / kMeasuredVertices);
     std::vector<float> agreement(mesh_.vertices.size() / every, std::numeric_limits<float>::quiet_NaN());
     ParallelFor(static_cast<int64_t>(agreement.size()), num_threads_, 128, [&](int64_t i) {
-      const SurfacePatch patch = PatchAt(static_cast<size_t>(i) * every, measured_visible_);
+      SurfacePatch patch = PatchAt(static_cast<size_t>(i) * every, measured_visible_);
       if (patch.num_views < kMinViews) return;
+      patch.LayFlat(0);
       ConsistencyCurve(patch, 0, patch.PixelSize(), 0, &agreement[static_cast<size_t>(i)]);
     });
     double sum = 0;
@@ -305,8 +321,14 @@ class Refiner {
   }
 
   void MeasureCurve(size_t vertex, const Pass& pass) {
-    const SurfacePatch patch = PatchAt(vertex, visible_);
+    SurfacePatch patch = PatchAt(vertex, visible_);
     if (patch.num_views < kMinViews) return;
+    patch.LayFlat(pass.level);
+    if (pass.on_mesh) {
+      relief_->Lay(static_cast<uint32_t>(vertex), &scratch_[omp_get_thread_num()], &patch);
+      if (patch.num_points < kLeastPatchPoints) return;
+    }
+    num_views_[vertex] = static_cast<uint8_t>(patch.num_views);
     pixels_[vertex] = patch.PixelSize();
     is_known_[vertex] = 1;
     ConsistencyCurve(patch, pass.level, pass.step * pixels_[vertex], pass.max_steps,
@@ -353,12 +375,16 @@ class Refiner {
   std::vector<ObjectView> views_;  // as the photos are: cut and shrunk
   std::vector<std::unique_ptr<PhotoPyramid>> photos_;
   std::optional<VertexGraph> graph_;
+  std::optional<SurfaceRelief> relief_;
+  std::vector<SurfaceRelief::Scratch> scratch_;  // of each thread
   std::vector<VertexFlags> visible_;
   std::vector<VertexFlags> measured_visible_;
   std::vector<float> curves_;
   std::vector<float> pixels_;  // size of a photo's pixel at each vertex
   std::vector<uint8_t> is_known_;
-  std::vector<float> moved_;  // [px]
+  std::vector<uint8_t> num_views_;  // compared at each vertex
+  std::vector<float> moved_;        // outwards since the start
+  std::vector<float> moved_px_;     // the same [px]
   int64_t num_accepted_ = 0;
   bool has_moved_ = false;
   std::vector<RefinementMoment> course_;

@@ -19,13 +19,13 @@ namespace s2gs {
 /// the correlation of what they show there, averaged with the vertex's neighbours, has its peak at the
 /// surface (Furukawa and Ponce, "Accurate, dense, and robust multiview stereopsis", 2010, score their patches
 /// so). The peaks, weighted by their sharpness, become a smooth field of offsets on the mesh. From coarse to
-/// fine in three passes.
+/// fine in three passes; in the last the patches have the mesh's own relief.
 
 struct MeshRefinementOptions {
   bool enabled = true;
   int num_views = 8;               ///< photos in which a vertex is compared.
   double max_view_angle_deg = 60;  ///< between a vertex's normal and the rays to these photos.
-  double smoothness = 0.3;         ///< of the offsets over the mesh; larger trusts photos less.
+  double smoothness = 0.1;         ///< of the offsets over the mesh; larger trusts photos less.
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; 0: all stay,
   /// as they do with fewer than 40 photos.
   double min_seen_pct = 3;

@@ -23,36 +23,59 @@ constexpr float kLeastParallax = 1e-3F;
 // All of it takes the edges of printed pictures along (tests/bench/notes/refinement.md).
 constexpr float kShadingShare = 0.5F;
 
-// Takes the mean and a share of the slope off and scales to length 1, less where noise is a part of it.
-// \return  the length.
-float Normalise(float* values) {
-  constexpr int kHalf = kPatchSide / 2;
-  // Squares of a column's number, counted from the middle, over the whole patch.
-  constexpr int kSlopeSquares = kPatchSide * (kHalf * (kHalf + 1) * (2 * kHalf + 1) / 3);
-  float mean = 0;
-  float slope_u = 0;
-  float slope_v = 0;
-  for (int k = 0, j = -kHalf; j <= kHalf; ++j) {
-    for (int i = -kHalf; i <= kHalf; ++i, ++k) {
-      mean += values[k];
-      slope_u += static_cast<float>(i) * values[k];
-      slope_v += static_cast<float>(j) * values[k];
+// What slopes along u and along v across the patch's points, without their mean: at right angles to each
+// other and of length 1.
+class Slopes {
+ public:
+  explicit Slopes(const SurfacePatch& patch) : size_(patch.num_points) {
+    S2GS_INVARIANT(size_ >= kLeastPatchPoints);
+    for (int k = 0; k < size_; ++k) {
+      u_[k] = patch.points[k].x();
+      v_[k] = patch.points[k].y();
     }
+    TakeMeanOff(&u_);
+    TakeMeanOff(&v_);
+    Scale(1 / std::sqrt(Dot(u_, u_)), &u_);
+    const float shared = Dot(u_, v_);
+    for (int k = 0; k < size_; ++k) v_[k] -= shared * u_[k];
+    Scale(1 / std::sqrt(Dot(v_, v_)), &v_);
   }
-  mean /= kPatchSize;
-  slope_u *= kShadingShare / kSlopeSquares;
-  slope_v *= kShadingShare / kSlopeSquares;
-  float square = 0;
-  for (int k = 0, j = -kHalf; j <= kHalf; ++j) {
-    for (int i = -kHalf; i <= kHalf; ++i, ++k) {
-      values[k] -= mean + slope_u * static_cast<float>(i) + slope_v * static_cast<float>(j);
-      square += values[k] * values[k];
-    }
+
+  // Takes the mean and a share of the slope off and scales to length 1, less where noise is a part of it.
+  // \return  the length.
+  float Normalise(std::array<float, kPatchSize>* values) const {
+    TakeMeanOff(values);
+    const float slope_u = kShadingShare * Dot(u_, *values);
+    const float slope_v = kShadingShare * Dot(v_, *values);
+    for (int k = 0; k < size_; ++k) (*values)[k] -= slope_u * u_[k] + slope_v * v_[k];
+    const float square = Dot(*values, *values);
+    const float scale = 1 / std::sqrt(square + static_cast<float>(size_) * kGreyNoise * kGreyNoise);
+    Scale(scale, values);
+    return std::sqrt(square) * scale;
   }
-  const float scale = 1 / std::sqrt(square + kPatchSize * kGreyNoise * kGreyNoise);
-  for (int i = 0; i < kPatchSize; ++i) values[i] *= scale;
-  return std::sqrt(square) * scale;
-}
+
+ private:
+  using Values = std::array<float, kPatchSize>;
+
+  float Dot(const Values& a, const Values& b) const {
+    float sum = 0;
+    for (int k = 0; k < size_; ++k) sum += a[k] * b[k];
+    return sum;
+  }
+  void Scale(float factor, Values* values) const {
+    for (int k = 0; k < size_; ++k) (*values)[k] *= factor;
+  }
+  void TakeMeanOff(Values* values) const {
+    float mean = 0;
+    for (int k = 0; k < size_; ++k) mean += (*values)[k];
+    mean /= static_cast<float>(size_);
+    for (int k = 0; k < size_; ++k) (*values)[k] -= mean;
+  }
+
+  int size_;
+  Values u_{};
+  Values v_{};
+};
 
 }  // namespace
 
@@ -83,8 +106,8 @@ float PhotoPyramid::PixelSize(const Eigen::Vector3f& x_in_object) const {
   return (rotation_.row(2).dot(x_in_object) + translation_.z()) / focal_;
 }
 
-void PhotoPyramid::SamplePatch(const Eigen::Vector3f& middle, const Eigen::Vector3f& u,
-                               const Eigen::Vector3f& v, int level, float* values) const {
+void PhotoPyramid::SamplePatch(const SurfacePatch& patch, const Eigen::Vector3f& middle, int level,
+                               float* values) const {
   const Level& at = levels_[std::min<size_t>(level, levels_.size() - 1)];
   const Image8& image = at.grey;
   const Eigen::Vector3f x = rotation_ * middle + translation_;
@@ -96,29 +119,39 @@ void PhotoPyramid::SamplePatch(const Eigen::Vector3f& middle, const Eigen::Vecto
     const Eigen::Vector3f in_camera = rotation_ * step;
     return at.focal.cwiseProduct(in_camera.head<2>() - ray * in_camera.z()) * inverse_depth;
   };
-  const Eigen::Vector2f along_u = image_step(u);
-  const Eigen::Vector2f along_v = image_step(v);
+  const Eigen::Vector2f along_u = image_step(patch.spacing * patch.u);
+  const Eigen::Vector2f along_v = image_step(patch.spacing * patch.v);
+  const Eigen::Vector2f along_normal = image_step(patch.spacing * patch.normal);
   // One value below the last, so that there is a neighbour to the right and below.
   const float max_x = static_cast<float>(image.width - 1) - 1e-3F;
   const float max_y = static_cast<float>(image.height - 1) - 1e-3F;
+  for (int k = 0; k < patch.num_points; ++k) {
+    const Eigen::Vector3f& point = patch.points[k];
+    const Eigen::Vector2f p = start + point.x() * along_u + point.y() * along_v + point.z() * along_normal;
+    // In this order a coordinate that is not a number becomes 0.
+    const float px = std::min(std::max(0.0F, p.x()), max_x);
+    const float py = std::min(std::max(0.0F, p.y()), max_y);
+    const int column = static_cast<int>(px);
+    const int row = static_cast<int>(py);
+    const float fx = px - static_cast<float>(column);
+    const float fy = py - static_cast<float>(row);
+    const uint8_t* grey = image.Pixel(column, row);
+    const float top = grey[0] + fx * static_cast<float>(grey[1] - grey[0]);
+    const uint8_t* below = grey + image.width;
+    const float bottom = below[0] + fx * static_cast<float>(below[1] - below[0]);
+    values[k] = top + fy * (bottom - top);
+  }
+}
+
+void SurfacePatch::LayFlat(int level) {
   constexpr int kHalf = kPatchSide / 2;
-  int k = 0;
+  spacing = PixelSize() * static_cast<float>(1 << level);
+  u = normal.unitOrthogonal();
+  v = normal.cross(u);
+  num_points = 0;
   for (int j = -kHalf; j <= kHalf; ++j) {
-    for (int i = -kHalf; i <= kHalf; ++i, ++k) {
-      const auto a = static_cast<float>(i);
-      const auto b = static_cast<float>(j);
-      // In this order a coordinate that is not a number becomes 0.
-      const float px = std::min(std::max(0.0F, start.x() + a * along_u.x() + b * along_v.x()), max_x);
-      const float py = std::min(std::max(0.0F, start.y() + a * along_u.y() + b * along_v.y()), max_y);
-      const int column = static_cast<int>(px);
-      const int row = static_cast<int>(py);
-      const float fx = px - static_cast<float>(column);
-      const float fy = py - static_cast<float>(row);
-      const uint8_t* grey = image.Pixel(column, row);
-      const float top = grey[0] + fx * static_cast<float>(grey[1] - grey[0]);
-      const uint8_t* below = grey + image.width;
-      const float bottom = below[0] + fx * static_cast<float>(below[1] - below[0]);
-      values[k] = top + fy * (bottom - top);
+    for (int i = -kHalf; i <= kHalf; ++i) {
+      points[num_points++] = {static_cast<float>(i), static_cast<float>(j), 0.0F};
     }
   }
 }
@@ -164,10 +197,7 @@ void SelectPhotos(const std::vector<const PhotoPyramid*>& candidates, int max_vi
 }
 
 void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_steps, float* curve) {
-  const float spacing = patch.PixelSize() * static_cast<float>(1 << level);
-  const Eigen::Vector3f u_direction = patch.normal.unitOrthogonal();
-  const Eigen::Vector3f u = spacing * u_direction;
-  const Eigen::Vector3f v = spacing * patch.normal.cross(u_direction);
+  const Slopes slopes(patch);
   float weight = 0;
   float weight_squares = 0;
   for (int i = 0; i < patch.num_views; ++i) {
@@ -180,8 +210,8 @@ void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_
     float self = 0;
     for (int i = 0; i < patch.num_views; ++i) {
       std::array<float, kPatchSize> values{};
-      patch.views[i]->SamplePatch(middle, u, v, level, values.data());
-      const float length = patch.cosines[i] * Normalise(values.data());
+      patch.views[i]->SamplePatch(patch, middle, level, values.data());
+      const float length = patch.cosines[i] * slopes.Normalise(&values);
       self += length * length;
       for (int k = 0; k < kPatchSize; ++k) sum[k] += patch.cosines[i] * values[k];
     }

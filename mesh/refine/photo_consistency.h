@@ -9,6 +9,8 @@
 
 namespace s2gs {
 
+struct SurfacePatch;
+
 /// How alike photos are where a small piece of surface projects to them, as the piece moves along its normal:
 /// greatest where the surface really is, when it has texture.
 
@@ -24,10 +26,9 @@ class PhotoPyramid {
   /// Edge of a pixel of level 0 at the point's depth, in the object's unit.
   float PixelSize(const Eigen::Vector3f& x_in_object) const;
 
-  /// Grey values of a plane's patch, row by row: kPatchSide^2 points around the middle, `u` and `v` apart.
-  /// Beyond the photo, the values of its border.
-  void SamplePatch(const Eigen::Vector3f& middle, const Eigen::Vector3f& u, const Eigen::Vector3f& v,
-                   int level, float* values) const;
+  /// Grey values at the patch's points when its middle is elsewhere. Beyond the photo, the values of its
+  /// border.
+  void SamplePatch(const SurfacePatch& patch, const Eigen::Vector3f& middle, int level, float* values) const;
 
  private:
   struct Level {
@@ -44,6 +45,8 @@ class PhotoPyramid {
 
 constexpr int kPatchSide = 5;
 constexpr int kPatchSize = kPatchSide * kPatchSide;
+/// With fewer points photos agree by chance too often; so many never lie on one line.
+constexpr int kLeastPatchPoints = 2 * kPatchSide;
 
 /// A piece of surface and the photos that show it.
 struct SurfacePatch {
@@ -54,6 +57,14 @@ struct SurfacePatch {
   std::array<const PhotoPyramid*, kMaxViews> views = {};
   std::array<float, kMaxViews> cosines = {};  ///< between the normal and the direction to each camera.
   float PixelSize() const;                    ///< of the photo that shows it best.
+
+  Eigen::Vector3f u = Eigen::Vector3f::UnitX();  ///< of unit length, as v, at right angles to the normal.
+  Eigen::Vector3f v = Eigen::Vector3f::UnitY();
+  float spacing = 1;  ///< of the points, in the object's unit.
+  int num_points = 0;
+  std::array<Eigen::Vector3f, kPatchSize> points;  ///< along u, v and the normal [spacings].
+  /// Chooses u, v and the spacing, a pixel of the level, and puts all points on the plane.
+  void LayFlat(int level);
 };
 
 /// Gives the patch `max_views` photos or fewer: those that face it, and that look from different sides.
@@ -62,7 +73,8 @@ void SelectPhotos(const std::vector<const PhotoPyramid*>& candidates, int max_vi
 
 /// Mean correlation of the patch's photos with each other, weighted by their cosines, when the patch is moved
 /// by offset = -max_steps to max_steps times `step` along its normal. From -1 to 1; patches without texture
-/// give 0, because grey values have noise. \param step  in the object's unit.
+/// give 0, because grey values have noise. \param patch  with kLeastPatchPoints points at least.
+/// \param step  in the object's unit.
 void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_steps, float* curve);
 
 }  // namespace s2gs
