@@ -32,6 +32,8 @@ constexpr int64_t kCudaPerPixel = 4 * 34;
 constexpr int64_t kHostPerGaussian = 2 * kState;
 constexpr int64_t kHostPerPixel = 4 * 20;  // maps of a view that was drawn
 
+constexpr int64_t kProgram = 70'000'000;  // with its libraries and the sparse models
+
 // turn_evidence.h looks at photos of this many pixels at most: a picture, what is covered, what is seen.
 constexpr int64_t kEvidencePixels = 400 * 400;
 constexpr int64_t kEvidencePerPixel = 3 + 1 + 1 + 4;
@@ -88,6 +90,7 @@ TrainingMemory PredictTrainingMemory(const TrainingSize& size, BackendKind kind)
   }
   // While photos are read there is no model yet.
   memory.host.fixed_bytes = std::max(memory.host.fixed_bytes, size.photo_bytes + size.loading_bytes);
+  memory.host.fixed_bytes += kProgram;
   return memory;
 }
 

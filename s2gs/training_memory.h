@@ -18,8 +18,8 @@ struct MemoryNeed {
   int64_t At(int64_t num_gaussians) const { return fixed_bytes + bytes_per_gaussian * num_gaussians; }
 };
 
-/// The most that a training holds at once, counted by its arrays. The libraries' own (a CUDA context has some
-/// 500 MB of both memories) and what the program has before are not in it.
+/// The most that a training holds at once, counted by its arrays, and the program itself. What a CUDA context
+/// takes of both memories, some 500 MB, is not in it.
 struct TrainingMemory {
   MemoryNeed host;
   MemoryNeed device;  ///< zero for the CPU's backend.
