@@ -14,6 +14,8 @@ namespace {
 
 constexpr int kBinsPerSide = 1000;
 constexpr double kMinCosine = 0.95;
+// What looks down by more than walls lean is an underside.
+constexpr double kUndersideCosine = -0.5;
 constexpr double kMinAreaShare = 0.02;
 constexpr double kNearlyAsLarge = 0.3;
 
@@ -24,6 +26,7 @@ struct Patch {
   double area;
   double edge;
   bool faces_up;
+  bool faces_down;
 };
 
 // How much of the mesh faces upwards at each height.
@@ -50,6 +53,7 @@ class HeightHistogram {
       Patch patch;
       patch.area = normal.norm() / 2;
       patch.faces_up = up.dot(normal) / 2 > kMinCosine * patch.area;
+      patch.faces_down = up.dot(normal) / 2 < kUndersideCosine * patch.area;
       patch.middle = (corners[0] + corners[1] + corners[2]) / 3;
       patch.height = up.dot(corners[0] + corners[1] + corners[2]) / 3;
       patch.edge = (corners[1] - corners[0]).norm();
@@ -111,7 +115,10 @@ double FindRim(const std::vector<Patch>& patches, TableTop* table) {
   for (const Patch& patch : patches) {
     const double above = patch.middle.z() - table->disc.height;
     if (above > table->disc.Tolerance()) continue;
-    score += above >= -table->disc.Tolerance() ? patch.area : -patch.area;
+    // What is below and faces no camera from above may be the table's own underside, or hide inside it.
+    const bool is_below = above < -table->disc.Tolerance();
+    if (is_below && !patch.faces_up) continue;
+    score += is_below ? -patch.area : patch.area;
     if (score <= best_score) continue;
     best_score = score;
     table->radius = Radius(patch.middle) + table->disc.mean_edge;
@@ -127,6 +134,7 @@ bool IsBorneOut(const std::vector<Patch>& patches, const TableTop& table) {
   for (const Patch& patch : patches) {
     if (Radius(patch.middle) > table.radius + table.disc.Tolerance()) continue;
     const double height = patch.middle.z() - table.disc.height;
+    if (height < -table.disc.Tolerance() && patch.faces_down) continue;
     double& area = height > table.disc.Tolerance() ? above : height < -table.disc.Tolerance() ? below : on;
     area += patch.area;
   }

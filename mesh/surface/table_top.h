@@ -32,10 +32,11 @@ struct TableTop {
 
 /// Of all horizontal surfaces with 2 % of the mesh's area, the one that the mesh bears out best. Inside the
 /// rim of a table the surface lies on its plane or, as the object, above it; beyond the rim it does not. A
-/// radius therefore scores the area within it that lies on the plane, less that which lies below; the rim is
-/// where the score is greatest, and the plane the one whose score is greatest there. Ledges and lids
-/// have the body below them: within a table's rim more lies above the plane, and more on it, than below.
-/// Where that holds for no plane there is no table. \param mesh  z is the axis.
+/// radius therefore scores the area within it that lies on the plane, less that which lies below and is as
+/// level and as open to the top as a table is: undersides, and what hides inside the disc, are its own. The
+/// rim is where the score is greatest, and the plane the one whose score is greatest there. Ledges and lids
+/// have the body below them: within a table's rim more lies above the plane, and more on it, than below,
+/// undersides left out. Where that holds for no plane there is no table. \param mesh  z is the axis.
 std::optional<TableTop> FindTableTop(const TriangleMesh& mesh);
 
 /// Drops what belongs neither to the table's top nor to what stands on it: what lies below the plane; of the

@@ -234,7 +234,7 @@ void RunTsdfMesher(CommandContext& context) {
   auto cleanup = options.Group("Cleanup", &mesher.cleanup);
   cleanup.Add("cut_at_table", &MeshCleanupOptions::cut_at_table,
               "where a table turns: drop what lies below its top or beyond its rim and does not stand on it; "
-              "a disc below which much was reconstructed may lose its border");
+              "without a disc in the mesh, a plinth's top may be taken for it");
   cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
               "cut just above the table's disc, or what the object stands on where nothing turns");
   cleanup

@@ -90,6 +90,18 @@ TEST(TableTop, ACleanTableStaysAsItIs) {
   EXPECT_NEAR(TopologyOf(mesh).area, before.area, 1e-3 * before.area);
 }
 
+// More of it than of the plane above lies below the disc's border, but faces down.
+TEST(TableTop, AnUndersideTakesNothingOfTheTop) {
+  TriangleMesh mesh = CanOnTable();
+  const double area = TopologyOf(mesh).area;
+  Sweep({0, 0}, {kRim, kHeight - 0.2}, {1, kHeight - 0.6}, &mesh);
+  const std::optional<TableTop> table = FindTableTop(mesh);
+  ASSERT_TRUE(table.has_value());
+  EXPECT_NEAR(table->radius, kRim, 2 * table->disc.mean_edge);
+  CutAtTable(*table, &mesh);
+  EXPECT_NEAR(TopologyOf(mesh).area, area, 1e-3 * area);
+}
+
 TEST(TableTop, WhatHangsOverTheRimStays) {
   TriangleMesh mesh;
   Sweep({0, 0}, {0.01, 0}, {0.8, 0}, &mesh);
