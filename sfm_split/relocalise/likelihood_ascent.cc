@@ -147,6 +147,19 @@ std::vector<T> ErrorsOf(const PairOfPhotos& pair, const State& state, const Turn
   return errors;
 }
 
+// Of right matches' epipolar errors [px]. What shines or hardly has texture is found worse than what stands
+// about it: with one noise for both, many bad matches of the object would outvote the background's good ones.
+struct Noise {
+  double object = 0;
+  double background = 0;
+
+  double Of(const PairOfPhotos& pair) const { return pair.is_object ? object : background; }
+  /// No narrower than a width.
+  Noise Widened(double width_px) const {
+    return {std::max(object, width_px), std::max(background, width_px)};
+  }
+};
+
 // A pair's part of the logarithm of the likelihood over chance: each match counts by its probability to be
 // right.
 struct PairValue {
@@ -213,14 +226,14 @@ class Ascent {
 
   bool HasStations() const { return are_shared_ && state_.stations.size() >= 2 && !pairs_.empty(); }
   /// From the likeliest of several starts about where the cameras are.
-  void Search(double sigma_px, Reporter& reporter);
+  void Search(const Noise& noise, Reporter& reporter);
   /// To the top at one noise. Returns the logarithm of the likelihood there.
-  double Climb(double sigma_px, int max_steps, Reporter& reporter);
+  double Climb(const Noise& noise, int max_steps, Reporter& reporter);
   /// Logarithm of the likelihood over that of chance.
-  double Value(double sigma_px) const;
-  /// Of right matches inside stations, where the cameras are: between stations, what is wrong alike would
-  /// widen it.
-  double Noise(double sigma_px) const;
+  double Value(const Noise& noise) const;
+  /// Of right matches where the cameras are; of the object's, inside stations: between them, what is wrong
+  /// alike would widen it.
+  Noise NoiseBy(const Noise& noise) const;
   void Apply(AlignedScene* aligned) const;
 
  private:
@@ -229,10 +242,10 @@ class Ascent {
   }
   std::array<int, kOfPair> PlacesOf(const PairOfPhotos& pair) const;
   template <typename T>
-  std::vector<PairSum<T>> SumsOf(double sigma_px) const;
-  void Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const;
+  std::vector<PairSum<T>> SumsOf(const Noise& noise) const;
+  void Linearize(const Noise& noise, MatrixXd* normal, VectorXd* right) const;
   State Moved(const VectorXd& step) const;
-  void TakeLikeliest(double sigma_px, Reporter& reporter, std::vector<std::pair<double, State>>* found);
+  void TakeLikeliest(const Noise& noise, Reporter& reporter, std::vector<std::pair<double, State>>* found);
   void Thin(size_t max_matches);
   double RadiusPx() const;
   std::vector<double> TurnsAlone(size_t station, double sigma_px, double step_rad) const;
@@ -330,18 +343,18 @@ std::array<int, kOfPair> Ascent::PlacesOf(const PairOfPhotos& pair) const {
 }
 
 template <typename T>
-std::vector<PairSum<T>> Ascent::SumsOf(double sigma_px) const {
+std::vector<PairSum<T>> Ascent::SumsOf(const Noise& noise) const {
   std::vector<PairSum<T>> sums(pairs_.size());
   ParallelFor(static_cast<int64_t>(pairs_.size()), 0, [&](int64_t p) {
     const auto at = static_cast<size_t>(p);
-    sums[at] = SumOf<T>(pairs_[at], state_, axis_, sigma_px);
+    sums[at] = SumOf<T>(pairs_[at], state_, axis_, noise.Of(pairs_[at]));
   });
   return sums;
 }
 
-double Ascent::Value(double sigma_px) const {
+double Ascent::Value(const Noise& noise) const {
   double value = 0;
-  for (const PairValue& sum : SumsOf<double>(sigma_px)) value += sum.value;
+  for (const PairValue& sum : SumsOf<double>(noise)) value += sum.value;
   for (size_t c = 0; c < priors_.size(); ++c) {
     const double off = state_.log_focal[c] - std::log(priors_[c].focal_px);
     value -= 0.5 * off * off / (priors_[c].sigma_log * priors_[c].sigma_log);
@@ -349,10 +362,10 @@ double Ascent::Value(double sigma_px) const {
   return value;
 }
 
-void Ascent::Linearize(double sigma_px, MatrixXd* normal, VectorXd* right) const {
+void Ascent::Linearize(const Noise& noise, MatrixXd* normal, VectorXd* right) const {
   *normal = MatrixXd::Zero(NumUnknowns(), NumUnknowns());
   *right = VectorXd::Zero(NumUnknowns());
-  const std::vector<PairStep> sums = SumsOf<Jet>(sigma_px);
+  const std::vector<PairStep> sums = SumsOf<Jet>(noise);
   for (size_t p = 0; p < pairs_.size(); ++p) {
     const std::array<int, kOfPair> places = PlacesOf(pairs_[p]);
     for (int a = 0; a < kOfPair; ++a) {
@@ -387,14 +400,14 @@ State Ascent::Moved(const VectorXd& step) const {
   return moved;
 }
 
-double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter) {
+double Ascent::Climb(const Noise& noise, int max_steps, Reporter& reporter) {
   double damping = kFirstDamping;
-  double value = Value(sigma_px);
+  double value = Value(noise);
   MatrixXd normal;
   VectorXd right;
   for (int k = 0; k < max_steps && damping < kMostDamping; ++k) {
     if (reporter.StopRequested()) throw Interrupted();
-    Linearize(sigma_px, &normal, &right);
+    Linearize(noise, &normal, &right);
     double gained = 0;
     while (damping < kMostDamping) {
       MatrixXd damped = normal;
@@ -402,7 +415,7 @@ double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter) {
       damped.diagonal() += damping * normal.diagonal();
       damped.diagonal().array() += damping * kUntold * normal.diagonal().maxCoeff();
       State before = std::exchange(state_, Moved(damped.ldlt().solve(right)));
-      gained = Value(sigma_px) - value;
+      gained = Value(noise) - value;
       if (gained > 0) break;
       state_ = std::move(before);
       damping *= 10;
@@ -415,16 +428,20 @@ double Ascent::Climb(double sigma_px, int max_steps, Reporter& reporter) {
   return value;
 }
 
-double Ascent::Noise(double sigma_px) const {
-  double squares = 0;
-  double inliers = 0;
-  const std::vector<PairValue> sums = SumsOf<double>(sigma_px);
+Noise Ascent::NoiseBy(const Noise& noise) const {
+  std::array<double, 2> squares{};  // of the object, of the background
+  std::array<double, 2> inliers{};
+  const std::vector<PairValue> sums = SumsOf<double>(noise);
   for (size_t p = 0; p < pairs_.size(); ++p) {
-    if (!pairs_[p].is_object || pairs_[p].station1 != pairs_[p].station2) continue;
-    inliers += sums[p].inliers;
-    squares += sums[p].squares;
+    if (pairs_[p].is_object && pairs_[p].station1 != pairs_[p].station2) continue;
+    const size_t body = pairs_[p].is_object ? 0 : 1;
+    inliers[body] += sums[p].inliers;
+    squares[body] += sums[p].squares;
   }
-  return std::clamp(std::sqrt(squares / std::max(inliers, 1e-9)), kLeastSigmaPx, kMostSigmaPx);
+  const auto of = [&](size_t body) {
+    return std::clamp(std::sqrt(squares[body] / std::max(inliers[body], 1e-9)), kLeastSigmaPx, kMostSigmaPx);
+  };
+  return {of(0), of(1)};
 }
 
 // Whole pairs, evenly of each two stations: of a few matches of each pair nobody knows which are right.
@@ -486,19 +503,19 @@ std::vector<double> Ascent::TurnsAlone(size_t station, double sigma_px, double s
 
 // Where matches are few, what is wrong among them is likeliest at places of its own. Some of the matches find
 // the places, all of them decide.
-void Ascent::Search(double sigma_px, Reporter& reporter) {
+void Ascent::Search(const Noise& noise, Reporter& reporter) {
   Ascent search = *this;
   search.Thin(kSearchMatches);
   std::vector<std::pair<double, State>> found;
   const auto climb_from = [&](const State& from, double first_sigma_px) {
     search.state_ = from;
-    for (double wide_px = first_sigma_px; wide_px > sigma_px; wide_px *= 0.5)
-      search.Climb(wide_px, kWideSteps, reporter);
-    found.emplace_back(search.Climb(sigma_px, kSearchSteps, reporter), search.state_);
+    for (double wide_px = first_sigma_px; wide_px > noise.object; wide_px *= 0.5)
+      search.Climb(noise.Widened(wide_px), kWideSteps, reporter);
+    found.emplace_back(search.Climb(noise, kSearchSteps, reporter), search.state_);
   };
-  for (const double first_sigma_px : {sigma_px, kSearchSigmaPx, kFirstSigmaPx})
+  for (const double first_sigma_px : {noise.object, kSearchSigmaPx, kFirstSigmaPx})
     climb_from(state_, first_sigma_px);
-  TakeLikeliest(sigma_px, reporter, &found);
+  TakeLikeliest(noise, reporter, &found);
   // What moves little as the table turns, light on an object without texture, has a maximum of its own, as
   // sharp as that of what turns: the whole turn is looked at, the rest held, and the best of it climbed from;
   // with wider noise as well, as cameras that stand wrong hide the sharpest one.
@@ -506,9 +523,9 @@ void Ascent::Search(double sigma_px, Reporter& reporter) {
   size_t unmoved = 0;
   for (size_t k = 0; unmoved < state_.stations.size() && k < kMostSweeps * state_.stations.size(); ++k) {
     const size_t s = k % state_.stations.size();
-    const double before = Value(sigma_px);
-    for (const double wide_px : {sigma_px, kSearchSigmaPx}) {
-      if (wide_px < sigma_px) continue;
+    const double before = Value(noise);
+    for (const double wide_px : {noise.object, kSearchSigmaPx}) {
+      if (wide_px < noise.object) continue;
       search.state_ = state_;
       for (const double turn_rad : search.TurnsAlone(s, wide_px, kSearchStep * wide_px / RadiusPx())) {
         State turned = state_;
@@ -516,21 +533,21 @@ void Ascent::Search(double sigma_px, Reporter& reporter) {
         climb_from(turned, wide_px);
       }
     }
-    TakeLikeliest(sigma_px, reporter, &found);
-    unmoved = Value(sigma_px) > before + kSettled ? 0 : unmoved + 1;
+    TakeLikeliest(noise, reporter, &found);
+    unmoved = Value(noise) > before + kSettled ? 0 : unmoved + 1;
   }
 }
 
 // Climbs with all matches from the likeliest of some places, to which the present one belongs. Empties them.
-void Ascent::TakeLikeliest(double sigma_px, Reporter& reporter,
+void Ascent::TakeLikeliest(const Noise& noise, Reporter& reporter,
                            std::vector<std::pair<double, State>>* found) {
   std::stable_sort(found->begin(), found->end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
-  double best = Value(sigma_px);
+  double best = Value(noise);
   State likeliest = state_;
   for (size_t k = 0; k < std::min(found->size(), kSearchDecided); ++k) {
     state_ = (*found)[k].second;
-    const double value = Climb(sigma_px, kSearchSteps, reporter);
+    const double value = Climb(noise, kSearchSteps, reporter);
     if (value <= best) continue;
     best = value;
     likeliest = state_;
@@ -599,18 +616,20 @@ LikelihoodAscent AscendLikelihood(const ScanFeatures& features, const std::vecto
   Ascent ascent(features, object_pairs, *aligned);
   if (!ascent.HasStations()) return result;
   const Ascent start = ascent;
-  result.sigma_px = kSearchSigmaPx;
-  for (int k = 0; k < kNoiseRounds; ++k) result.sigma_px = ascent.Noise(result.sigma_px);
-  ascent.Search(result.sigma_px, reporter);
+  Noise noise{kSearchSigmaPx, kSearchSigmaPx};
+  for (int k = 0; k < kNoiseRounds; ++k) noise = ascent.NoiseBy(noise);
+  ascent.Search(noise, reporter);
   for (int k = 0; k < kNoiseRounds; ++k) {
-    ascent.Climb(result.sigma_px, kMaxSteps, reporter);
-    const double noise = ascent.Noise(result.sigma_px);
-    const bool is_settled = std::abs(noise - result.sigma_px) <= 0.01 * noise;
-    result.sigma_px = noise;
+    ascent.Climb(noise, kMaxSteps, reporter);
+    const Noise next = ascent.NoiseBy(noise);
+    const bool is_settled = std::abs(next.object - noise.object) <= 0.01 * next.object &&
+                            std::abs(next.background - noise.background) <= 0.01 * next.background;
+    noise = next;
     if (is_settled) break;
   }
-  result.after = ascent.Value(result.sigma_px);
-  result.before = start.Value(result.sigma_px);
+  result.sigma_px = noise.object;
+  result.after = ascent.Value(noise);
+  result.before = start.Value(noise);
   if (result.after > result.before) ascent.Apply(aligned);
   return result;
 }
