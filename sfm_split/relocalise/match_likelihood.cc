@@ -59,7 +59,8 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
   return result;
 }
 
-std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene& aligned) {
+// The images as the object sees them, or what stands still.
+std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene& aligned, bool of_object) {
   std::map<std::string, const View*> view_of;
   for (const View& view : aligned.scene.views) view_of[view.name] = &view;
   std::map<uint32_t, const Camera*> camera_of;
@@ -70,7 +71,8 @@ std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene
     if (view == view_of.end()) continue;
     const auto camera = camera_of.find(view->second->camera_id);
     if (camera == camera_of.end()) continue;
-    posed[i] = {true, camera->second, view->second->CamFromObject()};
+    posed[i] = {true, camera->second,
+                of_object ? view->second->CamFromObject() : view->second->cam_from_world};
   }
   return posed;
 }
@@ -79,7 +81,7 @@ std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene
 
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs) {
-  const std::vector<PosedImage> posed = PosedBy(features, aligned);
+  const std::vector<PosedImage> posed = PosedBy(features, aligned, true);
   std::vector<PairErrors> errors;
   for (const PossiblePair& pair : object_pairs) {
     const auto i = static_cast<size_t>(pair.image1);
@@ -116,18 +118,25 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
 
 std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                               double max_error_px) {
-  const std::vector<PosedImage> posed = PosedBy(features, aligned);
+  const std::vector<PosedImage> posed = PosedBy(features, aligned, true);
+  // Between stations, where the background knows how cameras stand, it explains what agrees with it better.
+  std::vector<PosedImage> unmoved(posed.size());
+  if (!aligned.background.images.empty()) unmoved = PosedBy(features, aligned, false);
   std::vector<ImagePairMatches> result;
   for (const ImagePairMatches& given : AllPairs(features)) {
     const auto i = static_cast<size_t>(given.image1);
     const auto j = static_cast<size_t>(given.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    const bool may_stand = features.images[i].station != features.images[j].station &&
+                           unmoved[i].is_posed && unmoved[j].is_posed;
     ImagePairMatches agreeing{given.image1, given.image2, {}};
     for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
-      if (MatchErrorPx(posed[i], posed[j], features.images[i].keypoints[match.point2D_idx1].cast<double>(),
-                       features.images[j].keypoints[match.point2D_idx2].cast<double>()) <= max_error_px) {
-        agreeing.matches.push_back(match);
-      }
+      const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
+      const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
+      const double error_px = MatchErrorPx(posed[i], posed[j], xy1, xy2);
+      if (error_px > max_error_px) continue;
+      if (may_stand && MatchErrorPx(unmoved[i], unmoved[j], xy1, xy2) < error_px) continue;
+      agreeing.matches.push_back(match);
     }
     if (!agreeing.matches.empty()) result.push_back(std::move(agreeing));
   }
