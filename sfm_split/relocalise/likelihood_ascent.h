@@ -13,7 +13,7 @@ namespace s2gs {
 struct LikelihoodAscent {
   double before = 0;  ///< logarithm of the likelihood over that of chance, at the noise it ends with.
   double after = 0;
-  double sigma_px = 0;  ///< of a right match's epipolar error, at the end.
+  double sigma_px = 0;  ///< of the epipolar error of the object's right matches, at the end.
 };
 
 /// Moves the stations' cameras, the angle at which each station begins and the focal lengths to where all

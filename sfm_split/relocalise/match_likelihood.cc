@@ -127,8 +127,8 @@ std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, cons
     const auto i = static_cast<size_t>(given.image1);
     const auto j = static_cast<size_t>(given.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
-    const bool may_stand = features.images[i].station != features.images[j].station &&
-                           unmoved[i].is_posed && unmoved[j].is_posed;
+    const bool may_stand = features.images[i].station != features.images[j].station && unmoved[i].is_posed &&
+                           unmoved[j].is_posed;
     ImagePairMatches agreeing{given.image1, given.image2, {}};
     for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
       const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();

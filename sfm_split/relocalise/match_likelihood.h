@@ -24,7 +24,8 @@ struct MatchLikelihood {
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs);
 
-/// The matches that agree with a scene's poses, verified or not, of the pairs of photos that it has.
+/// The matches that agree with a scene's poses, verified or not, of the pairs of photos that it has. Between
+/// stations that a background places, what agrees better with cameras before which nothing turns is left out.
 std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                               double max_error_px);
 

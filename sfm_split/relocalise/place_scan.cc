@@ -11,11 +11,10 @@
 
 #include "sfm_split/adjust/step_width.h"
 #include "sfm_split/base/angles.h"
-#include "sfm_split/base/rotation.h"
-#include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
+#include "sfm_split/relocalise/model_difference.h"
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/turntable/align_scene.h"
 #include "sfm_split/turntable/circular_scene.h"
@@ -75,36 +74,6 @@ bool MostPhotosSeePoints(const AlignedScene& aligned) {
     for (const ColmapTrackElement& element : point.track) seeing.insert(element.image_id);
   }
   return 2 * seeing.size() > aligned.scene.views.size();
-}
-
-// Where the adjusted points ask for poses of single photos, those of stations err by more than the noise of
-// keypoints, as they do on a plate that wobbles: at least by what the two differ in.
-void WidenByDifference(const AlignedScene& of_photos, ScanCandidate* of_stations) {
-  const TurntableScene& scene = of_stations->aligned.scene;
-  JointReport& joint = of_stations->refined.joint;
-  if (joint.angle_sigma_deg.size() != scene.views.size() || scene.Reference() == nullptr) return;
-  std::map<std::string, double> angle_of;
-  for (const View& view : of_photos.scene.views) angle_of[view.name] = view.angle_deg;
-  std::vector<double> apart_deg(scene.views.size(), 0);
-  std::vector<double> at_reference;
-  for (size_t i = 0; i < scene.views.size(); ++i) {
-    const auto found = angle_of.find(scene.views[i].name);
-    if (found == angle_of.end()) continue;
-    apart_deg[i] = WrapAngle((found->second - scene.views[i].angle_deg) * kDegree) / kDegree;
-    if (scene.views[i].station == scene.Reference()->station) at_reference.push_back(apart_deg[i]);
-  }
-  if (at_reference.empty()) return;
-  const double origin_deg = UpperMedian(std::move(at_reference));
-  for (size_t i = 0; i < scene.views.size(); ++i) {
-    double& sigma_deg = joint.angle_sigma_deg[i];
-    if (sigma_deg > 0 && angle_of.count(scene.views[i].name) > 0)
-      sigma_deg = std::hypot(sigma_deg, apart_deg[i] - origin_deg);
-  }
-  for (size_t c = 0; c < joint.focal_sigma_px.size() && c < of_photos.scene.cameras.size(); ++c) {
-    joint.focal_sigma_px[c] =
-        std::hypot(joint.focal_sigma_px[c],
-                   FocalLengths(of_photos.scene.cameras[c]).mean() - FocalLengths(scene.cameras[c]).mean());
-  }
 }
 
 class Placement {
@@ -258,7 +227,7 @@ ScanCandidate Placement::RefineSimplest(const AlignedScene& aligned, double sigm
                   " " + std::to_string(candidate.log_likelihood) + ", with those of stations " +
                   std::to_string(shared.log_likelihood));
   if (!shared.IsBetterThan(candidate)) return candidate;
-  WidenByDifference(candidate.aligned, &shared);
+  WidenByDifference(candidate.aligned.scene, shared.aligned.scene, &shared.refined.joint);
   return shared;
 }
 
