@@ -198,6 +198,7 @@ PlanRequest PlanOf(const Settings& settings) {
   request.has_masks = !settings.mask_path.empty();
   request.trains = settings.until != Until::kSplit;
   request.meshes = settings.until == Until::kMesh;
+  request.textures = settings.texture;
   request.forced = settings.forced;
   return request;
 }

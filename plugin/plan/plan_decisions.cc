@@ -5,6 +5,8 @@
 #include <functional>
 #include <map>
 #include <optional>
+#include <set>
+#include <string>
 #include <system_error>
 
 #include "mesh/refine/mesh_refinement.h"
@@ -338,10 +340,14 @@ Decide DecisionOf(const std::string& part) {
 
 PlanStage StageOf(const StandardStage& stage, const PlanRequest& request, const Evidence& evidence) {
   PlanStage result{stage.name, "runs", "", 0};
-  const bool is_asked = (stage.name != "gaussian_trainer" || request.trains) &&
-                        ((stage.name != "image_undistorter" && stage.name != "gaussian_renderer" &&
-                          stage.name != "tsdf_mesher") ||
-                         request.meshes);
+  static const std::set<std::string> of_mesh = {"image_undistorter", "gaussian_renderer", "tsdf_mesher",
+                                                "mesh_texturer"};
+  std::string not_asked_by;
+  if ((stage.name == "gaussian_trainer" && !request.trains) ||
+      (of_mesh.count(stage.name) > 0 && !request.meshes))
+    not_asked_by = "--until";
+  else if (stage.name == "mesh_texturer" && !request.textures)
+    not_asked_by = "--texture 0";
   const auto found = evidence.stages.find(stage.name);
   if (found != evidence.stages.end()) {
     const StageStatus& status = found->second;
@@ -356,7 +362,8 @@ PlanStage StageOf(const StandardStage& stage, const PlanRequest& request, const 
       result.reason = status.reason;
     }
   }
-  if (!is_asked && result.state == "runs") result = {stage.name, "not asked for", "--until", result.seconds};
+  if (!not_asked_by.empty() && result.state == "runs")
+    result = {stage.name, "not asked for", not_asked_by, result.seconds};
   if (result.state == "runs" && stage.name == "background_mapper" && evidence.HasRun("turntable_mapper")) {
     result = {stage.name, "left out", "the plan says why", 0};
   }

@@ -61,6 +61,7 @@ struct PlanRequest {
   bool has_masks = false;
   bool trains = true;
   bool meshes = true;
+  bool textures = true;
   std::set<std::string> forced;  ///< parts.
 };
 

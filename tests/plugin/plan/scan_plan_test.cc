@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <sstream>
 #include <string>
 
@@ -60,6 +61,27 @@ TEST_F(ScanPlanTest, WithoutAnyStageOnlyThePhotosDecide) {
   request_.has_masks = true;
   EXPECT_EQ(Of("motion").state, PlanState::kLeftOut);
   for (const PlanStage& stage : plan.stages) EXPECT_EQ(stage.state, "runs") << stage.name;
+}
+
+TEST_F(ScanPlanTest, StagesThatAreNotAskedForAreNamed) {
+  const auto not_asked = [&] {
+    std::map<std::string, std::string> reasons;
+    for (const PlanStage& stage : MakeScanPlan(request_, silent_).stages) {
+      if (stage.state == "not asked for") reasons[stage.name] = stage.reason;
+    }
+    return reasons;
+  };
+  EXPECT_TRUE(not_asked().empty());
+  request_.textures = false;
+  EXPECT_EQ(not_asked(), (std::map<std::string, std::string>{{"mesh_texturer", "--texture 0"}}));
+  request_.meshes = false;
+  std::map<std::string, std::string> of_mesh;
+  for (const char* stage : {"image_undistorter", "gaussian_renderer", "tsdf_mesher", "mesh_texturer"})
+    of_mesh[stage] = "--until";
+  EXPECT_EQ(not_asked(), of_mesh);
+  request_.trains = false;
+  of_mesh["gaussian_trainer"] = "--until";
+  EXPECT_EQ(not_asked(), of_mesh);
 }
 
 TEST_F(ScanPlanTest, TheSplitDecidesWhatItMeasured) {
