@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/train_options.h"

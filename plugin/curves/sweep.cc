@@ -181,7 +181,6 @@ class Sweep {
     }
   }
 
-  // \param value  null: the command's default.
   // What a value sets goes before what all runs are given.
   bool IsSetBy(const std::string& value, const std::string& command, const std::string& option) const {
     for (const KnobSetting& setting : o_.knob.settings) {
@@ -193,6 +192,7 @@ class Sweep {
     return false;
   }
 
+  // \param value  null: the command's default.
   ChildExit RunCommand(const std::string& command, int scene, const Workspace& point, uint64_t seed,
                        const std::vector<std::string>& more, const std::string* value) {
     std::vector<std::string> words = {o_.program.string(), command};

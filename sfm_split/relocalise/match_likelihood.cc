@@ -15,8 +15,6 @@ namespace s2gs {
 namespace {
 
 constexpr double kFirstSigmaPx = 1;
-constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better
-constexpr double kMostSigmaPx = 2;     // of keypoints that are found badly
 constexpr int kRounds = 8;
 
 struct Error {

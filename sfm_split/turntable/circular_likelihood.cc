@@ -21,7 +21,6 @@ using Eigen::VectorXd;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-constexpr int kShareIterations = 6;
 constexpr size_t kWorthThreads = 5000;  // matches: some .5 ms
 constexpr int kMaxAttempts = 8;         // of one step, with ever more damping
 
@@ -143,48 +142,23 @@ void ErrorsOf(const CircularMatches::Pair& pair, double reach_px, const Circular
   }
 }
 
-// The share of right matches of a pair that makes its likelihood greatest.
+// At the share of right matches of a pair that makes its likelihood greatest.
 struct PairMixture {
   double gain = 0;
-  std::vector<double> over_chance;  // density of a right match's error over that of a wrong one's
-  std::vector<double> right;        // probability of each match
-  double share = 0;
-
-  // Not summed on the way: divisions go several at a time.
-  void FindResponsibilities() {
-    const size_t num = over_chance.size();
-    right.resize(num);
-    const double its_share = share;
-    const double* const over = over_chance.data();
-    double* const to = right.data();
-    for (size_t m = 0; m < num; ++m) {
-      const double density = its_share * over[m];
-      to[m] = density / (density + 1 - its_share);
-    }
-  }
+  std::vector<double> right;  // probability of each match
 };
 
 PairMixture MixtureOf(const CircularMatches::Pair& pair, const std::vector<double>& errors, double sigma_px) {
-  PairMixture mixture;
-  mixture.over_chance.reserve(errors.size());
+  std::vector<double> over;  // density of a right match's error over that of a wrong one's
+  over.reserve(errors.size());
   const double peak = 1 / (sigma_px * kRootTwoPi);
   for (size_t m = 0; m < errors.size(); ++m) {
     const double ratio = errors[m] / sigma_px;
-    mixture.over_chance.push_back(
-        std::isfinite(errors[m]) ? peak / pair.matches[m].chance * std::exp(-0.5 * ratio * ratio) : 0);
+    over.push_back(std::isfinite(errors[m]) ? peak / pair.matches[m].chance * std::exp(-0.5 * ratio * ratio)
+                                            : 0);
   }
-  // As if one match more were right and one more wrong: the share stays inside (0, 1).
-  mixture.share = 0.5;
-  for (int iteration = 0; iteration < kShareIterations; ++iteration) {
-    mixture.FindResponsibilities();
-    double sum = 1;
-    for (const double right : mixture.right) sum += right;
-    mixture.share = sum / (static_cast<double>(errors.size()) + 2);
-  }
-  mixture.FindResponsibilities();
-  for (const double over : mixture.over_chance)
-    mixture.gain += std::log(1 - mixture.share + mixture.share * over);
-  return mixture;
+  const double share = RightShare(over);
+  return {MixtureGain(over, share), RightProbabilities(over, share)};
 }
 
 struct PlacedPair {

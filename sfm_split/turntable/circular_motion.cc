@@ -39,9 +39,8 @@ constexpr double kBelowTable =
 constexpr double kUpright = 0.9;  // of photos, as they are stored; either side has half the next
 constexpr double kOnTheSide = 0.045;
 constexpr double kOnTheHead = 0.01;
-constexpr double kCoarseNoise = 2;     // times the noise, while everything is far off
-constexpr double kLeastSigmaPx = 0.3;  // keypoints are no better; below, the likelihood is all needles
-constexpr double kCertain = 8;         // e^-8: what is believed against chance
+constexpr double kCoarseNoise = 2;  // times the noise, while everything is far off
+constexpr double kCertain = 8;      // e^-8: what is believed against chance
 
 struct Start {
   double log_posterior = 0;  // less what the Bayesian information criterion charges for free angles

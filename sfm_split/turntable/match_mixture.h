@@ -13,6 +13,11 @@ inline constexpr double kUniformWidth = 3.4641016151377546;
 /// Of the density of a normal distribution.
 inline constexpr double kRootTwoPi = 2.50662827463100050;
 
+/// Least and largest standard deviation of a right match's epipolar error: keypoints are no better, and none
+/// are found worse that are any use.
+inline constexpr double kLeastSigmaPx = 0.3;
+inline constexpr double kMostSigmaPx = 2;
+
 /// The share of right ones among one pair's matches, in (0, 1), at which their errors are likeliest.
 /// \param over  density of a right match's error over that of a wrong one's.
 double RightShare(const std::vector<double>& over);
@@ -25,6 +30,9 @@ double MixtureGain(const std::vector<double>& over, double share);
 inline double RightProbability(double over, double share) {
   return share * over / (share * over + 1 - share);
 }
+
+/// Of all of a pair's matches.
+std::vector<double> RightProbabilities(const std::vector<double>& over, double share);
 
 /// How far keypoints spread, as the width of a uniform distribution of their deviation: a wrong match lies
 /// anywhere along it.
