@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/climb.h"
 #include "sfm_split/turntable/epipolar_gain.h"
@@ -21,6 +22,7 @@ constexpr double kDistinct = 15 * kDegree;
 constexpr double kCertain = 8;  // e^-8: what is believed against chance, and against another mode
 constexpr size_t kCoarseMatches = 3000;
 constexpr int kNumRefined = 8;
+constexpr int64_t kPlacesAtOnce = 16;  // of the grid, by one thread
 
 // \param stride  every so many pairs count: of a few matches of each, nobody knows which are right.
 double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, double sigma_px,
@@ -67,10 +69,14 @@ CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const Cir
     for (const double distance : {0.85, 1.0, 1.18}) {
       for (const double height : {-0.15, 0.0, 0.15}) {
         const CircularPlace place{start.distance * distance, start.height + height * start.distance, turn};
-        places.emplace_back(Gain(pairs, place, kCoarseSigmaPx, stride), place);
+        places.emplace_back(0, place);
       }
     }
   }
+  ParallelFor(static_cast<int64_t>(places.size()), 0, kPlacesAtOnce, [&](int64_t i) {
+    auto& [gain, place] = places[static_cast<size_t>(i)];
+    gain = Gain(pairs, place, kCoarseSigmaPx, stride);
+  });
   std::stable_sort(places.begin(), places.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   // The best, each in a part of the circle of its own.
@@ -82,18 +88,21 @@ CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const Cir
     });
     if (is_new) modes.push_back(candidate);
   }
-  for (auto& [gain, place] : modes) {
+  ParallelFor(static_cast<int64_t>(modes.size()), 0, [&](int64_t m) {
+    auto& [gain, place] = modes[static_cast<size_t>(m)];
     Refine(pairs, kCoarseSigmaPx, stride, 0.05, 0.003, &place);
     gain = Refine(pairs, 2 * sigma_px, stride, 0.01, 0.001, &place);
-  }
+  });
   std::stable_sort(modes.begin(), modes.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
+  ParallelFor(static_cast<int64_t>(modes.size()), 0, [&](int64_t m) {
+    auto& [gain, place] = modes[static_cast<size_t>(m)];
+    gain = Refine(pairs, sigma_px, 1, 0.005, m == 0 ? 1e-5 : 1e-3, &place);
+  });
   tie.place = modes[0].second;
-  tie.gain = Refine(pairs, sigma_px, 1, 0.005, 1e-5, &tie.place);
+  tie.gain = modes[0].first;
   tie.margin = tie.gain;
-  for (size_t m = 1; m < modes.size(); ++m) {
-    CircularPlace place = modes[m].second;
-    const double gain = Refine(pairs, sigma_px, 1, 0.005, 1e-3, &place);
+  for (const auto& [gain, place] : modes) {
     if (std::abs(WrapAngle(place.turn_rad - tie.place.turn_rad)) <= kDistinct) continue;
     tie.margin = std::min(tie.margin, tie.gain - gain);
   }
