@@ -62,6 +62,7 @@ bool MayMatter(const TsdfViewParams& view, const TsdfDepthTiles& tiles, const fl
   const float map_v1 = v1 - view.map_y;
   const bool leaves_map = map_u0 < 0 || map_v0 < 0 || map_u1 >= view.map_width || map_v1 >= view.map_height;
   if (leaves_map && tiles.far_outside_map > 0) return true;
+  if (tiles.far.empty()) return false;  // A view that shows no object has no map.
   if (map_u1 < 0 || map_v1 < 0 || map_u0 >= view.map_width || map_v0 >= view.map_height) return false;
   const auto tile = [](float position, int count) {
     return std::clamp(static_cast<int>(position / kTile), 0, count - 1);

@@ -279,7 +279,10 @@ class Sweep {
       point.wall_seconds += SteadySeconds() - started;
       point.cpu_seconds += end.cpu_seconds;
       if (!end.Succeeded()) {
-        point.failure = command + ": " + Reason(point_workspace.root / "run.log");
+        // What a program that a signal ended said last is not why.
+        point.failure = command + ": " +
+                        (end.signal != 0 ? "ended by signal " + std::to_string(end.signal)
+                                         : Reason(point_workspace.root / "run.log"));
         break;
       }
     }

@@ -417,6 +417,25 @@ TEST(TsdfBadInput, MemoryIsBoundedBeforeItIsAllocated) {
   ExpectUserError([&] { Fuse(views, options); }, {"voxel_size"});
 }
 
+// A photo whose mask is empty: also where the object would lie across its corner.
+TEST(TsdfBadInput, ViewThatShowsNothing) {
+  const std::vector<DepthView> views = AnalyticViews({SphereShape(0.8)}, SmallViews());
+  const TriangleMesh expected = Fuse(views, CpuOptions());
+  AnalyticViewOptions corner = SmallViews();
+  corner.num_views = 1;
+  corner.principal_point.setZero();
+  for (const bool has_mask : {false, true}) {
+    corner.with_mask = has_mask;
+    std::vector<DepthView> more = views;
+    more.push_back(AnalyticViews({SphereShape(0.8)}, corner)[0]);
+    std::fill(more.back().depths.begin(), more.back().depths.end(), 0.0F);
+    if (has_mask) std::fill(more.back().mask.pixels.begin(), more.back().mask.pixels.end(), uint8_t{0});
+    const TriangleMesh mesh = Fuse(more, CpuOptions());
+    EXPECT_EQ(mesh.vertices, expected.vertices) << has_mask;
+    EXPECT_EQ(mesh.triangles, expected.triangles) << has_mask;
+  }
+}
+
 TEST(TsdfBadInput, NothingToFuse) {
   ExpectUserError([] { Fuse({}, CpuOptions()); }, {"no surface"});
   std::vector<DepthView> views = AnalyticViews({SphereShape(0.8)}, SmallViews());
