@@ -243,7 +243,7 @@ void DecideDistortionChannel(const PlanRequest& /*request*/, const Evidence& /*e
   d->measured = fmt::format("weight {:g}", weight);
   d->threshold = "0";
   if (weight > 0) return Keep(d, "it has a weight");
-  LeaveOut(d, "it has no weight: surfaces came out no better with it (tests/bench/notes/surfaces.md)",
+  LeaveOut(d, "it has no weight: surfaces came out no better with it",
            "its sums in every pixel and their gradients");
 }
 

@@ -148,8 +148,9 @@ void AddTable(const ReportInput& input, const std::string& object_keypoints, con
                    "–",
                    input.turntable && input.turntable->units == LengthUnit::kMetre ? "a known length"
                                                                                    : "no length is known"});
+  const double pixel = NumberOr(sigma, "pixel");
   rows->push_back({"one coordinate of a keypoint", "",
-                   "± " + Significant(NumberOr(sigma, "pixel"), 2) + " px",
+                   pixel > 0 ? "± " + Significant(pixel, 2) + " px" : "not observable",
                    "the residuals of the adjustment, robustly"});
   for (const auto& [key, value] : sigma.items()) (*numbers)["sigma"][key] = value;
 }

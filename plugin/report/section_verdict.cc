@@ -3,6 +3,7 @@
 #include <cmath>
 #include <system_error>
 
+#include "plugin/cli/shell_quote.h"
 #include "plugin/report/sections.h"
 
 namespace s2gs {
@@ -19,6 +20,17 @@ std::string NextCommand(const ReportInput& input) {
     if (!std::filesystem::exists(path, ec)) return command;
   }
   return "";
+}
+
+// To be copied into a shell.
+std::string ScanCommand(const ReportInput& input, const std::vector<std::string>& more) {
+  std::vector<std::string> words = {"s2gs", "automatic_scanner", "--workspace_path",
+                                    input.workspace.root.string()};
+  if (!input.image_path.empty()) {
+    words.insert(words.end(), {"--image_path", input.image_path.string()});
+  }
+  words.insert(words.end(), more.begin(), more.end());
+  return ShellQuoted(words);
 }
 
 std::string Sentence(const ReportInput& input, const ScanSummary::PoseVerdict& verdict) {
@@ -70,7 +82,8 @@ std::vector<Tile> KeyFigures(const ReportInput& input, bool poses_hold) {
   if (mapper.is_object()) {
     const nlohmann::json sigma = mapper.value("sigma", nlohmann::json::object());
     const double rms = NumberOr(mapper.value("object", nlohmann::json::object()), "adjusted_rms_px");
-    if (std::isfinite(rms)) {
+    // None at all: nothing was adjusted, since no point was seen twice.
+    if (rms > 0) {
       tiles.push_back({"Residual", Significant(rms, 2) + " px", "rms of the rotating part's keypoints"});
     }
     const nlohmann::json verdict = mapper.value("verdict", nlohmann::json::object());
@@ -130,13 +143,10 @@ ReportSection VerdictSection(const ReportInput& input, const ScanSummary& summar
   const bool poses_hold = verdict.poses_hold || verdict.verdict.empty();
   if (!poses_hold && next == "gaussian_trainer") {
     out.Open("p").Text("Training waits, since wrong poses make a wrong model; ");
-    out.Element("code", "s2gs automatic_scanner --force 1").Text(" goes on all the same.").Close();
+    out.Element("code", ScanCommand(input, {"--force", "1"})).Text(" goes on all the same.").Close();
   } else if (!next.empty()) {
-    out.Open("p").Text("Not everything has run: next comes ").Element("code", "s2gs " + next);
-    out.Text(", or ")
-        .Element("code", "s2gs automatic_scanner")
-        .Text(", which runs all that is missing.")
-        .Close();
+    out.Open("p").Text("Not everything has run: next comes ").Element("code", next).Text(". ");
+    out.Element("code", ScanCommand(input, {})).Text(" runs all that is missing.").Close();
   } else if (verdict.verdict == "good") {
     out.Element("p",
                 "Nothing needs to be photographed again: look at the photos with warnings, if there are any, "

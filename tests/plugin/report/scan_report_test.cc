@@ -153,15 +153,18 @@ TEST(ScanReport, TellsTheMappersVerdict) {
       workspace.TurntableMapper(),
       "{\"images\": 60, \"registered\": 41, \"verdict\": {\"verdict\": \"doubtful\", \"poses_hold\": false, "
       "\"reasons\": [\"the <seam> is "
-      "open\"], \"advice\": [\"smaller steps\"], \"measured\": {\"held_back\": {\"share\": 0.875}}}}");
+      "open\"], \"advice\": [\"smaller steps\"], \"measured\": {\"held_back\": {\"share\": 0.875}}}, "
+      "\"object\": {\"adjusted_rms_px\": 0}}");
   const Report report = Make(workspace);
   EXPECT_EQ(report.numbers.at("verdict").at("verdict"), "doubtful");
   EXPECT_EQ(report.numbers.at("report").at("verdict").at("advice").at(0), "smaller steps");
   for (const char* shown : {"The scan is doubtful: 41 of 60 photos have a pose, but they may be wrong.",
                             "<li>the &lt;seam&gt; is open</li>", "<li>smaller steps</li>", "87.5 %",
-                            "class=\"verdict doubtful\""}) {
+                            "class=\"verdict doubtful\"", "s2gs automatic_scanner --workspace_path "}) {
     EXPECT_THAT(report.page, HasSubstr(shown));
   }
+  // No point was adjusted: no residual to be proud of.
+  EXPECT_THAT(report.page, Not(HasSubstr("rms of the rotating part")));
 }
 
 // A workspace whose mapper's file has one value of a wrong kind: the part that needs it is left out and
