@@ -242,7 +242,7 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   report.update(DescribeScene(aligned, candidate->refined));
   const RefineReport& refined = candidate->refined;
   const ScanEvidence evidence = GatherEvidence(input_.features, aligned, refined.joint, refined.held_back,
-                                               settings_.placement.refine.max_error_px);
+                                               candidate->matches, settings_.placement.refine.max_error_px);
   for (const std::string& said : refined.angle_contradictions) reporter_.Warn(said);
   for (const KnownAngles& angles : refined.known_angles) {
     if (!angles.is_believed) continue;

@@ -53,7 +53,7 @@ class Gatherer {
   void VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence);
   void SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) const;
   void ProvenPairs(ScanEvidence* evidence);
-  void Angles(ScanEvidence* evidence) const;
+  void Angles(const std::vector<bool>& is_in_steps, ScanEvidence* evidence) const;
   void Steps(ScanEvidence* evidence);
 
  private:
@@ -228,10 +228,11 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
 }
 
 // What the matches of photos near each other say of each angle.
-void Gatherer::Angles(ScanEvidence* evidence) const {
+void Gatherer::Angles(const std::vector<bool>& is_in_steps, ScanEvidence* evidence) const {
   std::vector<const Camera*> cameras;
   for (const PosedImage& image : posed_) cameras.push_back(image.camera);
-  const StepEvidence steps = AskSteps(features_, cameras, view_of_, axis_, of_others_, kRisk);
+  const StepEvidence steps =
+      AskSteps(features_, cameras, view_of_, axis_, of_others_, is_in_steps, evidence->overdispersion, kRisk);
   const auto name = [&](int image) { return features_.images[static_cast<size_t>(image)].name; };
   for (const MisturnedPhoto& photo : steps.misturned) {
     evidence->misturned.push_back(name(photo.image));
@@ -312,6 +313,19 @@ void Gatherer::Steps(ScanEvidence* evidence) {
   if (!least.empty()) evidence->least_step_deg = UpperMedian(least);
 }
 
+// Of each image of the features: its angle is tied to others by a prior.
+std::vector<bool> InSteps(const ScanFeatures& features, const TurntableScene& scene,
+                          const JointReport& joint) {
+  std::set<std::string> tied;
+  for (size_t v = 0; v < scene.views.size() && v < joint.angle_prior_share.size(); ++v) {
+    if (joint.angle_prior_share[v] > 0) tied.insert(scene.views[v].name);
+  }
+  std::vector<bool> result;
+  result.reserve(features.images.size());
+  for (const ScanImage& image : features.images) result.push_back(tied.count(image.name) > 0);
+  return result;
+}
+
 // Where the axis lies between the cameras and the object's points.
 void RecordAxis(const AlignedScene& aligned, ScanEvidence* evidence) {
   const TurntableAxis& axis = aligned.scene.axis;
@@ -360,10 +374,12 @@ void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& came
 
 ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& aligned,
                             const JointReport& joint, const HeldBackKeypoints& held_back,
-                            double max_error_px) {
+                            const MatchFindings& findings, double max_error_px) {
   const TurntableScene& scene = aligned.scene;
   ScanEvidence evidence;
   evidence.bound_px = max_error_px;
+  if (findings.noise_px > 0) evidence.match_noise_px = findings.noise_px;
+  evidence.overdispersion = findings.overdispersion;
   evidence.placed = static_cast<int>(scene.views.size());
   evidence.is_object_free = joint.model == JointModel::kFreeObject;
   RecordCameras(features, scene.cameras, &evidence);
@@ -377,7 +393,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   const bool has_one_angle_each = joint.model == JointModel::kSharedStations;
   gatherer.SupportOfPhotos(has_one_angle_each, &evidence);
   gatherer.ProvenPairs(&evidence);
-  gatherer.Angles(&evidence);
+  gatherer.Angles(InSteps(features, scene, joint), &evidence);
   gatherer.Steps(&evidence);
   RecordAxis(aligned, &evidence);
 

@@ -4,6 +4,7 @@
 
 #include "sfm_split/adjust/held_back.h"
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/match_findings.h"
 #include "sfm_split/adjust/verdict.h"
 #include "sfm_split/scene/scan_features.h"
 
@@ -15,7 +16,7 @@ namespace s2gs {
 /// \param max_error_px  distance from its epipolar line at which a match agrees.
 ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& aligned,
                             const JointReport& joint, const HeldBackKeypoints& held_back,
-                            double max_error_px);
+                            const MatchFindings& findings, double max_error_px);
 
 /// The same of photos that were taken for one rigid body. \param placed  how many have a pose.
 ScanEvidence GatherOneBodyEvidence(const ScanFeatures& features, const std::vector<Camera>& cameras,

@@ -23,7 +23,9 @@ constexpr size_t kNumTurns = 2 * kTurnsDeg.size() + 1;  // in order; that of the
 constexpr size_t kAsPosed = kTurnsDeg.size();
 
 constexpr double kLeastAwayDeg = 5;
-constexpr double kCertain = 8;         // e^8 to one: against other angles between stations
+constexpr double kCertain = 8;  // e^8 to one
+// Of the table's turn from photo to photo: the other way, none, twice as far.
+constexpr std::array<double, 3> kOtherTurns = {-1, 0, 2};
 constexpr size_t kLeastOfStation = 4;  // photos that are a turn
 
 using Gains = std::array<double, kNumTurns>;
@@ -45,46 +47,27 @@ double AngleBetweenDeg(const View& a, const View& b) {
   return std::abs(WrapAngle((b.angle_deg - a.angle_deg) * kDegree)) / kDegree;
 }
 
-// Stations whose photos all are turned against those of the other stations.
-std::vector<int> UntoldStations(const ScanFeatures& features, const std::vector<const View*>& views,
-                                const std::set<std::pair<int, uint32_t>>& others,
-                                const std::map<int, std::vector<int>>& stations,
-                                const TurnLikelihood& likelihood) {
-  std::vector<int> untold;
-  const auto num_turns = std::count_if(stations.begin(), stations.end(), [](const auto& station) {
-    return station.second.size() >= kLeastOfStation;
-  });
-  if (num_turns < 2) return untold;
-  const std::vector<TurnPair> pairs = CrossingPairs(features, views, others);
-  const double noise = likelihood.Noise(pairs);
-  const std::vector<double> turns = TurnsDeg();
-  std::map<int, Gains> gains_of;
+// How much likelier than by the poses the matches are if the table turned in one of the other ways.
+double GainOfOtherTurns(const std::vector<TurnPair>& pairs, const std::vector<const View*>& views,
+                        const TurnLikelihood& likelihood, double noise_px) {
+  std::array<double, kOtherTurns.size()> gains{};
   for (const TurnPair& pair : pairs) {
-    const std::vector<double> gains = likelihood.OfTurns(pair, turns, noise);
-    Gains& of_first = gains_of[features.images[pair.image1].station];
-    Gains& of_second = gains_of[features.images[pair.image2].station];
-    for (size_t t = 0; t < kNumTurns; ++t) {
-      of_second[t] += gains[t] - gains[kAsPosed];
-      of_first[kNumTurns - 1 - t] += gains[t] - gains[kAsPosed];
-    }
+    const double turned =
+        WrapAngle((views[pair.image2]->angle_deg - views[pair.image1]->angle_deg) * kDegree) / kDegree;
+    std::vector<double> turns = {0};
+    for (const double other : kOtherTurns) turns.push_back((other - 1) * turned);
+    const std::vector<double> of_pair = likelihood.OfTurns(pair, turns, noise_px);
+    for (size_t k = 0; k < gains.size(); ++k) gains[k] += of_pair[k + 1] - of_pair[0];
   }
-  for (const auto& [station, images] : stations) {
-    if (images.size() < kLeastOfStation) continue;
-    const Gains& gains = gains_of[station];
-    for (size_t t = 0; t < kNumTurns; ++t) {
-      if (t == kAsPosed || gains[t] <= -kCertain) continue;
-      untold.push_back(images[0]);
-      break;
-    }
-  }
-  return untold;
+  return *std::max_element(gains.begin(), gains.end());
 }
 
 }  // namespace
 
 StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Camera*>& cameras,
                       const std::vector<const View*>& views, const TurntableAxis& axis,
-                      const std::set<std::pair<int, uint32_t>>& others, double risk) {
+                      const std::set<std::pair<int, uint32_t>>& others, const std::vector<bool>& is_in_steps,
+                      double overdispersion, double risk) {
   StepEvidence evidence;
   std::map<int, std::vector<int>> stations;
   for (size_t i = 0; i < views.size(); ++i) {
@@ -92,9 +75,9 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
   }
   const TurnLikelihood likelihood(cameras, views, axis);
   const std::vector<double> turns = TurnsDeg();
-  evidence.untold_stations = UntoldStations(features, views, others, stations, likelihood);
   // Each photo, alone and with those that follow, at each turn.
-  const double least = std::log(2.0 * static_cast<double>(views.size() * (kNumTurns - 1)) / risk);
+  const double least =
+      overdispersion * std::log(2.0 * static_cast<double>(views.size() * (kNumTurns - 1)) / risk);
   for (const auto& [station, by_name] : stations) {
     const size_t count = by_name.size();
     if (count < 2) continue;
@@ -106,6 +89,9 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
     for (size_t k = 0; k < count; ++k) place[order[k]] = k;
     const std::vector<TurnPair> pairs = NearPairs(features, by_name, order, others);
     const double noise = likelihood.Noise(pairs);
+    if (count >= kLeastOfStation &&
+        GainOfOtherTurns(pairs, views, likelihood, noise) > -kCertain * overdispersion)
+      evidence.untold_stations.push_back(by_name[0]);
     std::vector<Gains> of_photo(count, Gains{});    // it alone is turned
     std::vector<Gains> from_photo(count, Gains{});  // it and those after it, as far as pairs reach
     for (const TurnPair& pair : pairs) {
@@ -137,14 +123,14 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
       MisturnedPhoto worst;
       bool is_told = true;
       for (size_t t = 0; t < kNumTurns; ++t) {
-        is_told &= std::abs(TurnDeg(t)) < away_deg || of_photo[k][t] <= std::log(risk);
+        is_told &= std::abs(TurnDeg(t)) < away_deg || of_photo[k][t] <= overdispersion * std::log(risk);
         for (const bool are_all : {false, true}) {
           const double gain = (are_all ? from_photo : of_photo)[k][t];
           if (gain > std::max(least, worst.log_ratio)) worst = {order[k], are_all, TurnDeg(t), gain};
         }
       }
       if (worst.log_ratio > 0) evidence.misturned.push_back(worst);
-      if (!is_told) evidence.untold.push_back(order[k]);
+      if (!is_told && !is_in_steps[static_cast<size_t>(order[k])]) evidence.untold.push_back(order[k]);
     }
   }
   return evidence;

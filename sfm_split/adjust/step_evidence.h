@@ -21,10 +21,10 @@ struct MisturnedPhoto {
 struct StepEvidence {
   std::vector<MisturnedPhoto> misturned;  ///< one for each photo at most.
   /// Images whose matches are hardly less likely half a step of the table away (five degrees at least), or
-  /// farther: they do not tell the photo's place in the turn.
+  /// farther, and whose angles nothing else tells: they do not tell the photo's place in the turn.
   std::vector<int> untold;
-  /// The first images of stations whose matches with other stations are not surer of the angle at which the
-  /// station begins than of another one, a degree away or farther: it is not told, or told otherwise.
+  /// The first images of stations whose matches are not surer of how the table turned there than that it
+  /// stood still, went the other way or turned twice as far.
   std::vector<int> untold_stations;
 };
 
@@ -36,8 +36,11 @@ struct StepEvidence {
 /// tried.
 /// \param cameras, views  of each image of the features; null without a pose.
 /// \param others  keypoints, as image and index, of bodies that the poses are not of.
+/// \param is_in_steps  of each image: its angle was adjusted as one of a series, of equal steps or stated.
+/// \param overdispersion  by how much logarithms of likelihoods are too large (StationTurns).
 StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Camera*>& cameras,
                       const std::vector<const View*>& views, const TurntableAxis& axis,
-                      const std::set<std::pair<int, uint32_t>>& others, double risk);
+                      const std::set<std::pair<int, uint32_t>>& others, const std::vector<bool>& is_in_steps,
+                      double overdispersion, double risk);
 
 }  // namespace s2gs

@@ -120,37 +120,6 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
   return pairs;
 }
 
-std::vector<TurnPair> CrossingPairs(const ScanFeatures& features, const std::vector<const View*>& views,
-                                    const std::set<std::pair<int, uint32_t>>& others) {
-  std::vector<TurnPair> pairs;
-  KeypointExtent extent;
-  for (const ImagePairMatches& given : AllPairs(features)) {
-    const auto i = static_cast<size_t>(given.image1);
-    const auto j = static_cast<size_t>(given.image2);
-    if (features.images[i].station == features.images[j].station) continue;
-    if (views[i] == nullptr || views[j] == nullptr) continue;
-    const FeatureMatches own = OwnMatches(features, given, others);
-    if (own.empty()) continue;
-    TurnPair pair{i, j, {}};
-    const Keypoints& keypoints1 = features.images[i].keypoints;
-    const Keypoints& keypoints2 = features.images[j].keypoints;
-    const std::vector<int> details = DistinctDetails(keypoints1, keypoints2, own);
-    const size_t stride = 1 + details.size() / (kMaxMatches + 1);
-    for (size_t d = 0; d < details.size(); d += stride) {
-      const FeatureMatch& match = own[static_cast<size_t>(details[d])];
-      const Eigen::Vector2d xy1 = keypoints1[match.point2D_idx1].cast<double>();
-      const Eigen::Vector2d xy2 = keypoints2[match.point2D_idx2].cast<double>();
-      pair.matches.push_back({xy1, xy2, 0});
-      extent.Add(xy1);
-    }
-    pairs.push_back(std::move(pair));
-  }
-  for (TurnPair& pair : pairs) {
-    for (TurnPair::Match& match : pair.matches) match.chance = 1 / extent.Px();
-  }
-  return pairs;
-}
-
 PosedImage TurnLikelihood::Posed(size_t image, double turn_deg) const {
   return {true, cameras_[image],
           views_[image]->cam_from_world * TurnAbout(axis_, turn_deg * kDegree) *

@@ -32,12 +32,6 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
                                 const std::vector<int>& by_angle,
                                 const std::set<std::pair<int, uint32_t>>& others);
 
-/// The pairs of photos of different stations, each posed; wrong matches lie anywhere along the object.
-/// \param views  of each image of the features; null without a pose.
-/// \param others  as above.
-std::vector<TurnPair> CrossingPairs(const ScanFeatures& features, const std::vector<const View*>& views,
-                                    const std::set<std::pair<int, uint32_t>>& others);
-
 /// How likely matches are where the second photo of a pair stands at another angle of the table than its view
 /// says, with everything else as it is.
 class TurnLikelihood {

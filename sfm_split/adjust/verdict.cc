@@ -7,9 +7,9 @@
 namespace s2gs {
 namespace {
 
-// What is asked of a scan: table angles to a degree with two standard deviations, and a place for each photo.
+// What is asked of a scan: table angles to a degree, but for one scan in 400, and a place for each photo.
 constexpr double kMaxAngleDeg = 1;
-constexpr double kSigmas = 2;
+constexpr double kSigmas = 3;
 // Single photos and pairs may fail where nine in ten do not.
 constexpr double kMost = 0.9;
 constexpr size_t kMaxNamed = 5;
@@ -214,9 +214,9 @@ class Judge {
     }
     if (!evidence_.untold_stations.empty()) {
       Add(Verdict::kDoubtful,
-          Text(
-              "the matches between camera places do not tell the table's angle between them, like that of %s",
-              evidence_.untold_stations[0].c_str()),
+          Text("the matches at a camera place do not tell whether the table turned as the poses say, like "
+               "that of %s",
+               evidence_.untold_stations[0].c_str()),
           {kTexture});
     }
     if (evidence_.neighbour_pairs == 0 && evidence_.verified.all < kLeastMatches) {
@@ -233,11 +233,14 @@ class Judge {
                static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps});
     }
-    if (evidence_.adjusted_noise_px && kErrorSigmas * *evidence_.adjusted_noise_px > evidence_.bound_px) {
+    // Verified matches of what shines or stands still have errors of their own; right ones tell the poses'.
+    const std::optional<double> noise =
+        evidence_.match_noise_px ? evidence_.match_noise_px : evidence_.adjusted_noise_px;
+    if (noise && kErrorSigmas * *noise > evidence_.bound_px) {
       Add(Verdict::kDoubtful,
           Text("matches miss their lines by %.2g px, more than the %.2g px of keypoints that the poses are "
                "for",
-               *evidence_.adjusted_noise_px, evidence_.bound_px / kErrorSigmas),
+               *noise, evidence_.bound_px / kErrorSigmas),
           {kTexture, kLight, kFixedCamera});
     }
     if (!evidence_.adjusted_noise_px || !evidence_.held_back_noise_px) return;

@@ -46,6 +46,8 @@ struct ScanEvidence {
   AgreeingMatches held_back;                 ///< of these, those that no adjustment has seen: a tenth.
   std::optional<double> adjusted_noise_px;   ///< standard deviation of the other matches' errors ...
   std::optional<double> held_back_noise_px;  ///< ... and of those held back.
+  std::optional<double> match_noise_px;      ///< of right ones among all matches, verified or not.
+  double overdispersion = 1;                 ///< by how much logarithms of likelihoods are too large.
 
   AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
   /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
@@ -63,7 +65,7 @@ struct ScanEvidence {
   std::vector<std::string> misturned;
   double worst_misturn_deg = 0;
   std::vector<std::string> untold;  ///< photos whose matches would be as likely half a step away.
-  /// First photos of stations whose angle against the others the matches between stations do not tell.
+  /// First photos of stations at which the matches do not tell how the table turned.
   std::vector<std::string> untold_stations;
   std::optional<double> neighbour_apart_deg;  ///< table angle between the photos of such a pair (median).
   /// Pairs of both kinds that share at least half as many details as neighbours do in the mean, but are more

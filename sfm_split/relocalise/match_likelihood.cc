@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
-#include <string>
 #include <vector>
 
+#include "sfm_split/adjust/posed_images.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/turntable/match_mixture.h"
@@ -57,29 +56,11 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
   return result;
 }
 
-// The images as the object sees them, or what stands still.
-std::vector<PosedImage> PosedBy(const ScanFeatures& features, const AlignedScene& aligned, bool of_object) {
-  std::map<std::string, const View*> view_of;
-  for (const View& view : aligned.scene.views) view_of[view.name] = &view;
-  std::map<uint32_t, const Camera*> camera_of;
-  for (const Camera& camera : aligned.scene.cameras) camera_of[camera.camera_id] = &camera;
-  std::vector<PosedImage> posed(features.images.size());
-  for (size_t i = 0; i < posed.size(); ++i) {
-    const auto view = view_of.find(features.images[i].name);
-    if (view == view_of.end()) continue;
-    const auto camera = camera_of.find(view->second->camera_id);
-    if (camera == camera_of.end()) continue;
-    posed[i] = {true, camera->second,
-                of_object ? view->second->CamFromObject() : view->second->cam_from_world};
-  }
-  return posed;
-}
-
 }  // namespace
 
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs) {
-  const std::vector<PosedImage> posed = PosedBy(features, aligned, true);
+  const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
   std::vector<PairErrors> errors;
   for (const PossiblePair& pair : object_pairs) {
     const auto i = static_cast<size_t>(pair.image1);
@@ -116,10 +97,10 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
 
 std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                               double max_error_px) {
-  const std::vector<PosedImage> posed = PosedBy(features, aligned, true);
+  const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
   // Between stations, where the background knows how cameras stand, it explains what agrees with it better.
   std::vector<PosedImage> unmoved(posed.size());
-  if (!aligned.background.images.empty()) unmoved = PosedBy(features, aligned, false);
+  if (!aligned.background.images.empty()) unmoved = PosedImages(features, aligned.scene, false);
   std::vector<ImagePairMatches> result;
   for (const ImagePairMatches& given : AllPairs(features)) {
     const auto i = static_cast<size_t>(given.image1);

@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "sfm_split/adjust/match_findings.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -18,6 +19,8 @@ struct ScanCandidate {
   /// Of all matches, by LikelihoodOfMatches, less what the Bayesian information criterion charges for the
   /// poses' unknowns: ways of placing the same photos compare by it, whichever comes first.
   double log_likelihood = 0;
+
+  MatchFindings matches;  ///< of the poses that were taken; nothing is known of others.
 
   bool IsBetterThan(const ScanCandidate& other) const {
     if (is_usable != other.is_usable) return is_usable;

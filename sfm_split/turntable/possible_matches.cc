@@ -68,8 +68,8 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
     const int station = features.images[i].station;
     const bool same_station = station == features.images[j].station;
     if (within_stations && !same_station) continue;
-    StepsApart apart{{given.image1, given.image2, EvenChoice(PossibleObjectMatches(features, given)), {}, 0},
-                     0};
+    StepsApart apart{
+        {given.image1, given.image2, EvenChoice(PossibleObjectMatches(features, given)), {}, 0, {}}, 0};
     if (same_station) {
       const int steps = std::abs(place[i] - place[j]);
       apart.steps = std::min(steps, size_of_station[station] - steps);
@@ -105,7 +105,7 @@ std::vector<PossiblePair> PossibleBackgroundPairs(const ScanFeatures& features) 
   std::vector<PossiblePair> result;
   KeypointExtent extent;
   for (const ImagePairMatches& given : has_raw ? features.raw_static_pairs : features.static_pairs) {
-    result.push_back({given.image1, given.image2, given.matches, {}, 0});
+    result.push_back({given.image1, given.image2, given.matches, {}, 0, {}});
     AddTo(features, result.back(), &extent);
   }
   for (PossiblePair& pair : result) pair.chance.assign(pair.matches.size(), 1 / extent.Px());

@@ -16,6 +16,7 @@ struct PossiblePair {
   /// How far a right match moves at most, per chord of the table's turn on a circle of radius 1 [px]; 0
   /// between stations: no bound.
   double reach_px = 0;
+  std::vector<double> weight;  ///< how much each counts for MatchAscent; empty: once.
 };
 
 /// Of all pairs of photos, placed or not: what wrong matches look like is then the same for every scene. In

@@ -288,7 +288,7 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
   if (outcome.images > 0) {
     features.raw_pairs = features.object_pairs;
     outcome.verdict = JudgeScan(GatherEvidence(features, aligned, refined.joint, refined.held_back,
-                                               RefineOptions().max_error_px))
+                                               MatchFindings(), RefineOptions().max_error_px))
                           .verdict;
   }
   outcome.success = outcome.images == static_cast<int>(turntable.scene.views.size()) && !angles.empty() &&

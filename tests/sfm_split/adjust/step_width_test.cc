@@ -95,7 +95,9 @@ class StepWidth : public testing::Test {
 
   std::vector<int> UntoldStations() const {
     const Posed posed = AllPosed();
-    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {}, 0.01).untold_stations;
+    const std::vector<bool> in_steps(features_.images.size(), false);
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {}, in_steps, 1, 0.01)
+        .untold_stations;
   }
 
   // A photo's keypoints as those of a photo at another angle: its view says that it is where it is not.
@@ -142,20 +144,41 @@ TEST_F(StepWidth, AStationWhoseMatchesTellNothingHasTheOthersWidth) {
   EXPECT_LT(finding.steps[0].sigma_rad, 3 * both);
 }
 
-TEST_F(StepWidth, MatchesBetweenStationsTellWhereTheyBegin) {
+TEST_F(StepWidth, MatchesTellThatTheTableTurnedAndWhichWay) {
   EXPECT_TRUE(UntoldStations().empty());
-  for (size_t image = 24; image < 48; ++image) Turn(image, 7);
-  EXPECT_EQ(UntoldStations(), (std::vector<int>{0, 24}));
+  // The second station's views say that it stood still.
+  for (size_t image = 24; image < 48; ++image) Turn(image, -turntable_.scene.views[image].angle_deg);
+  EXPECT_EQ(UntoldStations(), (std::vector<int>{24}));
 }
 
-TEST_F(StepWidth, StationsThatShareNothingMayBeginAnywhere) {
-  const auto is_crossing = [&](const ImagePairMatches& pair) {
-    return features_.images[static_cast<size_t>(pair.image1)].station !=
-           features_.images[static_cast<size_t>(pair.image2)].station;
+// Where all matches of a station are wrong, it may as well stand still.
+TEST_F(StepWidth, WrongMatchesDoNotTellHowTheTableTurned) {
+  for (auto* pairs : {&features_.object_pairs, &features_.raw_pairs}) {
+    for (ImagePairMatches& pair : *pairs) {
+      if (pair.image1 < 24 || pair.image2 < 24) continue;
+      for (size_t m = 0; m + 1 < pair.matches.size(); ++m)
+        std::swap(pair.matches[m].point2D_idx2, pair.matches[m + 1].point2D_idx2);
+    }
+  }
+  EXPECT_EQ(UntoldStations(), (std::vector<int>{24}));
+}
+
+// Photos whose own matches tell nothing have their places from the series that they belong to.
+TEST_F(StepWidth, APhotoInASeriesIsTold) {
+  for (auto* pairs : {&features_.object_pairs, &features_.raw_pairs}) {
+    for (ImagePairMatches& pair : *pairs) {
+      if (pair.image1 == 5 || pair.image2 == 5) pair.matches.clear();
+    }
+  }
+  const Posed posed = AllPosed();
+  std::vector<bool> in_steps(features_.images.size(), false);
+  const auto untold = [&] {
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {}, in_steps, 1, 0.01)
+        .untold;
   };
-  for (auto* pairs : {&features_.object_pairs, &features_.raw_pairs})
-    pairs->erase(std::remove_if(pairs->begin(), pairs->end(), is_crossing), pairs->end());
-  EXPECT_EQ(UntoldStations(), (std::vector<int>{0, 24}));
+  EXPECT_EQ(untold(), (std::vector<int>{5}));
+  in_steps[5] = true;
+  EXPECT_TRUE(untold().empty());
 }
 
 class UnequalSteps : public StepWidth {

@@ -97,6 +97,9 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
       {"held back", Verdict::kFailed, [](ScanEvidence* e) { e->held_back.agreeing = 200; }},
       {"miss their lines", Verdict::kDoubtful, [](ScanEvidence* e) { e->held_back_noise_px = 1.1; }},
       {"1 degrees of the table apart", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
+      {"miss their lines by 1.3 px", Verdict::kDoubtful, [](ScanEvidence* e) { e->match_noise_px = 1.3; }},
+      {"do not tell whether the table turned as the poses say, like that of q", Verdict::kDoubtful,
+       [](ScanEvidence* e) { e->untold_stations = {"q"}; }},
       {"a table angle is known to +- 0.8", Verdict::kDoubtful,
        [](ScanEvidence* e) { e->angle_sigma_max_deg = 0.8; }},
       {"cannot be told", Verdict::kDoubtful,
@@ -150,6 +153,24 @@ TEST(Verdict, WhatWasNotMeasuredIsNotHeldAgainstAScan) {
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
 }
 
+// Verified matches of what shines have errors that are not the poses'.
+TEST(Verdict, TheNoiseOfRightMatchesCountsWhereItIsKnown) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.adjusted_noise_px = evidence.held_back_noise_px = 4.5;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+  evidence.match_noise_px = 0.3;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+}
+
+// A degree within three standard deviations.
+TEST(Verdict, AnglesAreGoodToADegreeButForOneScanInFourHundred) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.angle_sigma_max_deg = 0.33;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  evidence.angle_sigma_max_deg = 0.34;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+}
+
 TEST(Verdict, ChanceIsTakenOffAShare) {
   EXPECT_DOUBLE_EQ(*(AgreeingMatches{100, 100, 40}).Share(), 1);
   EXPECT_DOUBLE_EQ(*(AgreeingMatches{100, 40, 40}).Share(), 0);
@@ -185,7 +206,7 @@ ScanEvidence Gather(const Scan& scan, const TurntableScene& scene) {
   AlignedScene aligned;
   aligned.scene = scene;
   aligned.object = SyntheticObjectModel(scan.turntable);
-  return GatherEvidence(scan.features, aligned, JointReport(), HoldBack(scan.features), 4);
+  return GatherEvidence(scan.features, aligned, JointReport(), HoldBack(scan.features), MatchFindings(), 4);
 }
 
 TEST(ScanEvidence, ATenthIsHeldBackInWholeSets) {

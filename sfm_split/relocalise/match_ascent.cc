@@ -1,0 +1,506 @@
+#include "sfm_split/relocalise/match_ascent.h"
+
+#include <ceres/jet.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <string>
+#include <tuple>
+#include <type_traits>
+
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/base/sampson_error.h"
+#include "sfm_split/scene/axis_turn.h"
+#include "sfm_split/turntable/match_mixture.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+constexpr size_t kTops = 3;            // of the turns of one station
+constexpr size_t kMaxMatches = 30000;  // that count; of more pairs, an even choice
+constexpr int kNoiseRounds = 4;
+constexpr double kNoiseSettled = 0.01;  // of itself
+constexpr int kMaxSteps = 40;           // at one noise
+constexpr double kSettled = 0.01;       // of a logarithm of a likelihood
+constexpr double kRounding = 1e-9;
+constexpr double kFirstDamping = 1e-3;
+constexpr double kLeastDamping = 1e-9;
+constexpr double kMostDamping = 1e6;
+constexpr double kUntold = 1e-6;  // of the largest curvature: what is so flat stays
+
+// Six numbers of a camera's pose, and one of the angle that its station begins at.
+constexpr int kOfStation = 7;
+// A pair's numbers: two stations and two focal lengths.
+constexpr int kOfPair = 2 * kOfStation + 2;
+using Jet = ceres::Jet<double, kOfPair>;
+template <typename T>
+using Vector = Eigen::Matrix<T, 3, 1>;
+template <typename T>
+using Matrix = Eigen::Matrix<T, 3, 3>;
+
+// A pair's number and, as a jet, its own derivative.
+template <typename T>
+T Number(double value, int place);
+template <>
+double Number<double>(double value, int /*place*/) {
+  return value;
+}
+template <>
+Jet Number<Jet>(double value, int place) {
+  return Jet(value, place);
+}
+
+template <typename T>
+struct Pose {
+  Matrix<T> rotation;
+  Vector<T> translation;
+};
+
+// cam_from_world after a small turn and shift, then about the axis by the station's turn and the photo's
+// angle where the object is looked at.
+template <typename T>
+Pose<T> PoseOf(const MatchAscent::Station& station, const TurntableAxis& axis, double angle_rad,
+               bool is_object, int first) {
+  Vector<T> turn;
+  Vector<T> shift;
+  for (int k = 0; k < 3; ++k) {
+    turn(k) = Number<T>(0, first + k);
+    shift(k) = Number<T>(station.cam_from_world.translation(k), first + 3 + k);
+  }
+  const Matrix<T> rotation =
+      ExpRotation<T>(turn) * station.cam_from_world.rotation.toRotationMatrix().cast<T>();
+  if (!is_object) return {rotation, shift};
+  const Matrix<T> about = RotationAbout<T>(Vector<T>(axis.direction.cast<T>()),
+                                           Number<T>(angle_rad + station.turn_rad, first + 6));
+  const Vector<T> point = axis.point.cast<T>();
+  return {rotation * about, shift + rotation * Vector<T>(point - about * point)};
+}
+
+// The errors of a pair's matches [px]; as jets, with how they change with the pair's numbers.
+template <typename T>
+std::vector<T> ErrorsOf(const AscentPair& pair, const MatchAscent::State& state, const TurntableAxis& axis) {
+  const Pose<T> first =
+      PoseOf<T>(state.stations[static_cast<size_t>(pair.station1)], axis, pair.angle1_rad, pair.is_object, 0);
+  const Pose<T> second = PoseOf<T>(state.stations[static_cast<size_t>(pair.station2)], axis, pair.angle2_rad,
+                                   pair.is_object, kOfStation);
+  using std::exp;
+  const T focal1 = exp(Number<T>(state.log_focal[static_cast<size_t>(pair.camera1)], 2 * kOfStation));
+  const T focal2 = exp(Number<T>(state.log_focal[static_cast<size_t>(pair.camera2)], 2 * kOfStation + 1));
+  const Matrix<T> rotation = second.rotation * first.rotation.transpose();
+  const Vector<T> translation = second.translation - rotation * first.translation;
+  Matrix<T> f = CrossMatrix<T>(translation) * rotation;
+  // Of pixels from the principal points.
+  f.template leftCols<2>() /= focal1;
+  f.template topRows<2>() /= focal2;
+  std::vector<T> errors;
+  errors.reserve(pair.matches.size());
+  for (const auto& [xy1, xy2] : pair.matches)
+    errors.push_back(SampsonError<T>(f, xy1.homogeneous(), xy2.homogeneous()));
+  return errors;
+}
+
+// A pair's part of the logarithm of the likelihood over chance: each match counts by its probability to be
+// right.
+struct PairValue {
+  double value = 0;
+  double inliers = 0;
+  double squares = 0;
+};
+
+// As jets, its part of a Gauss-Newton step as well.
+struct PairStep : PairValue {
+  Eigen::Matrix<double, kOfPair, kOfPair> normal = Eigen::Matrix<double, kOfPair, kOfPair>::Zero();
+  Eigen::Matrix<double, kOfPair, 1> right = Eigen::Matrix<double, kOfPair, 1>::Zero();
+};
+
+template <typename T>
+using PairSum = std::conditional_t<std::is_same_v<T, Jet>, PairStep, PairValue>;
+
+// MixtureGain, each match as often as it counts.
+double GainOf(const AscentPair& pair, const std::vector<double>& over, double share) {
+  if (pair.weight.empty()) return MixtureGain(over, share);
+  double gain = 0;
+  for (size_t m = 0; m < over.size(); ++m) gain += pair.weight[m] * std::log(1 - share + share * over[m]);
+  return gain;
+}
+
+template <typename T>
+PairSum<T> SumOf(const AscentPair& pair, const MatchAscent::State& state, const TurntableAxis& axis,
+                 double sigma_px) {
+  PairSum<T> sum;
+  const std::vector<T> errors = ErrorsOf<T>(pair, state, axis);
+  const double peak = 1 / (sigma_px * kRootTwoPi);
+  std::vector<double> over;
+  over.reserve(errors.size());
+  const auto value_of = [](const auto& error) {
+    if constexpr (std::is_same_v<T, double>) {
+      return error;
+    } else {
+      return error.a;
+    }
+  };
+  for (size_t m = 0; m < errors.size(); ++m) {
+    const double ratio = value_of(errors[m]) / sigma_px;
+    over.push_back(peak / pair.chance[m] * std::exp(-0.5 * ratio * ratio));
+  }
+  const double share = RightShare(over);
+  sum.value = GainOf(pair, over, share);
+  for (size_t m = 0; m < errors.size(); ++m) {
+    const double probability = RightProbability(over[m], share);
+    if (!(probability > 0)) continue;
+    const double counts = pair.weight.empty() ? 1 : pair.weight[m];
+    sum.inliers += counts * probability;
+    sum.squares += counts * probability * value_of(errors[m]) * value_of(errors[m]);
+    if constexpr (std::is_same_v<T, Jet>) {
+      if (!errors[m].v.allFinite()) continue;
+      const double weight = counts * probability / (sigma_px * sigma_px);
+      sum.normal.noalias() += weight * errors[m].v * errors[m].v.transpose();
+      sum.right -= weight * errors[m].a * errors[m].v;
+    }
+  }
+  return sum;
+}
+
+template <typename T>
+std::vector<PairSum<T>> SumsOf(const std::vector<AscentPair>& pairs, const MatchAscent::State& state,
+                               const TurntableAxis& axis, const AscentNoise& noise) {
+  std::vector<PairSum<T>> sums(pairs.size());
+  ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
+    const auto at = static_cast<size_t>(p);
+    sums[at] = SumOf<T>(pairs[at], state, axis, pairs[at].NoiseBy(noise));
+  });
+  return sums;
+}
+
+// How far before a camera its optical axis is nearest to the table's.
+double DepthOfAxis(const Rigid3& cam_from_world, const TurntableAxis& axis) {
+  const Vector3d forward = cam_from_world.rotation.conjugate() * Vector3d::UnitZ();
+  const Vector3d across = forward - forward.dot(axis.direction) * axis.direction;
+  return across.dot(axis.point - CameraCentre(cam_from_world)) / std::max(across.squaredNorm(), kRounding);
+}
+
+}  // namespace
+
+AscentNoise AscentNoise::Widened(double width_px) const {
+  return {std::max(object, width_px), std::max(background, width_px)};
+}
+
+MatchAscent::MatchAscent(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+                         const AlignedScene& aligned)
+    : axis_(aligned.scene.axis) {
+  std::map<std::string, size_t> view_of_name;
+  for (size_t v = 0; v < aligned.scene.views.size(); ++v) {
+    const View& view = aligned.scene.views[v];
+    view_of_name[view.name] = v;
+    const bool is_new =
+        place_of_station_.emplace(view.station, static_cast<int>(state_.stations.size())).second;
+    if (is_new) state_.stations.push_back({view.cam_from_world, 0});
+    const Station& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    are_shared_ &= AreCamerasClose(axis_, station.cam_from_world, view.cam_from_world, kRounding);
+  }
+  for (const Camera& camera : aligned.scene.cameras) {
+    place_of_camera_[camera.camera_id] = static_cast<int>(state_.log_focal.size());
+    state_.log_focal.push_back(std::log(FocalLengths(camera).mean()));
+    const auto given = features.has_prior_focal.find(camera.camera_id);
+    priors_.push_back(FocalPriorOf(features.cameras.at(camera.camera_id),
+                                   given != features.has_prior_focal.end() && given->second));
+  }
+  for (const ScanImage& image : features.images) {
+    const auto found = view_of_name.find(image.name);
+    view_of_.push_back(found == view_of_name.end() ? std::nullopt : std::optional<size_t>(found->second));
+  }
+  if (state_.stations.size() < 2) return;
+  AddPairs(features, aligned, object_pairs, true);
+  // Without a model of the background the cameras of different stations have no common world.
+  has_background_ = !aligned.background.images.empty();
+  if (has_background_) AddPairs(features, aligned, PossibleBackgroundPairs(features), false);
+  Thin(kMaxMatches);
+}
+
+void MatchAscent::AddPairs(const ScanFeatures& features, const AlignedScene& aligned,
+                           const std::vector<PossiblePair>& possible, bool is_object) {
+  const auto undistorted = [&](const Camera& camera, const Eigen::Vector2f& xy) {
+    std::optional<Vector3d> ray = UnprojectFromImage(camera, xy.cast<double>());
+    std::optional<Eigen::Vector2d> result;
+    if (ray) result = ray->hnormalized() * FocalLengths(camera).mean();
+    return result;
+  };
+  for (const PossiblePair& given : possible) {
+    const auto i = static_cast<size_t>(given.image1);
+    const auto j = static_cast<size_t>(given.image2);
+    if (!view_of_[i] || !view_of_[j]) continue;
+    const View& one = aligned.scene.views[*view_of_[i]];
+    const View& two = aligned.scene.views[*view_of_[j]];
+    AscentPair pair;
+    pair.station1 = place_of_station_.at(one.station);
+    pair.station2 = place_of_station_.at(two.station);
+    if (!is_object && pair.station1 == pair.station2) continue;
+    pair.camera1 = place_of_camera_.at(one.camera_id);
+    pair.camera2 = place_of_camera_.at(two.camera_id);
+    pair.is_object = is_object;
+    pair.angle1_rad = one.angle_deg * kDegree;
+    pair.angle2_rad = two.angle_deg * kDegree;
+    const Camera& camera1 = aligned.scene.cameras[static_cast<size_t>(pair.camera1)];
+    const Camera& camera2 = aligned.scene.cameras[static_cast<size_t>(pair.camera2)];
+    for (size_t m = 0; m < given.matches.size(); ++m) {
+      const auto xy1 = undistorted(camera1, features.images[i].keypoints[given.matches[m].point2D_idx1]);
+      const auto xy2 = undistorted(camera2, features.images[j].keypoints[given.matches[m].point2D_idx2]);
+      if (!xy1 || !xy2) continue;
+      pair.matches.emplace_back(*xy1, *xy2);
+      pair.chance.push_back(given.chance[m]);
+      if (!given.weight.empty()) pair.weight.push_back(given.weight[m]);
+    }
+    if (!pair.matches.empty()) pairs_.push_back(std::move(pair));
+  }
+}
+
+std::array<int, MatchAscent::kOfPair> MatchAscent::PlacesOf(const AscentPair& pair) const {
+  std::array<int, kOfPair> places{};
+  for (int k = 0; k < kOfStation; ++k) {
+    places[static_cast<size_t>(k)] = kOfStation * pair.station1 + k;
+    places[static_cast<size_t>(kOfStation + k)] = kOfStation * pair.station2 + k;
+  }
+  const int focals = kOfStation * static_cast<int>(state_.stations.size());
+  places[2 * kOfStation] = focals + pair.camera1;
+  places[2 * kOfStation + 1] = focals + pair.camera2;
+  return places;
+}
+
+double MatchAscent::Value(const AscentNoise& noise) const {
+  double value = 0;
+  for (const PairValue& sum : SumsOf<double>(pairs_, state_, axis_, noise)) value += sum.value;
+  for (size_t c = 0; c < priors_.size(); ++c) {
+    const double off = state_.log_focal[c] - std::log(priors_[c].focal_px);
+    value -= 0.5 * off * off / (priors_[c].sigma_log * priors_[c].sigma_log);
+  }
+  return value;
+}
+
+void MatchAscent::Linearize(const AscentNoise& noise, MatrixXd* normal, VectorXd* right) const {
+  *normal = MatrixXd::Zero(NumUnknowns(), NumUnknowns());
+  *right = VectorXd::Zero(NumUnknowns());
+  const std::vector<PairStep> sums = SumsOf<Jet>(pairs_, state_, axis_, noise);
+  for (size_t p = 0; p < pairs_.size(); ++p) {
+    const std::array<int, kOfPair> places = PlacesOf(pairs_[p]);
+    for (int a = 0; a < kOfPair; ++a) {
+      (*right)(places[static_cast<size_t>(a)]) += sums[p].right(a);
+      for (int b = 0; b < kOfPair; ++b)
+        (*normal)(places[static_cast<size_t>(a)], places[static_cast<size_t>(b)]) += sums[p].normal(a, b);
+    }
+  }
+  const auto focals = static_cast<Eigen::Index>(kOfStation * state_.stations.size());
+  for (size_t c = 0; c < priors_.size(); ++c) {
+    const double weight = 1 / (priors_[c].sigma_log * priors_[c].sigma_log);
+    const Eigen::Index at = focals + static_cast<Eigen::Index>(c);
+    (*normal)(at, at) += weight;
+    (*right)(at) -= weight * (state_.log_focal[c] - std::log(priors_[c].focal_px));
+  }
+}
+
+MatchAscent::State MatchAscent::Moved(const VectorXd& step) const {
+  State moved = state_;
+  for (size_t s = 0; s < moved.stations.size(); ++s) {
+    const auto at = static_cast<Eigen::Index>(kOfStation * s);
+    Station& station = moved.stations[s];
+    const Matrix3d turn = ExpRotation<double>(step.segment<3>(at));
+    station.cam_from_world.rotation =
+        Eigen::Quaterniond(turn * station.cam_from_world.rotation.toRotationMatrix()).normalized();
+    station.cam_from_world.translation += step.segment<3>(at + 3);
+    station.turn_rad += step(at + 6);
+  }
+  const auto focals = static_cast<Eigen::Index>(kOfStation * moved.stations.size());
+  for (size_t c = 0; c < moved.log_focal.size(); ++c)
+    moved.log_focal[c] += step(focals + static_cast<Eigen::Index>(c));
+  return moved;
+}
+
+double MatchAscent::Climb(const AscentNoise& noise, int max_steps, Reporter& reporter) {
+  double damping = kFirstDamping;
+  double value = Value(noise);
+  MatrixXd normal;
+  VectorXd right;
+  for (int k = 0; k < max_steps && damping < kMostDamping; ++k) {
+    if (reporter.StopRequested()) throw Interrupted();
+    Linearize(noise, &normal, &right);
+    for (const size_t station : held_turns_) {
+      const auto held = static_cast<Eigen::Index>(kOfStation * station + 6);
+      normal.row(held).setZero();
+      normal.col(held).setZero();
+      normal(held, held) = 1;
+      right(held) = 0;
+    }
+    double gained = 0;
+    while (damping < kMostDamping) {
+      MatrixXd damped = normal;
+      // What nothing tells, the common place, turn and unit of length of all, stays.
+      damped.diagonal() += damping * normal.diagonal();
+      damped.diagonal().array() += damping * kUntold * normal.diagonal().maxCoeff();
+      State before = std::exchange(state_, Moved(damped.ldlt().solve(right)));
+      gained = Value(noise) - value;
+      if (gained > 0) break;
+      state_ = std::move(before);
+      damping *= 10;
+    }
+    if (!(gained > 0)) break;
+    value += gained;
+    damping = std::max(damping / 10, kLeastDamping);
+    if (gained < kSettled) break;
+  }
+  return value;
+}
+
+AscentNoise MatchAscent::NoiseBy(const AscentNoise& noise) const {
+  std::array<double, 2> squares{};  // of the object, of the background
+  std::array<double, 2> inliers{};
+  const std::vector<PairValue> sums = SumsOf<double>(pairs_, state_, axis_, noise);
+  for (size_t p = 0; p < pairs_.size(); ++p) {
+    if (pairs_[p].is_object && pairs_[p].station1 != pairs_[p].station2) continue;
+    const size_t body = pairs_[p].is_object ? 0 : 1;
+    inliers[body] += sums[p].inliers;
+    squares[body] += sums[p].squares;
+  }
+  const auto of = [&](size_t body) {
+    return std::clamp(std::sqrt(squares[body] / std::max(inliers[body], 1e-9)), kLeastSigmaPx, kMostSigmaPx);
+  };
+  return {of(0), of(1)};
+}
+
+AscentNoise MatchAscent::Settle(AscentNoise noise, Reporter& reporter) {
+  for (int k = 0; k < kNoiseRounds; ++k) {
+    Climb(noise, kMaxSteps, reporter);
+    const AscentNoise next = NoiseBy(noise);
+    const bool is_settled = std::abs(next.object - noise.object) <= kNoiseSettled * next.object &&
+                            std::abs(next.background - noise.background) <= kNoiseSettled * next.background;
+    noise = next;
+    if (is_settled) break;
+  }
+  return noise;
+}
+
+// The world may turn about the axis, move along it and grow, and the object's frame turn, and nothing
+// changes; without a background each station's camera may turn about the axis by itself, as its table angles
+// turn back.
+int MatchAscent::NumTold() const {
+  const int untold = has_background_ ? 4 : 3 + static_cast<int>(state_.stations.size());
+  return NumUnknowns() - untold;
+}
+
+// Whole pairs, evenly of each two stations: of a few matches of each pair nobody knows which are right.
+void MatchAscent::Thin(size_t max_matches) {
+  size_t total = 0;
+  for (const AscentPair& pair : pairs_) total += pair.matches.size();
+  const size_t stride = 1 + total / max_matches;
+  std::map<std::tuple<bool, int, int>, size_t> next;
+  std::vector<AscentPair> kept;
+  for (AscentPair& pair : pairs_) {
+    if (next[{pair.is_object, pair.station1, pair.station2}]++ % stride == 0) kept.push_back(std::move(pair));
+  }
+  pairs_ = std::move(kept);
+}
+
+// How far the object's points lie from its middle [px]: those that have nothing to do with each other are
+// twice as far apart, squared.
+double MatchAscent::RadiusPx() const {
+  double squares = 0;
+  double num = 0;
+  for (const AscentPair& pair : pairs_) {
+    if (!pair.is_object) continue;
+    for (const auto& [xy1, xy2] : pair.matches) squares += (xy1 - xy2).squaredNorm();
+    num += static_cast<double>(pair.matches.size());
+  }
+  return std::max(1.0, std::sqrt(squares / std::max(1.0, 2 * num)));
+}
+
+// Turns of one station against the others at which, the rest held, the matches are likelier than at the turns
+// beside, the likeliest first [rad].
+std::vector<double> MatchAscent::TurnsAlone(size_t station, double sigma_px, double step_px) const {
+  const auto num = static_cast<int64_t>(std::ceil(2 * kPi * RadiusPx() / step_px));
+  const double step = 2 * kPi / static_cast<double>(num);
+  std::vector<double> values(static_cast<size_t>(num));
+  ParallelFor(num, 0, [&](int64_t k) {
+    State turned = state_;
+    turned.stations[station].turn_rad += static_cast<double>(k) * step;
+    for (const AscentPair& pair : pairs_) {
+      const bool is_first = static_cast<size_t>(pair.station1) == station;
+      const bool is_second = static_cast<size_t>(pair.station2) == station;
+      if (pair.is_object && is_first != is_second)
+        values[static_cast<size_t>(k)] += SumOf<double>(pair, turned, axis_, sigma_px).value;
+    }
+  });
+  std::vector<std::pair<double, double>> tops;  // value and turn
+  for (size_t k = 0; k < values.size(); ++k) {
+    const double before = values[(k + values.size() - 1) % values.size()];
+    const double after = values[(k + 1) % values.size()];
+    if (k > 0 && values[k] > before && values[k] >= after)
+      tops.emplace_back(values[k], WrapAngle(static_cast<double>(k) * step));
+  }
+  std::sort(tops.begin(), tops.end(), std::greater<>());
+  if (tops.size() > kTops) tops.resize(kTops);
+  std::vector<double> turns;
+  turns.reserve(tops.size());
+  for (const auto& [value, turn_rad] : tops) turns.push_back(turn_rad);
+  return turns;
+}
+
+void MatchAscent::Apply(AlignedScene* aligned) const {
+  TurntableScene& scene = aligned->scene;
+  // The unit of length is that of the cameras' mean distance from the axis.
+  double before = 0;
+  double after = 0;
+  for (const View& view : scene.views) {
+    const Station& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    const auto distance = [&](const Rigid3& cam_from_world) {
+      return (CameraCentre(cam_from_world) - axis_.point).cross(axis_.direction).norm();
+    };
+    before += distance(view.cam_from_world);
+    after += distance(station.cam_from_world);
+  }
+  double scale = after > 0 ? before / after : 1;
+  // Epipolar errors are the same for cameras that stand opposite, with all they see behind them.
+  const auto num_facing =
+      std::count_if(state_.stations.begin(), state_.stations.end(),
+                    [&](const auto& station) { return DepthOfAxis(station.cam_from_world, axis_) > 0; });
+  if (2 * static_cast<size_t>(num_facing) < state_.stations.size()) scale = -scale;
+  Sim3 about_axis;
+  about_axis.scale = scale;
+  about_axis.translation = (1 - scale) * axis_.point;
+  std::map<std::string, Rigid3> pose_of;
+  double reference_rad = 0;
+  for (const View& view : scene.views) {
+    if (&view == scene.Reference())
+      reference_rad = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))].turn_rad;
+  }
+  for (View& view : scene.views) {
+    const Station& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    view.cam_from_world = TransformPose(about_axis, station.cam_from_world);
+    const double angle = view.angle_deg * kDegree + station.turn_rad - reference_rad;
+    view.angle_deg = WrapAngle(angle) / kDegree;
+    view.world_from_object = TurnAbout(axis_, angle);
+    pose_of[view.name] = view.cam_from_world;
+  }
+  for (size_t c = 0; c < scene.cameras.size(); ++c) {
+    Camera& camera = scene.cameras[c];
+    const double factor = std::exp(state_.log_focal[c]) / FocalLengths(camera).mean();
+    for (size_t p = 0; p < InfoOf(camera.model).num_focal_params; ++p)
+      camera.params[static_cast<size_t>(p)] *= factor;
+    if (const std::optional<size_t> k = DistortionPlace(camera)) camera.params[*k] *= factor * factor;
+    const auto in_background = aligned->background.cameras.find(camera.camera_id);
+    if (in_background != aligned->background.cameras.end()) in_background->second = camera;
+  }
+  for (auto& [id, image] : aligned->background.images) {
+    const auto found = pose_of.find(image.name);
+    if (found != pose_of.end()) image.cam_from_world = found->second;
+  }
+  BringIntoConventions(aligned);
+}
+
+}  // namespace s2gs

@@ -1,0 +1,126 @@
+#include "sfm_split/relocalise/station_witnesses.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "sfm_split/adjust/posed_images.h"
+#include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/union_find.h"
+#include "sfm_split/turntable/match_mixture.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kAgreeingPx = 1.5;  // five times what keypoints are good to
+constexpr int kRounds = 60;
+
+// A match between stations, with its errors if it is the object's and if it stands still.
+struct Between {
+  PossiblePair* pair = nullptr;
+  size_t match = 0;
+  std::pair<uint32_t, uint32_t> details;  // of the two stations
+  double object_px = 0;
+  double standing_px = 0;
+  double even = 0;  // density of an error anywhere
+};
+
+double Normal(double error_px, double sigma_px) {
+  const double ratio = error_px / sigma_px;
+  return std::exp(-0.5 * ratio * ratio) / (sigma_px * kRootTwoPi);
+}
+
+// Three kinds of matches: the object's, what stands still, and anything.
+struct Kinds {
+  double object_share = 0.3;
+  double standing_share = 0.1;
+  double object_px = 0.5;
+  double standing_px = 1;
+
+  double Object(const Between& match) const { return object_share * Normal(match.object_px, object_px); }
+  double Standing(const Between& match) const {
+    return standing_share * Normal(match.standing_px, standing_px);
+  }
+  double Anything(const Between& match) const { return (1 - object_share - standing_share) * match.even; }
+};
+
+// By expectation and maximisation; as if one match more were of each kind.
+Kinds FitKinds(const std::vector<Between>& matches) {
+  Kinds kinds;
+  for (int round = 0; round < kRounds; ++round) {
+    double object = 1;
+    double standing = 1;
+    double anything = 1;
+    double object_squares = kinds.object_px * kinds.object_px;
+    double standing_squares = kinds.standing_px * kinds.standing_px;
+    for (const Between& match : matches) {
+      const double all = kinds.Object(match) + kinds.Standing(match) + kinds.Anything(match);
+      const double is_object = kinds.Object(match) / all;
+      const double is_standing = kinds.Standing(match) / all;
+      object += is_object;
+      standing += is_standing;
+      anything += 1 - is_object - is_standing;
+      if (is_object > 0) object_squares += is_object * match.object_px * match.object_px;
+      if (is_standing > 0) standing_squares += is_standing * match.standing_px * match.standing_px;
+    }
+    const double sum = object + standing + anything;
+    kinds.object_share = object / sum;
+    kinds.standing_share = standing / sum;
+    kinds.object_px = std::clamp(std::sqrt(object_squares / object), kLeastSigmaPx, kMostSigmaPx);
+    kinds.standing_px = std::clamp(std::sqrt(standing_squares / standing), kLeastSigmaPx, kMostSigmaPx);
+  }
+  return kinds;
+}
+
+}  // namespace
+
+std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const AlignedScene& aligned,
+                                           const std::vector<PossiblePair>& object_pairs) {
+  std::vector<PossiblePair> pairs = object_pairs;
+  const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
+  const std::vector<PosedImage> standing = PosedImages(features, aligned.scene, false);
+  std::vector<uint32_t> first_keypoint = {0};
+  for (const ScanImage& image : features.images)
+    first_keypoint.push_back(first_keypoint.back() + static_cast<uint32_t>(image.keypoints.size()));
+  UnionFind details(first_keypoint.back());
+  std::vector<Between> between;
+  for (PossiblePair& pair : pairs) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    const bool is_one_station = features.images[i].station == features.images[j].station;
+    for (size_t m = 0; m < pair.matches.size(); ++m) {
+      const FeatureMatch& match = pair.matches[m];
+      const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
+      const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
+      const double error_px = MatchErrorPx(posed[i], posed[j], xy1, xy2);
+      if (is_one_station && !(error_px <= kAgreeingPx)) continue;
+      const uint32_t one = first_keypoint[i] + match.point2D_idx1;
+      const uint32_t two = first_keypoint[j] + match.point2D_idx2;
+      if (is_one_station) {
+        details.Join(one, two);
+        continue;
+      }
+      between.push_back(
+          {&pair, m, {one, two}, error_px, MatchErrorPx(standing[i], standing[j], xy1, xy2), pair.chance[m]});
+    }
+  }
+  const Kinds kinds = FitKinds(between);
+  std::map<std::pair<uint32_t, uint32_t>, double> matches_of;
+  for (Between& match : between) {
+    match.details = std::minmax(details.Root(match.details.first), details.Root(match.details.second));
+    matches_of[match.details] += 1;
+  }
+  const double of_wrong = kinds.standing_share / (1 - kinds.object_share);
+  for (const Between& match : between) {
+    PossiblePair& pair = *match.pair;
+    pair.weight.resize(pair.matches.size(), 1);
+    pair.weight[match.match] = 1 / matches_of[match.details];
+    pair.chance[match.match] =
+        (1 - of_wrong) * match.even + of_wrong * Normal(match.standing_px, kinds.standing_px);
+  }
+  return pairs;
+}
+
+}  // namespace s2gs
