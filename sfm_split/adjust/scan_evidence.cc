@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
 #include <optional>
 #include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "sfm_split/adjust/chance.h"
 #include "sfm_split/adjust/match_noise.h"
@@ -80,7 +84,7 @@ class Gatherer {
     }
     return result;
   }
-  std::optional<int> TurnsOf(int station) const;
+  bool CameBack(int station) const;
 
   const ScanFeatures& features_;
   double bound_px_;
@@ -172,8 +176,13 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       pairs[kSeam].push_back(&pair);
     }
   }
-  std::vector<std::pair<double, double>> apart[2];  // table angle between a pair's photos, matches
-  std::set<int> closed;                             // stations whose end shows what their beginning does
+  struct Apart {
+    double angle_deg = 0;  // of the table, between a pair's photos
+    double matches = 0;
+    bool is_contradicted = false;
+  };
+  std::vector<Apart> apart[2];
+  std::set<int> closed;  // stations whose end shows what their beginning does
   const auto num_pairs = static_cast<double>(pairs[kNeighbours].size() + pairs[kSeam].size());
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
@@ -199,8 +208,9 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
       sum.Add(compared);
       const double turned = view_of_[static_cast<size_t>(pair.image2)]->angle_deg -
                             view_of_[static_cast<size_t>(pair.image1)]->angle_deg;
-      apart[kind].emplace_back(std::abs(WrapAngle(turned * kDegree)) / kDegree, proven.size());
       const bool is_contradicted = proof.is_contradicted;
+      apart[kind].push_back({std::abs(WrapAngle(turned * kDegree)) / kDegree,
+                             static_cast<double>(proven.size()), is_contradicted});
       evidence->neighbour_pairs += kind == kNeighbours ? 1 : 0;
       evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
       evidence->seam_pairs += kind == kSeam ? 1 : 0;
@@ -211,20 +221,20 @@ void Gatherer::ProvenPairs(ScanEvidence* evidence) {
   }
   if (!apart[kNeighbours].empty()) {
     std::vector<double> angles;
-    for (const auto& [angle, matches] : apart[kNeighbours]) angles.push_back(angle);
+    for (const Apart& pair : apart[kNeighbours]) angles.push_back(pair.angle_deg);
     const double median = UpperMedian(angles);
     evidence->neighbour_apart_deg = median;
     const double mean = static_cast<double>(evidence->neighbours.all) / evidence->neighbour_pairs;
     for (const auto& kind : apart) {
-      for (const auto& [angle, matches] : kind) {
-        if (angle <= kFarApart * median || 2 * matches < mean) continue;
+      for (const Apart& pair : kind) {
+        if (!pair.is_contradicted || pair.angle_deg <= kFarApart * median || 2 * pair.matches < mean)
+          continue;
         ++evidence->far_pairs;
-        evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), angle);
+        evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), pair.angle_deg);
       }
     }
   }
-  for (const int station : closed)
-    evidence->turns_of_nothing += TurnsOf(station) == std::optional<int>(0) ? 1 : 0;
+  for (const int station : closed) evidence->turns_of_nothing += CameBack(station) ? 1 : 0;
 }
 
 // What the matches of photos near each other say of each angle.
@@ -242,20 +252,16 @@ void Gatherer::Angles(const std::vector<bool>& is_in_steps, ScanEvidence* eviden
   for (const int image : steps.untold_stations) evidence->untold_stations.push_back(name(image));
 }
 
-// The steps of a station in order, and the one from its last photo to its first, in whole turns. Nothing
-// where more than a tenth of them are wider than a quarter turn: names that do not follow the table add up to
-// any number.
-std::optional<int> Gatherer::TurnsOf(int station) const {
-  double sum = 0;
-  int wide = 0;
-  int all = 0;
+// Whether a station's steps in order, and the one from its last photo to its first, make no turn at all and
+// the last photo is as near to the first as photos that follow each other: an arc ends far from where it
+// began. Not where more than a tenth of the steps are wider than a quarter turn: names that do not follow the
+// table add up to any number.
+bool Gatherer::CameBack(int station) const {
+  std::vector<double> steps;
   const View* first = nullptr;
   const View* before = nullptr;
   const auto add_step = [&](const View& from, const View& to) {
-    const double step = WrapAngle((to.angle_deg - from.angle_deg) * kDegree);
-    sum += step;
-    wide += std::abs(step) > 90 * kDegree ? 1 : 0;
-    ++all;
+    steps.push_back(WrapAngle((to.angle_deg - from.angle_deg) * kDegree));
   };
   for (const int image : order_.at(station)) {
     const View* view = view_of_[static_cast<size_t>(image)];
@@ -264,9 +270,15 @@ std::optional<int> Gatherer::TurnsOf(int station) const {
     if (first == nullptr) first = view;
     before = view;
   }
-  if (first != nullptr) add_step(*before, *first);
-  if (10 * wide > all) return std::nullopt;
-  return static_cast<int>(std::lround(sum / (360 * kDegree)));
+  if (first == nullptr) return false;
+  add_step(*before, *first);
+  const double sum = std::accumulate(steps.begin(), steps.end(), 0.0);
+  for (double& step : steps) step = std::abs(step);
+  const auto wide =
+      std::count_if(steps.begin(), steps.end(), [](double step) { return step > 90 * kDegree; });
+  if (10 * static_cast<size_t>(wide) > steps.size() || std::lround(sum / (360 * kDegree)) != 0) return false;
+  const double last = steps.back();
+  return last <= kFarApart * UpperMedian(std::move(steps));
 }
 
 // A point that turns by an angle moves no farther than its distance from the axis times the angle; what the

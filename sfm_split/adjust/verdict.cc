@@ -159,8 +159,8 @@ class Judge {
           "same way",
           {kTexture, kSmallerSteps, kFocal});
     }
-    // Photos farther apart share fewer details: as many as neighbours have, they cannot be several times as
-    // far.
+    // Photos farther apart share fewer details: as many as neighbours have, and none that bear out the poses,
+    // they cannot be several times as far.
     if (evidence_.far_pairs > 0 && evidence_.widest_far_pair_deg && evidence_.neighbour_apart_deg) {
       Add(Verdict::kDoubtful,
           Text("%d pairs of photos share as many details as neighbours, but are up to %.3g degrees apart by "
@@ -182,17 +182,15 @@ class Judge {
   }
 
   void JudgePairs() {
-    const auto judge = [&](const AgreeingMatches& matches, const char* of) {
-      const std::optional<double> share = matches.Share();
-      if (!share || matches.all < kLeastMatches || *share >= kHalf) return false;
+    const std::optional<double> share = evidence_.neighbours.Share();
+    const bool said = share && evidence_.neighbours.all >= kLeastMatches && *share < kHalf;
+    if (said) {
       Add(Verdict::kFailed,
-          Text("of %lld matches that %s prove by themselves, %d %% agree with the poses",
-               static_cast<long long>(matches.all), of, Percent(std::max(0.0, *share))),
+          Text("of %lld matches that photos next to each other prove by themselves, %d %% agree with the "
+               "poses",
+               static_cast<long long>(evidence_.neighbours.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps, kFixedCamera});
-      return true;
-    };
-    const bool said = judge(evidence_.neighbours, "photos next to each other");
-    judge(evidence_.across_stations, "photos of different camera places");
+    }
     if (!said && evidence_.contradicted_neighbours > (1 - kMost) * evidence_.neighbour_pairs) {
       Add(Verdict::kDoubtful,
           Text("%d of %d pairs of photos next to each other contradict the poses",

@@ -68,12 +68,12 @@ struct ScanEvidence {
   /// First photos of stations at which the matches do not tell how the table turned.
   std::vector<std::string> untold_stations;
   std::optional<double> neighbour_apart_deg;  ///< table angle between the photos of such a pair (median).
-  /// Pairs of both kinds that share at least half as many details as neighbours do in the mean, but are more
-  /// than three times as far apart by the poses; and the widest of them.
+  /// Pairs of both kinds that contradict the poses and share at least half as many details as neighbours do
+  /// in the mean, but are more than three times as far apart by the poses; and the widest of them.
   int far_pairs = 0;
   std::optional<double> widest_far_pair_deg;
-  /// Stations whose last photos and first share details, though their steps and the one across the end add up
-  /// to no turn at all: the table went and came back the same way.
+  /// Stations whose last photos and first share details and stand a few steps apart, though their steps and
+  /// the one across the end add up to no turn at all: the table went and came back the same way.
   int turns_of_nothing = 0;
 
   /// Table angle between photos that share details, by the poses, and the least that lets them move as they

@@ -104,7 +104,6 @@ class Placement {
   void TryFreeSfm(const std::vector<ColmapModel>& objects);
   void Consider(ScanCandidate candidate, const char* name);
   void PlaceMissing(const ReadDescriptors& read_descriptors);
-  void AskMatches();
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
@@ -413,22 +412,6 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
   }
 }
 
-// What all matches say of the poses that were taken: their noise, and how surely they tell the angles between
-// stations, which wrong matches among those adjusted make look surer than they are.
-void Placement::AskMatches() {
-  ScanCandidate& best = result_.best;
-  best.matches.noise_px = LikelihoodOfMatches(features_, best.aligned, pairs_).sigma_px;
-  if (best.refined.model != JointModel::kSharedStations) return;
-  const StationTurns turns = AskStationTurns(features_, pairs_, best.aligned, reporter_);
-  best.matches.overdispersion = turns.overdispersion;
-  for (const auto& [station, sigma_deg] : turns.sigma_deg) {
-    reporter_.Debug("station " + std::to_string(station) + " is turned as it is to " +
-                    std::to_string(sigma_deg) + " degrees by all matches, whose logarithms count " +
-                    std::to_string(1 / turns.overdispersion));
-  }
-  WidenByTurns(best.aligned.scene, turns, &best.refined.joint);
-}
-
 ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
                              const ReadDescriptors& read_descriptors) {
   const PlacementPath path = options_.path;
@@ -441,7 +424,8 @@ ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
   if (result_.best.is_usable) {
     PlaceMissing(read_descriptors);
     result_.durations.emplace_back("place_missing", watch_.Lap());
-    AskMatches();
+    result_.best.matches =
+        AskMatches(features_, pairs_, result_.best.aligned, reporter_, &result_.best.refined.joint);
     result_.durations.emplace_back("ask_matches", watch_.Lap());
     result_.outcome = PlacementOutcome::kPlaced;
   } else if (motion_ == TurntableMotion::kNothingRotates) {

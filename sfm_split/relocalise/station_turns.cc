@@ -4,10 +4,12 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <string>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/relocalise/match_ascent.h"
+#include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/station_witnesses.h"
 
 namespace s2gs {
@@ -116,6 +118,22 @@ void WidenByTurns(const TurntableScene& scene, const StationTurns& turns, JointR
     double& sigma_deg = joint->angle_sigma_deg[v];
     if (found != turns.sigma_deg.end() && sigma_deg > 0) sigma_deg = std::max(sigma_deg, found->second);
   }
+}
+
+MatchFindings AskMatches(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+                         const AlignedScene& aligned, Reporter& reporter, JointReport* joint) {
+  MatchFindings findings;
+  findings.noise_px = LikelihoodOfMatches(features, aligned, object_pairs).sigma_px;
+  if (joint->model != JointModel::kSharedStations) return findings;
+  const StationTurns turns = AskStationTurns(features, object_pairs, aligned, reporter);
+  findings.overdispersion = turns.overdispersion;
+  for (const auto& [station, sigma_deg] : turns.sigma_deg) {
+    reporter.Debug("all matches tell station " + std::to_string(station) + "'s turn to " +
+                   std::to_string(sigma_deg) + " degrees; their logarithms are " +
+                   std::to_string(turns.overdispersion) + " times too large");
+  }
+  WidenByTurns(aligned.scene, turns, joint);
+  return findings;
 }
 
 }  // namespace s2gs

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/match_findings.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -34,5 +35,10 @@ StationTurns AskStationTurns(const ScanFeatures& features, const std::vector<Pos
 /// Standard deviations of table angles are no smaller than those of their stations' turns. What has none (0,
 /// negative or infinite) stays. \param joint  of the scene, its angles in the order of the scene's views.
 void WidenByTurns(const TurntableScene& scene, const StationTurns& turns, JointReport* joint);
+
+/// What all matches say of an adjusted scene; widens the standard deviations of its angles.
+/// \param joint  of the scene, as above.
+MatchFindings AskMatches(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
+                         const AlignedScene& aligned, Reporter& reporter, JointReport* joint);
 
 }  // namespace s2gs

@@ -25,6 +25,7 @@
 
 #include "sfm_split/adjust/scan_evidence.h"
 #include "sfm_split/relocalise/scan_refinement.h"
+#include "sfm_split/relocalise/station_turns.h"
 #include "sfm_split/scene/pose_error.h"
 #include "sfm_split/turntable/align_scene.h"
 #include "sfm_split/turntable/single_axis_scene.h"
@@ -253,6 +254,11 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
     }
   }
 
+  MatchFindings matches;
+  if (!aligned.scene.views.empty()) {
+    features.raw_pairs = features.object_pairs;
+    matches = AskMatches(features, PossibleObjectPairs(features, false), aligned, reporter, &refined.joint);
+  }
   Outcome outcome;
   outcome.images = static_cast<int>(aligned.scene.views.size());
   outcome.all_images = static_cast<int>(turntable.scene.views.size());
@@ -286,9 +292,8 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
                      outcome.rotation_max_deg > kMaxAngleErrorDeg;
   CountWithinSigmas(aligned.scene, truth_of, refined.joint.angle_sigma_deg, &outcome);
   if (outcome.images > 0) {
-    features.raw_pairs = features.object_pairs;
-    outcome.verdict = JudgeScan(GatherEvidence(features, aligned, refined.joint, refined.held_back,
-                                               MatchFindings(), RefineOptions().max_error_px))
+    outcome.verdict = JudgeScan(GatherEvidence(features, aligned, refined.joint, refined.held_back, matches,
+                                               RefineOptions().max_error_px))
                           .verdict;
   }
   outcome.success = outcome.images == static_cast<int>(turntable.scene.views.size()) && !angles.empty() &&

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -121,10 +122,6 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
        }},
       {"a guess", Verdict::kDoubtful, [](ScanEvidence* e) { e->is_focal_guessed = true; }},
       {"focal length", Verdict::kFailed, [](ScanEvidence* e) { e->focal_widths = {0.036}; }},
-      {"different camera places", Verdict::kFailed,
-       [](ScanEvidence* e) {
-         e->across_stations = {900, 100, 20};
-       }},
       {"matches of 5 photos bear out", Verdict::kDoubtful,
        [](ScanEvidence* e) {
          e->unsupported = {"a", "b", "c", "d", "e"};
@@ -185,11 +182,11 @@ struct Scan {
   ScanFeatures features;
 };
 
-Scan MakeScan() {
+Scan MakeScan(double step_deg = 20) {
   SyntheticTurntableOptions options;
   options.stations = 2;
   options.steps = 18;
-  options.step_deg = 20;
+  options.step_deg = step_deg;
   options.num_object_points = 200;
   options.num_platter_points = 80;
   options.num_background_points = 100;
@@ -252,6 +249,33 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_NEAR(*evidence.adjusted_noise_px, 0.3, 0.05);
   const ScanVerdict verdict = JudgeScan(evidence);
   EXPECT_EQ(verdict.verdict, Verdict::kGood) << verdict.reasons[0];
+}
+
+// The last photos of a short arc see what the first do, and stand far from them: nothing came back.
+TEST(ScanEvidence, AnArcIsNoTurnThatCameBack) {
+  const Scan scan = MakeScan(2);
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_GT(evidence.seam_pairs, 2);
+  EXPECT_EQ(evidence.turns_of_nothing, 0);
+  EXPECT_EQ(evidence.far_pairs, 0);
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood) << JudgeScan(evidence).reasons[0];
+}
+
+// The second half of the angles, mirrored: the table went and came back the same way.
+TEST(ScanEvidence, ATurnThatCameBackIsFound) {
+  const Scan scan = MakeScan();
+  TurntableScene scene = scan.turntable.scene;
+  std::map<int, int> place;
+  for (View& view : scene.views) {
+    const int k = place[view.station]++;
+    if (k < 9) continue;
+    const double back_deg = 20.0 * (18 - k) - 20.0 * k;
+    view.angle_deg += back_deg;
+    view.world_from_object = TurnAbout(scene.axis, back_deg * kDegree) * view.world_from_object;
+  }
+  const ScanEvidence evidence = Gather(scan, scene);
+  EXPECT_NE(JudgeScan(evidence).verdict, Verdict::kGood);
+  EXPECT_EQ(evidence.misturned.empty() && evidence.turns_of_nothing == 0, false);
 }
 
 TurntableScene WithSteps(const TurntableScene& truth, double factor) {
