@@ -40,7 +40,7 @@ PROGRAMS = {
     "core_tests": "TileLists.*",
     "backend_tests": "*BackendTest.*",
     "train_tests": "Train.IsBitIdentical*",
-    "mesh_tests": "*Tsdf*.SphereIsUnbiased*:Tsdf.ScaleAndPlace*:Tsdf.FieldsFar*",
+    "mesh_tests": "*TsdfOnBackend.SphereIsUnbiased*:*TsdfOnBackend.ScaleAndPlace*:*TsdfOnBackend.FieldsFar*",
     "sfm_tests": "Rotation.*:ReprojectionCost.*:JointBa.Exact*:JointBa.Unobservable*:JointBa.ZeroBaseline*:"
                  "JointBa.FocalLengths*",
 }

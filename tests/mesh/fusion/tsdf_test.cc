@@ -64,6 +64,8 @@ double BoxDistance(const Eigen::Vector3d& x, const Eigen::Vector3d& half) {
   return q.cwiseMax(0).norm() + std::min(q.maxCoeff(), 0.0);
 }
 
+const char* NameOf(TsdfBackend backend) { return backend == TsdfBackend::kCpu ? "cpu" : "cuda"; }
+
 class TsdfOnBackend : public testing::TestWithParam<TsdfBackend> {
  protected:
   void SetUp() override {
@@ -104,7 +106,7 @@ TEST_P(TsdfOnBackend, SphereIsUnbiased) {
       EXPECT_NEAR(topology.volume, 4 * kPi / 3 * 0.512, 0.005 * 4 * kPi / 3 * 0.512);
     }
   }
-  const char* on = GetParam() == TsdfBackend::kCpu ? "cpu" : "cuda";
+  const char* on = NameOf(GetParam());
   ExpectWithin(numerics::kTsdf, "bias, truncation 4 to 8 voxels [voxels]", on, bias, 0.1);
   ExpectWithin(numerics::kTsdf, "farthest vertex, truncation 4 to 8 voxels [voxels]", on, worst, 0.1);
 }
@@ -185,6 +187,12 @@ TsdfOptions CpuOptions(int num_threads = 2) {
   return options;
 }
 
+TsdfOptions OptionsOf(TsdfBackend backend) {
+  TsdfOptions options = CpuOptions();
+  options.backend = backend;
+  return options;
+}
+
 AnalyticViewOptions SmallViews() {
   AnalyticViewOptions options;
   options.num_views = 24;
@@ -230,12 +238,13 @@ TEST(Tsdf, SameBitsInBatches) {
   EXPECT_EQ(batches.triangles, at_once.triangles);
 }
 
-TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
+TEST_P(TsdfOnBackend, ScaleAndPlaceDoNotMatter) {
+  const TsdfOptions tsdf = OptionsOf(GetParam());
   AnalyticViewOptions view_options = SmallViews();
-  const TriangleMesh reference = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), CpuOptions());
+  const TriangleMesh reference = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), tsdf);
   for (const double scale : {1e-3, 1e3}) {
     view_options.scale = scale;
-    const TriangleMesh mesh = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), CpuOptions());
+    const TriangleMesh mesh = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), tsdf);
     ASSERT_EQ(mesh.vertices.size(), reference.vertices.size());
     double worst = 0;
     double sum = 0;
@@ -248,7 +257,7 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
     ExpectWithin(
         numerics::kScaleAndPlace,
         std::string("mesh, RMS of its vertices over its size, lengths x ") + (scale < 1 ? "1e-3" : "1e3"),
-        "cpu", std::sqrt(sum / static_cast<double>(mesh.vertices.size())) / 1.6, 1e-5);
+        NameOf(GetParam()), std::sqrt(sum / static_cast<double>(mesh.vertices.size())) / 1.6, 1e-5);
     // Where a voxel falls on the border of two pixels, rounding decides which plane it meets:
     // measured 8.5e-5, 0.4 % of a voxel.
     EXPECT_LT(worst, 2e-4) << scale;
@@ -256,7 +265,7 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
   // Powers of two change no rounding, so they change nothing: no constant has a unit.
   for (const double scale : {0x1p-10, 0x1p10}) {
     view_options.scale = scale;
-    const TriangleMesh mesh = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), CpuOptions());
+    const TriangleMesh mesh = Fuse(AnalyticViews({SphereShape(0.8)}, view_options), tsdf);
     ASSERT_EQ(mesh.vertices.size(), reference.vertices.size());
     EXPECT_EQ(mesh.triangles, reference.triangles);
     double worst = 0;
@@ -270,9 +279,9 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
   view_options.middle = {100, -200, 50};
   Shape sphere = SphereShape(0.8);
   sphere.frame_from_shape.translation = view_options.middle;
-  const TriangleMesh moved = Fuse(AnalyticViews({sphere}, view_options), CpuOptions());
+  const TriangleMesh moved = Fuse(AnalyticViews({sphere}, view_options), tsdf);
   TsdfSummary summary;
-  Fuse(AnalyticViews({sphere}, view_options), CpuOptions(), &summary);
+  Fuse(AnalyticViews({sphere}, view_options), tsdf, &summary);
   const Deviation deviation = DeviationOf(moved, summary.voxel_size, [&](const Eigen::Vector3d& x) {
     return SphereDistance(x - view_options.middle);
   });
@@ -282,7 +291,7 @@ TEST(Tsdf, ScaleAndPlaceDoNotMatter) {
 
 // A million diameters from the frame's origin. A mesh's vertices are float, which are 6 % of the diameter
 // apart out there, so the field itself is compared: where its voxels are, and what they hold.
-TEST(Tsdf, FieldsFarFromTheOriginAreTheSame) {
+TEST_P(TsdfOnBackend, FieldsFarFromTheOriginAreTheSame) {
   const auto field = [](const Eigen::Vector3d& middle) {
     AnalyticViewOptions view_options = SmallViews();
     view_options.middle = middle;
@@ -290,7 +299,7 @@ TEST(Tsdf, FieldsFarFromTheOriginAreTheSame) {
     sphere.frame_from_shape.translation = middle;
     const DepthViewList views(AnalyticViews({sphere}, view_options));
     Reporter silent;
-    TsdfFusion fusion(views, CpuOptions(), silent);
+    TsdfFusion fusion(views, OptionsOf(GetParam()), silent);
     return fusion.Fuse();
   };
   const auto deviation = [&](const Eigen::Vector3d& middle) {
@@ -303,8 +312,9 @@ TEST(Tsdf, FieldsFarFromTheOriginAreTheSame) {
   const Deviation here = deviation(Eigen::Vector3d::Zero());
   const Deviation far = deviation(1e6 * Eigen::Vector3d(0.6, -0.7, 0.4));
   ExpectWithin(numerics::kScaleAndPlace,
-               "field of a sphere moved by 1e6 sizes: change of its bias and RMS error over its size", "cpu",
-               std::max(std::abs(far.mean - here.mean), std::abs(far.rms - here.rms)), 1e-5);
+               "field of a sphere moved by 1e6 sizes: change of its bias and RMS error over its size",
+               NameOf(GetParam()), std::max(std::abs(far.mean - here.mean), std::abs(far.rms - here.rms)),
+               1e-5);
 }
 
 TEST(Tsdf, ColorsAreThoseOfTheSurface) {
