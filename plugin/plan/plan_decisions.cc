@@ -158,9 +158,11 @@ void DecidePairs(const PlanRequest& /*request*/, const Evidence& e, PlanDecision
   const double all = photos * (photos - 1) / 2;
   d->measured = fmt::format("{:.0f} of {:.0f} pairs matched", matched, all);
   if (matched >= all) return Keep(d, "the scan is so small that all pairs are matched");
+  const double saved = 100 * (1 - matched / all);
+  if (saved < 0.5) return Keep(d, "nearly all pairs are matched");  // it would be called a saving of 0 %
   LeaveOut(d,
            "photos far apart on the table, or of stations that look at another side, have nothing in common",
-           fmt::format("{:.0f} % of the matching", 100 * (1 - matched / all)));
+           fmt::format("{:.0f} % of the matching", saved));
 }
 
 void DecideTwoBodies(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
@@ -185,7 +187,7 @@ void DecideBackground(const PlanRequest& /*request*/, const Evidence& e, PlanDec
   const std::string reason = scene_case == "one_body"         ? "everything is one body"
                              : scene_case == "single_station" ? "from one place its depth cannot be observed"
                                                               : "no two stations recognise it";
-  LeaveOut(d, reason, "a run of `colmap mapper` on one photo for each station");
+  LeaveOut(d, reason, "a run of colmap's mapper on one photo for each station");
 }
 
 void DecideScale(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {

@@ -114,6 +114,18 @@ TEST_F(ScanPlanTest, TheSplitDecidesWhatItMeasured) {
   EXPECT_EQ(Of("two_bodies").measured, "as measured");
   EXPECT_EQ(Of("pairs").state, PlanState::kRuns);
 
+  // 25 photos have 300 pairs.
+  std::string images = "{}";
+  for (int i = 1; i < 25; ++i) images += ", {}";
+  const auto write_pairs = [&](int matched) {
+    WriteAll(request_.workspace.SplitLabels(), R"({"case": "one_body", "images": [)" + images +
+                                                   R"(], "pairs_matched": )" + std::to_string(matched) + "}");
+  };
+  write_pairs(299);
+  EXPECT_EQ(Of("pairs").state, PlanState::kRuns);
+  write_pairs(298);
+  EXPECT_EQ(Of("pairs").saving, "1 % of the matching");
+
   WriteAll(request_.workspace.SplitLabels(), R"({"case": 5, "images": 7, "pairs_matched": []})");
   EXPECT_EQ(Of("pairs").state, PlanState::kLater);  // damaged: as if it were not there
 }
