@@ -112,6 +112,13 @@ std::vector<Start> ChooseStarts(const TrainingScene& scene, const InitialiseOpti
               bodies == SceneBodies::kStaticOnly ? 0 : 1 - options.sparse_foreground, seed, &starts);
   }
   const auto added = static_cast<int64_t>(starts.size()) - rotating - fixed;
+  if (bodies == SceneBodies::kBoth && rotating == 0) {
+    // Measured on four scenes: from random points 3,000 iterations learn no mask, where 2,000 from points do.
+    reporter.Warn(
+        "the rotating part's model has no points, so training starts at random there: it takes many times "
+        "the "
+        "iterations and may not tell what turns at all. Give it points, or masks by --masks_as_hint 1");
+  }
   reporter.Info("start from " + std::to_string(rotating) + " points of the rotating part, " +
                 std::to_string(fixed) + " of the background and " +
                 std::to_string(std::max<int64_t>(added, 0)) + " random ones");

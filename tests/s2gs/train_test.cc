@@ -1,15 +1,19 @@
 #include "s2gs/train.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
+#include <string_view>
 
 #include "s2gs/checkpoint.h"
 #include "s2gs/freeze.h"
+#include "s2gs/initialise.h"
 #include "s2gs/kernel/foreground.h"
 #include "tests/s2gs/expect_gaussians.h"
 #include "tests/s2gs/small_scene.h"
@@ -59,6 +63,25 @@ TEST(Train, TellsTheBodiesApartAndExplainsPhotosNeverSeen) {
   EXPECT_TRUE(result.foreground_frozen);
   RecordProperty("psnr", std::to_string(result.held_out->psnr));
   RecordProperty("mask_iou", std::to_string(result.held_out->mask_iou));
+}
+
+TEST(Train, WarnsWhereTheRotatingPartHasNoPoints) {
+  class Warnings : public Reporter {
+   public:
+    void Log(LogLevel level, std::string_view message) override {
+      if (level == LogLevel::kWarning) text += message;
+    }
+    std::string text;
+  };
+  TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 32, 24, 2, 4);
+  Warnings warnings;
+  const size_t some = InitialiseGaussians(scene, {}, 1, warnings).size();
+  EXPECT_EQ(warnings.text, "");
+  scene.points.erase(std::remove_if(scene.points.begin(), scene.points.end(),
+                                    [](const ScenePoint& point) { return point.rotates; }),
+                     scene.points.end());
+  EXPECT_EQ(InitialiseGaussians(scene, {}, 1, warnings).size(), some);  // filled up with random ones
+  EXPECT_THAT(warnings.text, testing::HasSubstr("has no points"));
 }
 
 TEST(Train, KeepsItsGaussiansThroughOpacityResets) {
