@@ -155,8 +155,8 @@ TEST(PlaceScan, AWrongBackgroundDoesNotTakeTheObjectAlong) {
   const ScanPlacement placement = scan.Place();
   EXPECT_EQ(placement.outcome, PlacementOutcome::kPlaced);
   EXPECT_EQ(placement.best.aligned.scene.views.size(), 12U) << placement.findings;
-  EXPECT_EQ(Tried(placement),
-            Names({"free_sfm", "free_sfm_object", "circular_motion", "rigged_circle", "place_missing", "ask_matches"}))
+  EXPECT_EQ(Tried(placement), Names({"free_sfm", "free_sfm_object", "circular_motion", "rigged_circle",
+                                     "place_missing", "ask_matches"}))
       << placement.findings;
   EXPECT_EQ(placement.path, "free_sfm_object");
   EXPECT_LT(scan.WorstAngleDeg(placement), 0.1);
@@ -183,7 +183,8 @@ TEST(PlaceScan, PhotosWithoutMatchesComeByWhatThePointsLookLike) {
   // is a circle through the background's cameras looked for.
   Names tried = Tried(placement);
   tried.erase(std::remove(tried.begin(), tried.end(), "rigged_circle"), tried.end());
-  EXPECT_EQ(tried, Names({"free_sfm", "free_sfm_object", "circular_motion", "single_axis", "place_missing", "ask_matches"}));
+  EXPECT_EQ(tried, Names({"free_sfm", "free_sfm_object", "circular_motion", "single_axis", "place_missing",
+                          "ask_matches"}));
   EXPECT_GT(scan.reads, 0);
   EXPECT_EQ(placement.best.aligned.scene.views.size(), 24U);
   std::set<std::string> names;
