@@ -27,6 +27,7 @@ constexpr double kCertain = 8;  // e^8 to one
 // Of the table's turn from photo to photo: the other way, none, twice as far.
 constexpr std::array<double, 3> kOtherTurns = {-1, 0, 2};
 constexpr size_t kLeastOfStation = 4;  // photos that are a turn
+constexpr double kAnywhere = 0.1;      // of photos in steps, whose matches may put them anywhere
 
 using Gains = std::array<double, kNumTurns>;
 
@@ -78,6 +79,7 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
   // Each photo, alone and with those that follow, at each turn.
   const double least =
       overdispersion * std::log(2.0 * static_cast<double>(views.size() * (kNumTurns - 1)) / risk);
+  std::vector<MisturnedPhoto> misturned_in_steps;
   for (const auto& [station, by_name] : stations) {
     const size_t count = by_name.size();
     if (count < 2) continue;
@@ -129,9 +131,15 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
           if (gain > std::max(least, worst.log_ratio)) worst = {order[k], are_all, TurnDeg(t), gain};
         }
       }
-      if (worst.log_ratio > 0) evidence.misturned.push_back(worst);
-      if (!is_told && !is_in_steps[static_cast<size_t>(order[k])]) evidence.untold.push_back(order[k]);
+      const bool in_steps = is_in_steps[static_cast<size_t>(order[k])];
+      if (worst.log_ratio > 0) (in_steps ? misturned_in_steps : evidence.misturned).push_back(worst);
+      if (!is_told && !in_steps) evidence.untold.push_back(order[k]);
     }
+  }
+  // Steps that nine photos in ten bear out outweigh what shines or walks by in the tenth.
+  const auto num_in_steps = std::count(is_in_steps.begin(), is_in_steps.end(), true);
+  if (static_cast<double>(misturned_in_steps.size()) > kAnywhere * static_cast<double>(num_in_steps)) {
+    evidence.misturned.insert(evidence.misturned.end(), misturned_in_steps.begin(), misturned_in_steps.end());
   }
   return evidence;
 }

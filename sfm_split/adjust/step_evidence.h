@@ -19,7 +19,8 @@ struct MisturnedPhoto {
 };
 
 struct StepEvidence {
-  std::vector<MisturnedPhoto> misturned;  ///< one for each photo at most.
+  /// One for each photo at most; of photos in steps only where more than a tenth of these are.
+  std::vector<MisturnedPhoto> misturned;
   /// Images whose matches are hardly less likely half a step of the table away (five degrees at least), or
   /// farther, and whose angles nothing else tells: they do not tell the photo's place in the turn.
   std::vector<int> untold;

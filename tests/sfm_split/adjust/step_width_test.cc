@@ -181,6 +181,22 @@ TEST_F(StepWidth, APhotoInASeriesIsTold) {
   EXPECT_TRUE(untold().empty());
 }
 
+// One photo that its matches put elsewhere, among steps that the others bear out, has wrong matches; more
+// than a tenth have steps that are none.
+TEST_F(StepWidth, StepsOutweighAFewPhotosMatches) {
+  const auto misturned = [&](bool in_steps) {
+    const Posed posed = AllPosed();
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {},
+                    std::vector<bool>(features_.images.size(), in_steps), 1, 0.01)
+        .misturned.size();
+  };
+  Turn(5, 9);
+  EXPECT_GE(misturned(false), 1U);
+  EXPECT_EQ(misturned(true), 0U);
+  for (const size_t image : {9, 13, 17, 20, 28, 33, 40}) Turn(image, 9);
+  EXPECT_GE(misturned(true), 8U);
+}
+
 class UnequalSteps : public StepWidth {
  protected:
   static SyntheticTurntableOptions Uneven() {
