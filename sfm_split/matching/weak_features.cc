@@ -6,9 +6,9 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/keypoint_grid.h"
+#include "sfm_split/matching/picture_noise.h"
 
 namespace s2gs {
 namespace {
@@ -18,25 +18,12 @@ constexpr int kLayers = 3;     // of an octave
 constexpr double kSigmas = 4;  // of the noise of a difference of Gaussians
 // Of white noise of one grey level in the differences of Gaussians of the finest layer of a doubled photo.
 constexpr double kNoiseOfDifference = 0.15;
-constexpr double kLeastNoise = 0.7;       // of an 8-bit JPEG without any [grey levels]
 constexpr double kColmapContrast = 0.02;  // below it, COLMAP has left features out
 constexpr double kEdgeThreshold = 10;
 constexpr float kDoublingPx =
     0.25F;  // OpenCV enlarges pixels about their centres, its keypoints about a corner
 constexpr float kSamePlacePx = 1.5F;
 constexpr float kSameScale = 1.5F;
-
-double NoiseOf(const cv::Mat& grey) {
-  const cv::Mat kernel = (cv::Mat_<float>(3, 3) << 1, -2, 1, -2, 4, -2, 1, -2, 1);
-  cv::Mat rough;
-  cv::filter2D(grey, rough, CV_32F, kernel);
-  std::vector<float> sizes;
-  sizes.reserve(rough.total());
-  for (int y = 0; y < rough.rows; ++y) {
-    for (int x = 0; x < rough.cols; ++x) sizes.push_back(std::abs(rough.at<float>(y, x)));
-  }
-  return std::max(kLeastNoise, 1.4826 * UpperMedian(std::move(sizes)) / 6);
-}
 
 // COLMAP's normalisation: the roots of each value's share of the sum (Arandjelovic and Zisserman 2012).
 void AppendRoots(const float* descriptor, std::vector<uint8_t>* out) {
@@ -60,7 +47,7 @@ SiftFeatures FindWeakFeatures(const GreyRegion& photo, const Keypoints& known,
   box = cv::Rect(box.x - kMargin, box.y - kMargin, box.width + 2 * kMargin, box.height + 2 * kMargin) &
         cv::Rect(0, 0, photo.width, photo.height);
   const double contrast =
-      std::min(kColmapContrast, kLayers * kSigmas * kNoiseOfDifference * NoiseOf(grey) / 255);
+      std::min(kColmapContrast, kLayers * kSigmas * kNoiseOfDifference * PictureNoise(grey) / 255);
   const cv::Ptr<cv::SIFT> sift = cv::SIFT::create(0, kLayers, contrast, kEdgeThreshold);
   std::vector<cv::KeyPoint> found;
   sift->detect(grey(box), found, wanted(box));

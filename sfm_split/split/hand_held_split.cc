@@ -11,7 +11,7 @@
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/split/motion_sync.h"
 #include "sfm_split/split/pair_evidence.h"
-#include "sfm_split/split/station_split.h"
+#include "sfm_split/split/rotating_labels.h"
 
 namespace s2gs {
 namespace {

@@ -13,6 +13,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/matching/picture_noise.h"
 
 namespace s2gs {
 namespace {
@@ -22,7 +23,6 @@ constexpr int kCoarseFactor = 4;     // of the pictures that large shifts are lo
 constexpr int kCoarseTileSide = 12;  // [px there]
 constexpr int kSearchRadius = 4;     // around the coarse shift, which is known to 2 px [px]
 constexpr double kBlurPx = 0.8;
-constexpr double kLeastNoise = 0.7;  // of 8-bit JPEGs without any [grey levels]
 constexpr double kMaxSigmaPx = 0.1;  // of a textured tile's displacement
 // Independent values among a tile's gradients: blurred noise is one within 4 pi blur^2 pixels.
 constexpr double kIndependent = 2.0 * kTileSide * kTileSide / (4 * kPi * kBlurPx * kBlurPx);
@@ -178,20 +178,11 @@ PictureStandard::Level PictureStandard::MakeLevel(const GreyPicture& picture, in
   cv::Mat grey;
   bytes.convertTo(grey, CV_32F);
   Level level;
-  // Immerkaer's noise estimate, by the median, which texture does not disturb.
-  const cv::Mat kernel = (cv::Mat_<float>(3, 3) << 1, -2, 1, -2, 4, -2, 1, -2, 1);
-  cv::Mat rough;
-  cv::filter2D(grey, rough, CV_32F, kernel);
-  std::vector<float> sizes;
-  sizes.reserve(rough.total());
-  for (int y = 0; y < rough.rows; ++y) {
-    for (int x = 0; x < rough.cols; ++x) sizes.push_back(std::abs(rough.at<float>(y, x)));
-  }
-  level.noise = std::max(kLeastNoise, 1.4826 * UpperMedian(std::move(sizes)) / 6);
+  level.noise = PictureNoise(grey);
   if (factor > 1) {
     const cv::Size size(std::max(1, grey.cols / factor), std::max(1, grey.rows / factor));
     cv::resize(grey, grey, size, 0, 0, cv::INTER_AREA);
-    level.noise = std::max(kLeastNoise, level.noise / factor);
+    level.noise = std::max(kLeastPictureNoise, level.noise / factor);
   }
   cv::GaussianBlur(grey, grey, {0, 0}, kBlurPx);
   level.gx = Array::Zero(grey.rows, grey.cols);

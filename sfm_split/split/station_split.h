@@ -9,11 +9,4 @@ namespace s2gs {
 /// representatives and pairs. Images with given labels keep them.
 void SplitByStations(SplitMatching* matching, MotionSplit* split);
 
-/// Final labels and object pairs from the verified pairs and what stood still: a keypoint rotates when enough
-/// matches say so and more of them than photos that show it unmoved. Matches of keypoints that do not rotate
-/// are taken out of object_pairs.
-/// \param still  per image, per keypoint: photos that show it unmoved; empty when that was not looked at.
-void LabelRotatingKeypoints(const SplitMatching& matching, const std::vector<std::vector<int>>& still,
-                            MotionSplit* split);
-
 }  // namespace s2gs

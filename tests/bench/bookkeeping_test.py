@@ -14,6 +14,7 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import compare
 import method_tables
+import mutant_build
 import mutants
 import report
 import results
@@ -290,6 +291,15 @@ class Mutants(unittest.TestCase):
                  'tests/mesh/io/files_test.cc': ('file_tests', ['Files']), 'tests/plugin/x_test.cc': ('p', ['X'])}
         self.assertEqual(mutants.stages_of_tests('mesh/surface/decimate.cc', tests),
                          [{'mesh_tests': ['Decimate']}, {'mesh_tests': ['Other']}, {'file_tests': ['Files']}])
+
+    def test_what_a_broken_file_changes_in_a_program(self):
+        words = ['c++', 'tests/CMakeFiles/p.dir/a_test.cc.o', '-o', 'tests/p', 'm/libm.a']
+        tree = mutant_build.BuiltTree('/r', '/r/b', {'commit': '', 'links': {'tests/p': words}, 'objects': {
+            'm/CMakeFiles/m.dir/a.cc.o': {'file': 'm/a.cc', 'words': [], 'deps': ['m/a.cc', 'm/a.h']},
+            'n/CMakeFiles/n.dir/b.cc.o': {'file': 'n/b.cc', 'words': [], 'deps': ['n/b.cc', 'm/a.h']},
+            'tests/CMakeFiles/p.dir/a_test.cc.o': {'file': 'tests/a_test.cc', 'words': [], 'deps': ['tests/a_test.cc', 'm/a.h']}}})
+        self.assertEqual(tree.objects_of('m/a.cc', 'tests/p'), ['m/CMakeFiles/m.dir/a.cc.o'])
+        self.assertEqual(tree.objects_of('m/a.h', 'tests/p'), ['m/CMakeFiles/m.dir/a.cc.o', words[1]])
 
     def test_the_repositorys_own_tests_are_found(self):
         found = mutants.test_programs(scenes.REPOSITORY)

@@ -1,29 +1,37 @@
 #!/usr/bin/env python3
 """Breaks one line of the product at a time and shows which breaks no test notices.
 
-usage: mutants.py --results FILE.jsonl [--count N] [--seed S] [--module NAME ...] [--file PATH ...] [--scratch FOLDER]
+usage: mutants.py --results FILE.jsonl [--count N] [--from I] [--to J] [--seed S] [--module NAME ...] [--file PATH ...]
        mutants.py --results FILE.jsonl --report
+       mutants.py --describe FILE.json [--build FOLDER]
 
 Candidates are signs, factors, bounds, conditions and constants in the sources of plugin, sfm_split, s2gs and mesh, as
-many from each module, in an order that the seed gives. Each is made in a worktree of its own (`--scratch`, a build
-folder inside), only what the tests need is built, and the tests that cover the file run: first those of the folder
-that mirrors it, then, where these pass, the module's others (COVERED_BY). A broken program that a test ends, or that
-takes far longer, is killed; one whose object file is the same as before is equal and does not count.
+many from each module, in an order that the seed gives. Each is made in a folder of its own beside a tree that is built
+(the preset cpu, all targets), `--jobs` at a time: what depends on the file is compiled, the tests that cover it are linked
+and run: first the one of its name, then those of the folder that mirrors it, then the module's others (COVERED_BY). A
+broken program that a test ends, or that takes far longer, is killed; one whose objects are the same as unbroken is equal
+and does not count; one that outlasts `--seconds` is not judged.
 
 Results are one JSON object a line. The same command goes on where it was stopped. --report prints the share that was
-killed and the survivors with file and line.
+killed and the survivors with file and line. --describe writes how the tree is built, so that sources, objects and
+libraries can be carried to another machine (--description there, --root and --build say where they lie).
 """
 import argparse
+import concurrent.futures
 import hashlib
 import json
 import os
 import pathlib
 import random
 import re
-import resource
+import shutil
 import signal
 import subprocess
 import sys
+import threading
+import time
+
+import mutant_build
 
 MODULES = ('plugin', 'sfm_split', 's2gs', 'mesh')
 # Folders of tests that reach a folder besides its own mirror, nearest first.
@@ -43,12 +51,8 @@ COVERED_BY = {
     'sfm_split/scene': ['tests/sfm_split/scene', 'tests/sfm_split/turntable/turntable_test.cc'],
     'sfm_split': ['tests/sfm_split'],
 }
-# A test program's bound of CPU time: this many times what it takes unbroken, and something for short ones [s].
+# A test's bound of CPU time: this many times what it takes unbroken, and something for short ones [s].
 TIME_FACTOR, TIME_FLOOR = 4, 20
-
-
-def run(command, **more):
-    return subprocess.run(command, check=True, capture_output=True, text=True, **more).stdout
 
 
 # --- What to break ------------------------------------------------------------------------------------------
@@ -177,123 +181,179 @@ def stages_of_tests(path, tests):
 
 # --- Building and running -----------------------------------------------------------------------------------
 
-class Scratch:
-    """A worktree with a build folder as the preset cpu has it (ccache knows it), and the unbroken programs' times."""
-
-    def __init__(self, repository, folder, jobs):
-        self.root, self.build, self.jobs = folder / 'tree', folder / 'tree/build/cpu', jobs
-        commit = run(['git', 'rev-parse', 'HEAD'], cwd=repository).strip()
-        if not self.root.exists():
-            folder.mkdir(parents=True, exist_ok=True)
-            run(['git', 'worktree', 'add', '--detach', str(self.root), commit], cwd=repository)
-        run(['git', 'checkout', '--force', '--detach', commit], cwd=self.root)
-        self.commit = commit
-        run(['cmake', '-S', str(self.root), '-B', str(self.build), '-G', 'Ninja', '-DCMAKE_BUILD_TYPE=Release',
-             '-DS2GS_CUDA=OFF', '-DCMAKE_EXPORT_COMPILE_COMMANDS=ON'])
-        commands = json.loads((self.build / 'compile_commands.json').read_text())
-        self.objects = {os.path.relpath(c['file'], self.root): self.build / c['output'] for c in commands if 'output' in c}
-        # Of unbroken programs: kept, as they only bound the broken ones.
-        self.times_file = folder / 'times.json'
-        self.times = json.loads(self.times_file.read_text()) if self.times_file.exists() else {}
-
-    def make(self, programs, environment=None):
-        """None when it builds, else the end of what was said."""
-        done = subprocess.run(['cmake', '--build', str(self.build), '-j', str(self.jobs), '--target', *programs],
-                              capture_output=True, text=True, env={**os.environ, **(environment or {})})
-        return None if done.returncode == 0 else done.stdout[-1500:]
-
-    def test(self, program, suites, seconds):
-        """(exit code or None when it took too long, CPU seconds, name of the first test that failed)"""
-        path = next(p for p in (self.build / 'tests').rglob(program) if p.is_file())
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-
-        def limit():
-            os.setsid()
-            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 5))
-            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-            resource.setrlimit(resource.RLIMIT_AS, (12 << 30, 12 << 30))
-        filters = ':'.join(f'{s}.*:*/{s}.*:{s}/*' for s in suites)
-        process = subprocess.Popen([str(path), f'--gtest_filter={filters}', '--gtest_fail_fast', '--gtest_brief=1'],
-                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace',
-                                   preexec_fn=limit, cwd=self.build / 'tests')
-        try:
-            # Wall time bounds what waits instead of computing; other work may share the machine.
-            out = process.communicate(timeout=30 * seconds)[0]
-            code = process.returncode
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            out, code = process.communicate()[0], None
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        if code in (-signal.SIGXCPU, -signal.SIGKILL):
-            code = None
-        failed = re.search(r'\[  FAILED  \] (\S+)', out)
-        return code, used, failed[1].rstrip(',') if failed else ''
-
-    def unbroken(self, program, suites):
-        """CPU seconds of the unbroken program, or None when it fails as it is."""
-        key = ' '.join([program, *suites])
-        if key not in self.times:
-            code, used, failed = self.test(program, suites, 1800)
-            if code != 0:
-                print(f'left out: {program} fails unbroken: {failed}', file=sys.stderr)
-            self.times[key] = used if code == 0 else None
-            self.times_file.write_text(json.dumps(self.times))
-        return self.times[key]
-
-    def digest(self, path):
-        file = self.objects.get(path)
-        return hashlib.sha256(file.read_bytes()).hexdigest() if file and file.exists() else None
+class OutOfTime(Exception):
+    pass
 
 
-def try_break(scratch, cut, tests, num_stages):
-    path, number, kind, line, broken = cut
-    result = {'file': path, 'line': number, 'kind': kind, 'before': line.strip(), 'after': broken.strip(),
-              'commit': scratch.commit}
-    stages = stages_of_tests(path, tests)[:num_stages]
-    if not stages:
-        return {**result, 'outcome': 'survived', 'by': 'no test covers it'}
-    programs = sorted({program for stage in stages for program in stage})
-    if message := scratch.make(programs):
-        raise RuntimeError(f'the unbroken tree does not build: {message}')
-    limits = {}
-    for i, stage in enumerate(stages[:1]):
-        limits.update({(i, p): scratch.unbroken(p, s) for p, s in stage.items()})
-    file = scratch.root / path
-    text = file.read_text()
-    lines = text.split('\n')
-    assert lines[number - 1] == line, f'{path}:{number} is not what was chosen'
-    unbroken_object = scratch.digest(path)
-    used_all, ran, outcome = 0.0, [], 'survived'
+def run_tests(program, test_filter, folder, cpu_seconds, until, more=()):
+    """(exit code or None when it took too long, seconds, the test that failed or was under way at the end); in a folder of its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    # The shell's limits bound a test that computes; wall time bounds one that waits.
+    command = ['/bin/bash', '-c', 'ulimit -c 0; ulimit -v $((16 << 20)); ulimit -t $0; exec "$@"', str(int(cpu_seconds) + 1),
+               str(program), f'--gtest_filter={test_filter}', *more]
+    environment = {**os.environ, 'TMPDIR': str(folder), 'TEST_TMPDIR': str(folder), 'OMP_NUM_THREADS': '2'}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace',
+                               cwd=folder, env=environment, start_new_session=True)
+    began = time.monotonic()
     try:
-        lines[number - 1] = broken
-        for i, stage in enumerate(stages):
-            if i > 0:  # measured only when needed: on the unbroken tree
-                file.write_text(text)
-                scratch.make(sorted(stage))
-                limits.update({(i, p): scratch.unbroken(p, s) for p, s in stage.items()})
-            file.write_text('\n'.join(lines))
-            if scratch.make(sorted(stage), {'CCACHE_READONLY': '1'}) is not None:
-                outcome = 'does not compile'
-                break
-            if unbroken_object and scratch.digest(path) == unbroken_object:
-                outcome = 'equal'
-                break
-            for program, suites in stage.items():
-                if limits[i, program] is None:
-                    continue
-                code, used, failed = scratch.test(program, suites, TIME_FACTOR * limits[i, program] + TIME_FLOOR)
-                used_all += used
-                ran.append(program)
-                if code != 0:
-                    outcome = 'killed'
-                    result['by'] = failed or (f'{program}: time' if code is None else f'{program}: exit code {code}')
-                    break
-            if outcome == 'killed':
-                break
+        out = process.communicate(timeout=max(1, min(6 * cpu_seconds + 30, until - began)))[0]
+        code = process.returncode
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        out, code = process.communicate()[0], None
+        if time.monotonic() >= until:
+            raise OutOfTime from None
     finally:
-        file.write_text(text)
-    return {**result, 'outcome': outcome, 'ran': ran, 'cpu_seconds': round(used_all, 1)}
+        shutil.rmtree(folder, ignore_errors=True)
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        code = None
+    if code == 127:
+        raise RuntimeError(f'{program} does not start: {out[-500:]}')
+    failed = re.search(r'^\[  FAILED  \] ([\w/.]+)', out, re.M)
+    begun = re.findall(r'^\[ RUN      \] ([\w/.]+)', out, re.M)
+    return code, time.monotonic() - began, failed[1] if failed else begun[-1] if begun else ''
+
+
+class Unbroken:
+    """Test programs as they are. A test that fails there, too, says nothing of a break."""
+
+    def __init__(self, tree, work):
+        self.tree, self.work, self.lock = tree, work, threading.Lock()
+        self.locks, self.programs, self.tests = {}, {}, {}
+
+    def lock_of(self, key):
+        with self.lock:
+            return self.locks.setdefault(key, threading.Lock())
+
+    def program(self, name):
+        with self.lock_of(name):
+            if name not in self.programs:
+                out = self.work / 'unbroken' / name
+                if message := self.tree.link(f'tests/{name}', {}, out):
+                    raise RuntimeError(f'{name} does not link unbroken: {message[:500]}')
+                self.programs[name] = out
+            return self.programs[name]
+
+    def seconds(self, name, test, most, until):
+        """What a test takes, or None when it fails or takes more than `most`."""
+        program = self.program(name)
+        with self.lock_of((name, test)):
+            if (name, test) not in self.tests:
+                code, used, _ = run_tests(program, test, self.work / 'unbroken' / f'{name}.{test}'.replace('/', '.'), most, until)
+                self.tests[name, test] = used if code == 0 else None
+                if code != 0:
+                    print(f'left out, fails unbroken: {name} {test} (exit code {code})', flush=True)
+            return self.tests[name, test]
+
+
+def killer(unbroken, name, program, suites, work, most, until):
+    """What ends the broken program, or None when all tests of these suites pass as unbroken ones do."""
+    left_out = []
+    while True:
+        test_filter = ':'.join(f'{s}.*:*/{s}.*:{s}/*' for s in suites) + ('-' + ':'.join(left_out) if left_out else '')
+        code, _, test = run_tests(program, test_filter, work / 'run', most, until, ['--gtest_fail_fast'])
+        if code == 0:
+            return None
+        if not test:
+            raise RuntimeError(f'{name} ends with {code} and names no test')
+        seconds = unbroken.seconds(name, test, most, until)
+        if code is None and seconds is not None:
+            # The bound is of all tests together: the one under way at its end is tried alone.
+            code, _, _ = run_tests(program, test, work / 'run', TIME_FACTOR * seconds + TIME_FLOOR, until)
+            if code == 0:
+                raise RuntimeError(f'the tests of {name} take more than {most} s')
+            return f'{test}: time' if code is None else test
+        if seconds is not None:
+            return test
+        left_out.append(test)
+
+
+def make_program(tree, name, objects, work, until):
+    """(test program, message): with the broken objects; where it starts the product's program, with a broken one of these."""
+    target, replaced = f'tests/{name}', dict(objects)
+    starts = [o for o in tree.links[target] if o in tree.objects and any('S2GS_PROGRAM' in w for w in tree.objects[o]['words'])
+              and 'S2GS_PROGRAM' in (tree.root / tree.objects[o]['file']).read_text()]
+    if starts:
+        if message := tree.link('s2gs', replaced, work / 's2gs'):
+            return None, message
+        for o in starts:
+            words = tree.objects[o]['words']
+            tree.objects[f'{work.name} {o}'] = {**tree.objects[o], 'words': [
+                re.sub(r'(-DS2GS_PROGRAM=)(\S*?)"[^"]*s2gs(\S*)"', lambda m: f'{m[1]}{m[2]}"{work}/s2gs{m[3]}"', w) for w in words]}
+            out = work / 'objects' / f'program_{pathlib.Path(o).name}'
+            if message := tree.compile(f'{work.name} {o}', work / 'overlay', out, until - time.monotonic()):
+                return None, message
+            del tree.objects[f'{work.name} {o}']
+            replaced[o] = out
+    message = tree.link(target, {o: f for o, f in replaced.items() if o in tree.links[target]
+                                 or mutant_build.archive_of(o) in tree.links[target]}, work / name)
+    return work / name, message
+
+
+def is_equal(tree, objects, work, path, until):
+    """Whether the compiler makes the same of the unbroken file."""
+    shutil.copyfile(tree.root / path, work / 'overlay' / path)
+    for name, broken in objects.items():
+        unbroken = work / 'objects' / 'unbroken.o'
+        if tree.compile(name, work / 'overlay', unbroken, until - time.monotonic()) is not None:
+            return False
+        if hashlib.sha256(unbroken.read_bytes()).digest() != hashlib.sha256(broken.read_bytes()).digest():
+            return False
+    return True
+
+
+def judge(tree, unbroken, cut, tests, args, work, until):
+    """{outcome, by, ran} of one break."""
+    path, number, _, line, broken = cut
+    lines = (tree.root / path).read_text().split('\n')
+    assert lines[number - 1] == line, f'{path}:{number} is not what was chosen'
+    lines[number - 1] = broken
+    (work / 'overlay' / path).parent.mkdir(parents=True, exist_ok=True)
+    (work / 'overlay' / path).write_text('\n'.join(lines))
+    objects, ran = {}, []
+    for stage in stages_of_tests(path, tests)[:args.stages]:
+        for name, suites in stage.items():
+            needed = set(tree.objects_of(path, f'tests/{name}'))
+            if any('S2GS_PROGRAM' in w for o in tree.links[f'tests/{name}'] if o in tree.objects for w in tree.objects[o]['words']):
+                needed |= set(tree.objects_of(path, 's2gs'))
+            if not needed:
+                continue
+            for o in sorted(needed - set(objects)):
+                out = work / 'objects' / f'{len(objects)}.o'
+                if message := tree.compile(o, work / 'overlay', out, until - time.monotonic()):
+                    return {'outcome': 'does not compile', 'by': message[:300], 'ran': ran}
+                objects[o] = out
+            program, message = make_program(tree, name, objects, work, until)
+            if message:
+                return {'outcome': 'not judged', 'by': f'does not link: {message[:500]}', 'ran': ran}
+            ran.append(name)
+            by = killer(unbroken, name, program, suites, work, args.test_seconds, until)
+            program.unlink()
+            if by:
+                return {'outcome': 'killed', 'by': by, 'ran': ran}
+    if not ran:
+        return {'outcome': 'survived', 'by': 'no test covers it', 'ran': ran}
+    return {'outcome': 'equal' if is_equal(tree, objects, work, path, until) else 'survived', 'ran': ran}
+
+
+def try_break(tree, unbroken, index, cut, tests, args):
+    path, number, kind, line, broken = cut
+    result = {'index': index, 'file': path, 'line': number, 'kind': kind, 'before': line.strip(), 'after': broken.strip(),
+              'commit': tree.commit}
+    work, began = args.work.resolve() / f'm{index}', time.monotonic()
+    shutil.rmtree(work, ignore_errors=True)
+    try:
+        until = min(began + args.seconds, args.until)
+        if until - began < 20:
+            raise OutOfTime
+        found = judge(tree, unbroken, cut, tests, args, work, until)
+    except (OutOfTime, subprocess.TimeoutExpired):
+        found = {'outcome': 'not judged', 'by': 'out of time'}
+    except (RuntimeError, ValueError) as error:  # what does not link or start; a timeout that is already negative
+        found = {'outcome': 'not judged', 'by': str(error)}
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return {**result, **found, 'seconds': round(time.monotonic() - began, 1)}
 
 
 def read_results(path):
@@ -320,36 +380,57 @@ def report(results):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--results', type=pathlib.Path, required=True)
+    parser.add_argument('--results', type=pathlib.Path)
     parser.add_argument('--report', action='store_true')
+    parser.add_argument('--describe', type=pathlib.Path, help='write how the tree is built, and nothing else')
+    parser.add_argument('--description', type=pathlib.Path, help='as --describe wrote it; else the tree is asked')
+    parser.add_argument('--root', type=pathlib.Path, default=pathlib.Path(__file__).resolve().parents[2])
+    parser.add_argument('--build', type=pathlib.Path, help='build folder of the preset cpu (default: ROOT/build/cpu)')
+    parser.add_argument('--work', type=pathlib.Path, default=pathlib.Path('build/mutants'), help='for broken files and programs')
     parser.add_argument('--count', type=int, default=40)
+    parser.add_argument('--from', type=int, default=0, dest='first', help='index of the first of the draw to run')
+    parser.add_argument('--to', type=int, help='index after the last to run')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--module', nargs='+', choices=MODULES, default=MODULES)
     parser.add_argument('--file', nargs='+', help='only these sources')
-    parser.add_argument('--scratch', type=pathlib.Path, default=pathlib.Path('build/mutants'))
     parser.add_argument('--stages', type=int, default=3, choices=(1, 2, 3), help='1: the tests of its own name, 2: of its folder, too, 3: all')
-    parser.add_argument('--jobs', type=int, default=os.cpu_count())
+    parser.add_argument('--jobs', type=int, default=1, help='breaks at a time')
+    parser.add_argument('--seconds', type=float, default=1800, help='of one break at most')
+    parser.add_argument('--test_seconds', type=float, default=900, help='CPU time of the tests of one program at most')
+    parser.add_argument('--total_seconds', type=float, default=1e9, help='no break begins, and none goes on, after this')
     args = parser.parse_args()
+    args.until = time.monotonic() + args.total_seconds
+    args.build = args.build or args.root / 'build/cpu'
+    tests = test_programs(args.root)
+    if args.describe or not (args.description or args.report):
+        programs = ['s2gs', *(f'tests/{name}' for name in sorted({program for program, _ in tests.values()}))]
+        description = mutant_build.describe(args.root, args.build, programs)
+    if args.describe:
+        args.describe.write_text(json.dumps(description))
+        return 0
+    if not args.results:
+        parser.error('--results is needed')
     results = read_results(args.results)
     if args.report:
         print(report(results))
         return 0
-    repository = pathlib.Path(run(['git', 'rev-parse', '--show-toplevel']).strip())
-    scratch = Scratch(repository, args.scratch.resolve(), args.jobs)
-    files = [f for f in run(['git', 'ls-files', *args.module], cwd=scratch.root).split()
-             if f.endswith(('.cc', '.h')) and (not args.file or f in args.file)]
-    tests = test_programs(scratch.root)
-    done = {key_of(r) for r in results}
+    if args.description:
+        description = json.loads(args.description.read_text())
+    tree = mutant_build.BuiltTree(args.root, args.build, description)
+    files = sorted({path for o in tree.objects.values() for path in [o['file'], *o['deps']]
+                    if path.split('/')[0] in args.module and path.endswith(('.cc', '.h')) and (not args.file or path in args.file)})
+    done = {key_of(r) for r in results if r['outcome'] != 'not judged'}
     args.results.parent.mkdir(parents=True, exist_ok=True)
-    chosen = choose(scratch.root, files, args.module, args.seed, args.count)
-    for i, cut in enumerate(chosen):
-        if (cut[0], cut[1], cut[3].strip(), cut[4].strip()) in done:
-            continue
-        result = try_break(scratch, cut, tests, args.stages)
-        with args.results.open('a') as out:
-            out.write(json.dumps(result) + '\n')
-        print(f'{i + 1} of {len(chosen)}: {result["outcome"]} {result["file"]}:{result["line"]} {result["kind"]} '
-              f'{result.get("by", "")}', flush=True)
+    chosen = list(enumerate(choose(args.root, files, args.module, args.seed, args.count)))[args.first:args.to]
+    todo = [(i, cut) for i, cut in chosen if (cut[0], cut[1], cut[3].strip(), cut[4].strip()) not in done]
+    unbroken = Unbroken(tree, args.work.resolve())
+    with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
+        for future in concurrent.futures.as_completed([pool.submit(try_break, tree, unbroken, i, cut, tests, args) for i, cut in todo]):
+            result = future.result()
+            with args.results.open('a') as out:
+                out.write(json.dumps(result) + '\n')
+            print(f'{result["index"]}: {result["outcome"]} {result["file"]}:{result["line"]} {result["kind"]} '
+                  f'{result.get("by", "")[:200]}', flush=True)
     print(report(read_results(args.results)))
     return 0
 

@@ -9,52 +9,18 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/camera_model.h"
+#include "tests/support/small_turntable.h"
 
 namespace s2gs {
 namespace {
-
-SyntheticTurntableOptions SmallOptions() {
-  SyntheticTurntableOptions options;
-  options.stations = 2;
-  options.steps = 6;
-  options.step_deg = 20;
-  options.num_object_points = 300;
-  options.num_platter_points = 80;
-  options.num_background_points = 300;
-  return options;
-}
 
 Eigen::Vector3d InCamera(const SyntheticTurntable& turntable, int image, const SyntheticKeypoint& keypoint) {
   return turntable.CamFromBody(image, keypoint.body) *
          turntable.points[static_cast<size_t>(keypoint.point)].x;
 }
 
-Eigen::Matrix3d Skew(const Eigen::Vector3d& t) {
-  Eigen::Matrix3d m;
-  m << 0, -t.z(), t.y(), t.z(), 0, -t.x(), -t.y(), t.x(), 0;
-  return m;
-}
-
-/// Distance [px] of a match's second keypoint from the epipolar line of its first, for a pinhole camera.
-double EpipolarDistance(const SyntheticTurntable& turntable, const SyntheticPair& pair,
-                        const SyntheticMatch& match, SyntheticBody body) {
-  const Rigid3 cam2_from_cam1 =
-      turntable.CamFromBody(pair.image2, body) * turntable.CamFromBody(pair.image1, body).Inverse();
-  const Camera& camera = turntable.CameraOf(pair.image1);
-  Eigen::Matrix3d k = Eigen::Matrix3d::Identity();
-  k(0, 0) = k(1, 1) = camera.params[0];
-  k(0, 2) = camera.params[1];
-  k(1, 2) = camera.params[2];
-  const Eigen::Matrix3d f = k.inverse().transpose() * Skew(cam2_from_cam1.translation) *
-                            cam2_from_cam1.rotation.toRotationMatrix() * k.inverse();
-  const auto& keypoint1 = turntable.images[static_cast<size_t>(pair.image1)].keypoints[match.keypoint1];
-  const auto& keypoint2 = turntable.images[static_cast<size_t>(pair.image2)].keypoints[match.keypoint2];
-  const Eigen::Vector3d line = f * keypoint1.exact_xy.homogeneous();
-  return std::abs(line.dot(keypoint2.exact_xy.homogeneous())) / line.head<2>().norm();
-}
-
 TEST(SyntheticTurntable, PinholeKeypointsFollowTheFormula) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.principal_point_offset = {0.03, -0.02};
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   int checked = 0;
@@ -70,7 +36,7 @@ TEST(SyntheticTurntable, PinholeKeypointsFollowTheFormula) {
 }
 
 TEST(SyntheticTurntable, DistortedKeypointsFollowTheFormula) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.camera_model = CameraModelId::kOpenCV;
   options.distortion = {-0.12, 0.03, 0.001, -0.002};
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
@@ -93,7 +59,7 @@ TEST(SyntheticTurntable, EveryProjectableCameraModelSeesTheScene) {
   for (int id = 0; id < 32; ++id) {
     const CameraModelInfo* info = FindCameraModel(id);
     if (info == nullptr || !info->has_projection) continue;
-    SyntheticTurntableOptions options = SmallOptions();
+    SyntheticTurntableOptions options = SmallTurntable();
     options.camera_model = info->id;
     options.distortion.assign(info->num_extra_params, 0.002);
     ASSERT_FALSE(options.Check()) << info->name;
@@ -104,7 +70,7 @@ TEST(SyntheticTurntable, EveryProjectableCameraModelSeesTheScene) {
 }
 
 TEST(SyntheticTurntable, PosesComposeAndTurnAboutTheAxis) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.step_jitter = 0.5;
   options.station_start_deg = 7;
   options.table_tilt_deg = 12;
@@ -140,7 +106,7 @@ TEST(SyntheticTurntable, PosesComposeAndTurnAboutTheAxis) {
 }
 
 TEST(SyntheticTurntable, StationsStandStillUpToShake) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   const auto& views = turntable.scene.views;
   for (int i = 1; i < 6; ++i) {
@@ -171,7 +137,7 @@ TEST(SyntheticTurntable, StationsStandStillUpToShake) {
 }
 
 TEST(SyntheticTurntable, HandHeldImagesHavePosesOfTheirOwn) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.hand_held = true;
   options.steps = 8;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
@@ -188,7 +154,7 @@ TEST(SyntheticTurntable, HandHeldImagesHavePosesOfTheirOwn) {
 }
 
 TEST(SyntheticTurntable, NumbersOfPointsAreAsAsked) {
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallOptions());
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallTurntable());
   const auto count = [&](SyntheticBody body) {
     return std::count_if(turntable.points.begin(), turntable.points.end(),
                          [body](const SyntheticPoint& point) { return point.body == body; });
@@ -200,7 +166,7 @@ TEST(SyntheticTurntable, NumbersOfPointsAreAsAsked) {
 }
 
 TEST(SyntheticTurntable, DropoutAndNoiseHaveTheirStatistics) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   const SyntheticTurntable full = MakeSyntheticTurntable(options);
   options.dropout = 0.3;
   options.pixel_noise = 0.5;
@@ -231,7 +197,7 @@ TEST(SyntheticTurntable, DropoutAndNoiseHaveTheirStatistics) {
 
 TEST(SyntheticTurntable, RotatingShareIsMetInEveryImage) {
   for (const double share : {0.08, 0.5, 0.9, 1.0}) {
-    SyntheticTurntableOptions options = SmallOptions();
+    SyntheticTurntableOptions options = SmallTurntable();
     options.rotating_share = share;
     const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
     for (const SyntheticImage& image : turntable.images) {
@@ -245,7 +211,7 @@ TEST(SyntheticTurntable, RotatingShareIsMetInEveryImage) {
 }
 
 TEST(SyntheticTurntable, NoBackgroundLeavesOnlyRotatingKeypoints) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.num_background_points = 0;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   for (const SyntheticImage& image : turntable.images) {
@@ -271,7 +237,7 @@ bool IsInside(const Shape& shape, const Eigen::Vector3d& x_in_frame) {
 }
 
 TEST(SyntheticTurntable, VisibilityIsThatOfTheSolids) {
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallOptions());
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallTurntable());
   int hidden_static = 0;
   int hidden_rotating = 0;
   for (const int image : {0, 4, 9}) {
@@ -313,151 +279,8 @@ TEST(SyntheticTurntable, VisibilityIsThatOfTheSolids) {
   EXPECT_GT(hidden_rotating, 5);  // the object hides the platter, clutter hides both
 }
 
-TEST(SyntheticTurntable, MatchesFollowTheirBodysEpipolarGeometry) {
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallOptions());
-  double worst = 0;
-  std::vector<double> wrong_body;
-  for (const SyntheticPair& pair : turntable.pairs) {
-    const bool same_station = (pair.image1 < 6) == (pair.image2 < 6);
-    for (const SyntheticMatch& match : pair.matches) {
-      ASSERT_NE(match.body, SyntheticBody::kNone);
-      const bool rotates = IsRotating(match.body);
-      if (same_station && !rotates) {
-        const auto& keypoint1 = turntable.images[static_cast<size_t>(pair.image1)].keypoints[match.keypoint1];
-        const auto& keypoint2 = turntable.images[static_cast<size_t>(pair.image2)].keypoints[match.keypoint2];
-        EXPECT_EQ(keypoint1.xy, keypoint2.xy);
-        continue;  // no baseline
-      }
-      worst = std::max(worst, EpipolarDistance(turntable, pair, match, match.body));
-      if (!same_station) {
-        wrong_body.push_back(EpipolarDistance(turntable, pair, match,
-                                              rotates ? SyntheticBody::kStatic : SyntheticBody::kObject));
-      }
-    }
-  }
-  EXPECT_LT(worst, 1e-8);  // measured: 1e-10
-  // Points of the wrong body are off by many pixels, but for those that happen to lie on the line, and for
-  // the pairs of equal table angles, where the two motions agree.
-  std::sort(wrong_body.begin(), wrong_body.end());
-  ASSERT_GT(wrong_body.size(), 1000U);
-  EXPECT_GT(wrong_body[wrong_body.size() / 2], 5);
-}
-
-TEST(SyntheticTurntable, OutlierShareIsExactInEveryPair) {
-  for (const double share : {0.1, 0.5, 0.8, 1.0}) {
-    SyntheticTurntableOptions options = SmallOptions();
-    options.outlier_share = share;
-    options.num_extra_keypoints = 10;
-    const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-    for (const SyntheticPair& pair : turntable.pairs) {
-      const auto& keypoints1 = turntable.images[static_cast<size_t>(pair.image1)].keypoints;
-      const auto& keypoints2 = turntable.images[static_cast<size_t>(pair.image2)].keypoints;
-      std::set<uint32_t> used1;
-      std::set<uint32_t> used2;
-      double outliers = 0;
-      for (const SyntheticMatch& match : pair.matches) {
-        EXPECT_TRUE(used1.insert(match.keypoint1).second);
-        EXPECT_TRUE(used2.insert(match.keypoint2).second);
-        const int point1 = keypoints1.at(match.keypoint1).point;
-        const bool right = point1 >= 0 && point1 == keypoints2.at(match.keypoint2).point;
-        EXPECT_EQ(right, match.body != SyntheticBody::kNone);
-        outliers += right ? 0 : 1;
-      }
-      ASSERT_GT(pair.matches.size(), 20U);
-      EXPECT_EQ(outliers, std::round(share * static_cast<double>(pair.matches.size())));
-    }
-  }
-}
-
-TEST(SyntheticTurntable, StructuredOutliersFollowOneWrongMotion) {
-  SyntheticTurntableOptions options = SmallOptions();
-  options.repeated_share = 1;
-  options.symmetry_fold = 3;
-  options.outlier_share = 0.4;
-  options.structured_share = 0.5;
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  const Eigen::Vector3d middle = turntable.object.frame_from_shape.translation;
-  const Eigen::AngleAxisd third(120 * kDegree, Eigen::Vector3d::UnitZ());
-  int structured = 0;
-  int of_object = 0;
-  for (const SyntheticPair& pair : turntable.pairs) {
-    int outliers = 0;
-    for (const SyntheticMatch& match : pair.matches) {
-      outliers += match.body == SyntheticBody::kNone ? 1 : 0;
-      if (!match.structured) continue;
-      ++structured;
-      const auto& keypoint1 = turntable.images[static_cast<size_t>(pair.image1)].keypoints[match.keypoint1];
-      const auto& keypoint2 = turntable.images[static_cast<size_t>(pair.image2)].keypoints[match.keypoint2];
-      const Eigen::Vector3d x1 = turntable.points[static_cast<size_t>(keypoint1.point)].x;
-      const Eigen::Vector3d x2 = turntable.points[static_cast<size_t>(keypoint2.point)].x;
-      ASSERT_EQ(keypoint1.body, keypoint2.body);
-      if (keypoint1.body == SyntheticBody::kObject) {
-        ++of_object;
-        EXPECT_LT((middle + third * (x1 - middle) - x2).norm(), 1e-14);
-        EXPECT_NEAR((x2 - middle).norm(), BumpyRadius(turntable.object, (x2 - middle).normalized()), 1e-14);
-      } else {
-        EXPECT_NEAR((x1 - x2).norm(), 0.1, 1e-12);
-      }
-    }
-    EXPECT_EQ(outliers, std::lround(0.4 * static_cast<double>(pair.matches.size())));
-  }
-  EXPECT_GT(structured, 500);
-  EXPECT_GT(of_object, 100);
-}
-
-TEST(SyntheticTurntable, MatchesNeedSimilarViewsAndRecall) {
-  SyntheticTurntableOptions options = SmallOptions();
-  const SyntheticTurntable all = MakeSyntheticTurntable(options);
-  options.max_view_change_deg = 30;
-  const SyntheticTurntable near = MakeSyntheticTurntable(options);
-  size_t num_all = 0;
-  size_t num_near = 0;
-  size_t expected = 0;
-  for (size_t p = 0; p < all.pairs.size(); ++p) {
-    num_all += all.pairs[p].matches.size();
-    num_near += near.pairs[p].matches.size();
-    for (const SyntheticMatch& match : all.pairs[p].matches) {
-      const int i = all.pairs[p].image1;
-      const int j = all.pairs[p].image2;
-      const auto& keypoint = all.images[static_cast<size_t>(i)].keypoints[match.keypoint1];
-      const Eigen::Vector3d x = all.points[static_cast<size_t>(keypoint.point)].x;
-      const Eigen::Vector3d d1 = (CameraCentre(all.CamFromBody(i, match.body)) - x).normalized();
-      const Eigen::Vector3d d2 = (CameraCentre(all.CamFromBody(j, match.body)) - x).normalized();
-      expected += d1.dot(d2) >= std::cos(30 * kDegree) ? 1 : 0;
-    }
-  }
-  EXPECT_EQ(num_near, expected);
-  EXPECT_LT(num_near, num_all);
-  options.max_view_change_deg = 180;
-  options.match_recall = 0.6;
-  options.pairs = {{0, 1}, {3, 7}, {8, 2}};
-  const SyntheticTurntable some = MakeSyntheticTurntable(options);
-  ASSERT_EQ(some.pairs.size(), 3U);
-  EXPECT_EQ(some.pairs[2].image1, 8);
-  EXPECT_EQ(some.pairs[2].image2, 2);
-  const double full = static_cast<double>(all.pairs[0].matches.size());  // images 0 and 1
-  EXPECT_NEAR(static_cast<double>(some.pairs[0].matches.size()), 0.6 * full, 4 * std::sqrt(0.24 * full));
-}
-
-TEST(SyntheticTurntable, WatermarksStayAtTheirPixels) {
-  SyntheticTurntableOptions options = SmallOptions();
-  options.num_watermarks = 5;
-  options.pixel_noise = 1;
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  for (const SyntheticPair& pair : turntable.pairs) {
-    int marks = 0;
-    for (const SyntheticMatch& match : pair.matches) {
-      if (match.body != SyntheticBody::kWatermark) continue;
-      ++marks;
-      EXPECT_EQ(turntable.images[static_cast<size_t>(pair.image1)].keypoints[match.keypoint1].xy,
-                turntable.images[static_cast<size_t>(pair.image2)].keypoints[match.keypoint2].xy);
-    }
-    EXPECT_EQ(marks, 5);
-  }
-}
-
 TEST(SyntheticTurntable, NothingTurnsWhenTheTableStandsStill) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.turning = false;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   for (const View& view : turntable.scene.views) EXPECT_TRUE(view.world_from_object.Matrix().isIdentity(0));
@@ -468,7 +291,7 @@ TEST(SyntheticTurntable, NothingTurnsWhenTheTableStandsStill) {
 }
 
 TEST(SyntheticTurntable, FlippedObjectHasAnAxisOfItsOwn) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.stations = 4;
   options.flip_from_station = 2;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
@@ -512,7 +335,7 @@ TEST(SyntheticTurntable, FlippedObjectHasAnAxisOfItsOwn) {
 }
 
 TEST(SyntheticTurntable, PlateIsPlanar) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.object = SyntheticObject::kPlate;
   options.num_platter_points = 0;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
@@ -530,7 +353,7 @@ TEST(SyntheticTurntable, PlateIsPlanar) {
 }
 
 TEST(SyntheticTurntable, TextureAndBackgroundCanBePatches) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.object_patch_deg = 40;
   options.background_image_share = 0.25;
   options.stations = 1;
@@ -547,44 +370,8 @@ TEST(SyntheticTurntable, TextureAndBackgroundCanBePatches) {
   }
 }
 
-TEST(SyntheticTurntable, NearestDescriptorIsTheRightOne) {
-  SyntheticTurntableOptions options = SmallOptions();
-  options.descriptors = true;
-  options.num_extra_keypoints = 50;
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  const SyntheticImage& image1 = turntable.images[0];
-  const SyntheticImage& image2 = turntable.images[1];
-  ASSERT_EQ(image1.descriptors.size(), image1.keypoints.size());
-  int passed = 0;
-  int right = 0;
-  for (size_t i = 0; i < image1.descriptors.size(); ++i) {
-    double norm = 0;
-    for (const uint8_t value : image1.descriptors[i]) norm += value * value;
-    EXPECT_LT(std::sqrt(norm), 516);
-    EXPECT_GT(std::sqrt(norm), 480);  // entries over 255 are clipped
-    std::vector<std::pair<double, size_t>> distances;
-    for (size_t k = 0; k < image2.descriptors.size(); ++k) {
-      double squared = 0;
-      for (size_t e = 0; e < 128; ++e) {
-        squared += std::pow(double{0} + image1.descriptors[i][e] - image2.descriptors[k][e], 2);
-      }
-      distances.emplace_back(std::sqrt(squared), k);
-    }
-    std::partial_sort(distances.begin(), distances.begin() + 2, distances.end());
-    if (distances[0].first > 0.8 * distances[1].first) continue;
-    ++passed;
-    right += image1.keypoints[i].point >= 0 &&
-                     image1.keypoints[i].point == image2.keypoints[distances[0].second].point
-                 ? 1
-                 : 0;
-  }
-  const auto shared = static_cast<int>(turntable.pairs[0].matches.size());
-  EXPECT_EQ(right, passed);
-  EXPECT_EQ(right, shared);
-}
-
 TEST(SyntheticTurntable, SameSeedSameSceneOtherSeedOtherScene) {
-  SyntheticTurntableOptions options = SmallOptions();
+  SyntheticTurntableOptions options = SmallTurntable();
   options.pixel_noise = 0.3;
   options.outlier_share = 0.2;
   options.descriptors = true;
