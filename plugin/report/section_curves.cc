@@ -124,13 +124,16 @@ ReportSection CurvesSection(const ReportInput& input) {
   AddTraining(input, &section);
   AddMesh(input, &section);
   out.Close();
-  out.Element(
-      "p",
+  std::string note =
       "Both axes are logarithmic: a straight line that falls is progress at a constant rate, a flat end is "
-      "time "
-      "that bought nothing. Without truth or photos held back, these are the errors that the program itself "
-      "works to reduce.",
-      {{"class", "note"}});
+      "time that bought nothing. ";
+  if (section.numbers.contains("training")) {
+    note +=
+        "Training's own error steps up where the photos become larger (it starts with small ones) and where "
+        "further terms of the loss begin. ";
+  }
+  note += "Without truth or photos held back, these are the errors that the program itself works to reduce.";
+  out.Element("p", note, {{"class", "note"}});
   return section;
 }
 

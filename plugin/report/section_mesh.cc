@@ -135,9 +135,10 @@ ReportSection MeshSection(const ReportInput& input, Reporter& reporter) {
        fmt::format("{} vertices, {}; {} in the viewer", figures.num_vertices,
                    Count(figures.num_clusters, "part"), mesh.triangles.size())},
       {"Holes", std::to_string(figures.holes.size()),
-       figures.holes.empty() ? "the mesh is closed"
-                             : fmt::format("the longest rim is {}, all together {}",
-                                           Length(figures.holes.front().length, input), Length(rim, input))}};
+       figures.holes.empty()
+           ? "the mesh is closed"
+           : fmt::format("the longest rim is {} (of what stood on the table, its underside), all together {}",
+                         Length(figures.holes.front().length, input), Length(rim, input))}};
   section.numbers["vertices"] = figures.num_vertices;
   section.numbers["triangles"] = figures.num_triangles;
   section.numbers["parts"] = figures.num_clusters;
