@@ -26,7 +26,7 @@ constexpr int64_t kCpuPerPixel = 4 * 52;  // maps, their gradients, scratch of S
 // beside the first where it grows; a packed splat and its gradient, the planes of the parameters' gradients,
 // keys and numbers of both sorts with their scratch.
 constexpr int64_t kCudaPerGaussian =
-    2 * 3 * kModel + kNeighbours + (64 + 4 + 4 + 8) + (64 + 4 + 4 + 17 * 4 + 8 + 4) + 60 + kPairs * 24;
+    2 * 3 * kModel + kNeighbours + (64 + 4 + 4 + 8) + (64 + 4 + 4 + 17 * 4 + 8 + 4 + 1) + 60 + kPairs * 24;
 constexpr int64_t kCudaPerPixel = 4 * 34;
 // On the host beside CUDA: a checkpoint, or the model that is written.
 constexpr int64_t kHostPerGaussian = 2 * kState;

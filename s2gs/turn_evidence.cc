@@ -29,6 +29,7 @@ constexpr int kPatchRadius = 3;       // [px], of the texture that is recognised
 constexpr float kTextureFactor = 2;   // a texture's standard deviation, in the noise's: then correlations
 constexpr float kCorrelation = 0.7F;  // are .9 but for chance, and those of other textures rarely this.
 constexpr float kMinWeight = 0.1F;    // of a Gaussian in some pixel: it is seen.
+constexpr size_t kViewsAtOnce = 32;   // of which is held what a backend saw of all Gaussians.
 constexpr int kNeighbours = 8;        // that are judged together.
 constexpr double kDeviations = 3.09;  // of the sign test: chance passes once in a thousand.
 constexpr float kNormalMedian = 0.6745F;
@@ -188,34 +189,33 @@ struct RotatingAlone {
 RotatingAlone LookAlone(const std::vector<uint32_t>& rotating, const std::vector<PinholeView>& views,
                         Backend* backend) {
   RotatingAlone alone;
-  for (const PinholeView& view : views) {
-    const std::vector<float> peaks = backend->PeakWeights({view}, SceneBodies::kBoth, DrawnBody::kForeground);
-    if (peaks.empty()) return {};
-    std::vector<uint8_t> is_visible;
-    is_visible.reserve(rotating.size());
-    for (const uint32_t i : rotating) is_visible.push_back(peaks[i] >= kMinWeight ? 1 : 0);
-    alone.is_visible.push_back(std::move(is_visible));
-    RenderRequest request;
-    request.view = view;
-    request.freeze_foreground = true;
-    request.drawn = DrawnBody::kForeground;
-    const RenderedView rendered = backend->Render(request);
-    std::vector<uint8_t> inside;
-    std::vector<uint8_t> opaque;
-    inside.reserve(rendered.alpha.size());
-    opaque.reserve(rendered.alpha.size());
-    for (const float alpha : rendered.alpha) {
-      inside.push_back(alpha > kMinWeight ? 1 : 0);
-      opaque.push_back(alpha > 0.5F ? 1 : 0);
+  alone.is_visible.resize(views.size());
+  alone.covered.resize(views.size());
+  alone.opaque.resize(views.size());
+  // The backend works while nothing else does, and the other way round: a few views at a time, to hold
+  // little.
+  for (size_t first = 0; first < views.size(); first += kViewsAtOnce) {
+    const size_t end = std::min(first + kViewsAtOnce, views.size());
+    std::vector<BodySight> sights;
+    for (size_t v = first; v < end; ++v) {
+      sights.push_back(backend->SeeBody(views[v], DrawnBody::kForeground, kMinWeight));
+      if (sights.back().is_seen.empty()) return {};
     }
-    alone.opaque.push_back(std::move(opaque));
-    alone.covered.push_back(std::move(inside));
+    ParallelFor(static_cast<int64_t>(end - first), 0, [&](int64_t i) {
+      const BodySight& sight = sights[static_cast<size_t>(i)];
+      const size_t v = first + static_cast<size_t>(i);
+      alone.is_visible[v].reserve(rotating.size());
+      for (const uint32_t k : rotating) alone.is_visible[v].push_back(sight.is_seen[k]);
+      std::vector<uint8_t> inside;
+      inside.reserve(sight.alpha.size());
+      alone.opaque[v].reserve(sight.alpha.size());
+      for (const float alpha : sight.alpha) {
+        inside.push_back(alpha > kMinWeight ? 1 : 0);
+        alone.opaque[v].push_back(alpha > 0.5F ? 1 : 0);
+      }
+      alone.covered[v] = Widened(inside, views[v].width, views[v].height, kCoverMargin);
+    });
   }
-  ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t v) {
-    std::vector<uint8_t>& covered = alone.covered[static_cast<size_t>(v)];
-    const PinholeView& view = views[static_cast<size_t>(v)];
-    covered = Widened(covered, view.width, view.height, kCoverMargin);
-  });
   return alone;
 }
 

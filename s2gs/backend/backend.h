@@ -155,6 +155,12 @@ struct Placement {
   size_t size() const { return foreground_logit.size(); }
 };
 
+/// What one body alone looks like in a view.
+struct BodySight {
+  std::vector<uint8_t> is_seen;  ///< by Gaussian.
+  std::vector<float> alpha;      ///< by pixel.
+};
+
 struct BackendInfo {
   BackendKind kind = BackendKind::kCpu;
   std::string device;        ///< e.g. the GPU's name, or "2 threads, AVX2".
@@ -215,6 +221,12 @@ class Backend {
   /// \param drawn  the others are not there, and get 0.
   virtual std::vector<float> PeakWeights(const std::vector<PinholeView>& /*views*/, SceneBodies /*bodies*/,
                                          DrawnBody /*drawn*/) {
+    return {};
+  }
+  /// Which Gaussians of a body have a share w of at least `min_weight` in some pixel of the view when the
+  /// others are not there, and how much that body covers of each pixel. p counts as settled. Empty: this
+  /// backend cannot tell.
+  virtual BodySight SeeBody(const PinholeView& /*view*/, DrawnBody /*drawn*/, float /*min_weight*/) {
     return {};
   }
   /// Finds the k nearest neighbours of each centre, for (10).

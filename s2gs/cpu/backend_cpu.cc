@@ -131,19 +131,23 @@ class CpuBackend : public Backend {
   std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies,
                                  DrawnBody drawn) override {
     std::vector<float> peaks(state_.gaussians.size(), 0.0F);
-    std::vector<float> by_slot;
-    for (const PinholeView& view : views) {
-      ViewSetup setup = MakeViewSetup(view, bodies, true, 0);
-      setup.selection.body = drawn;
-      view_.Prepare(view.width, view.height, false, false, false);
-      Forward(setup, false, false, &by_slot, sizeof(float));
-      for (size_t i = 0; i < peaks.size(); ++i) {
-        for (size_t slot = lists_.SlotBegin(i); slot < lists_.SlotBegin(i + 1); ++slot) {
-          peaks[i] = std::max(peaks[i], by_slot[slot]);
-        }
-      }
-    }
+    for (const PinholeView& view : views) RaisePeaks(view, bodies, drawn, &peaks);
     return peaks;
+  }
+
+  BodySight SeeBody(const PinholeView& view, DrawnBody drawn, float min_weight) override {
+    std::vector<float> peaks(state_.gaussians.size(), 0.0F);
+    RaisePeaks(view, SceneBodies::kBoth, drawn, &peaks);
+    BodySight sight;
+    sight.is_seen.reserve(peaks.size());
+    for (const float peak : peaks) sight.is_seen.push_back(peak >= min_weight ? 1 : 0);
+    const ViewPlanes& planes = view_.planes();
+    sight.alpha.reserve(static_cast<size_t>(view.width) * view.height);
+    for (int y = 0; y < view.height; ++y) {
+      const float* row = planes.transmittance + y * planes.stride;
+      for (int x = 0; x < view.width; ++x) sight.alpha.push_back(1 - row[x]);
+    }
+    return sight;
   }
 
   void RefreshNeighbours(int k) override {
@@ -155,6 +159,20 @@ class CpuBackend : public Backend {
   }
 
  private:
+  // Draws one body of a view; raises each Gaussian's peak to its largest weight there.
+  void RaisePeaks(const PinholeView& view, SceneBodies bodies, DrawnBody drawn, std::vector<float>* peaks) {
+    ViewSetup setup = MakeViewSetup(view, bodies, true, 0);
+    setup.selection.body = drawn;
+    view_.Prepare(view.width, view.height, false, false, false);
+    std::vector<float> by_slot;
+    Forward(setup, false, false, &by_slot, sizeof(float));
+    for (size_t i = 0; i < peaks->size(); ++i) {
+      for (size_t slot = lists_.SlotBegin(i); slot < lists_.SlotBegin(i + 1); ++slot) {
+        (*peaks)[i] = std::max((*peaks)[i], by_slot[slot]);
+      }
+    }
+  }
+
   // Projects, sorts and composites. \param peaks  when given, gets the largest weight of every slot.
   // \param bytes_per_slot  of gradients or peaks that are kept for every slot.
   // \param stop_requested  RenderRequest's.

@@ -357,18 +357,24 @@ class CudaBackend : public Backend {
   std::vector<float> PeakWeights(const std::vector<PinholeView>& views, SceneBodies bodies,
                                  DrawnBody drawn) override {
     if (count_ == 0) return {};
-    peak_weights_.Reserve(static_cast<size_t>(count_));
-    CheckCuda(cudaMemsetAsync(peak_weights_.get(), 0, sizeof(float) * static_cast<size_t>(count_), stream_),
-              "peak weights");
-    for (const PinholeView& view : views) {
-      ProjectOptions options;
-      options.camera = ToSplatCamera(view);
-      options.rule = RuleFor(bodies, true);
-      options.selection.body = drawn;
-      options.sh_degree = 0;
-      RenderPeakWeights(PrepareToDraw(options), peak_weights_.get(), stream_);
-    }
+    ClearPeaks();
+    for (const PinholeView& view : views) RaisePeaks(view, bodies, drawn, nullptr);
     return DownloadArray(peak_weights_.get(), static_cast<size_t>(count_), stream_);
+  }
+
+  BodySight SeeBody(const PinholeView& view, DrawnBody drawn, float min_weight) override {
+    if (count_ == 0) return {};
+    const auto n = static_cast<size_t>(count_);
+    const size_t size = static_cast<size_t>(view.width) * view.height;
+    is_seen_.Reserve(n);
+    ClearPeaks();
+    const Maps maps = maps_.Reserve(view.width, view.height, {});
+    RaisePeaks(view, SceneBodies::kBoth, drawn, maps.transmittance);
+    MarkSeen(peak_weights_.get(), count_, min_weight, is_seen_.get(), stream_);
+    BodySight sight;
+    sight.is_seen = DownloadArray(is_seen_.get(), n, stream_);
+    sight.alpha = DownloadArray(maps.transmittance, size, stream_);
+    return sight;
   }
 
   void RefreshNeighbours(int k) override {
@@ -425,6 +431,22 @@ class CudaBackend : public Backend {
     const size_t bytes = sizeof(float) * static_cast<size_t>(count_);
     CheckCuda(cudaMemsetAsync(gradient_sum_.get(), 0, bytes, stream_), "statistics");
     CheckCuda(cudaMemsetAsync(view_count_.get(), 0, bytes, stream_), "statistics");
+  }
+
+  // --- What is seen ---
+  void ClearPeaks() {
+    peak_weights_.Reserve(static_cast<size_t>(count_));
+    CheckCuda(cudaMemsetAsync(peak_weights_.get(), 0, sizeof(float) * static_cast<size_t>(count_), stream_),
+              "peak weights");
+  }
+
+  void RaisePeaks(const PinholeView& view, SceneBodies bodies, DrawnBody drawn, float* alpha) {
+    ProjectOptions options;
+    options.camera = ToSplatCamera(view);
+    options.rule = RuleFor(bodies, true);
+    options.selection.body = drawn;
+    options.sh_degree = 0;
+    RenderPeakWeights(PrepareToDraw(options), peak_weights_.get(), alpha, stream_);
   }
 
   // --- Intersections ---
@@ -496,6 +518,7 @@ class CudaBackend : public Backend {
   ViewMaps maps_{&memory_};
   DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, gradients_{&memory_},
       peak_weights_{&memory_};
+  DeviceBuffer<uint8_t> is_seen_{&memory_};
 
   DeviceBuffer<LossSums> sums_{&memory_};
   StepReports reports_{&memory_};

@@ -20,7 +20,12 @@ struct RenderInput {
 void RenderForward(const RenderInput& input, RenderChannels channels, const Maps& maps, cudaStream_t stream);
 
 /// Raises peak_weights[i] to the largest weight that splat i has in any pixel.
-void RenderPeakWeights(const RenderInput& input, float* peak_weights, cudaStream_t stream);
+/// \param alpha  what all of them cover of each pixel; null: not asked for.
+void RenderPeakWeights(const RenderInput& input, float* peak_weights, float* alpha, cudaStream_t stream);
+
+/// Which of `count` weights are at least `min_weight`.
+void MarkSeen(const float* peak_weights, int64_t count, float min_weight, uint8_t* is_seen,
+              cudaStream_t stream);
 
 /// Adds the loss by every splat, in PackedSplat's layout, to `d_splats` and `d_normal_z`.
 void RenderBackward(const RenderInput& input, RenderChannels channels, const Maps& maps,

@@ -78,7 +78,8 @@ __global__ __launch_bounds__(kDrawThreads) void RenderForwardKernel(RenderInput 
   }
 }
 
-__global__ __launch_bounds__(kDrawThreads) void PeakWeightsKernel(RenderInput in, uint32_t* peak_bits) {
+__global__ __launch_bounds__(kDrawThreads) void PeakWeightsKernel(RenderInput in, uint32_t* peak_bits,
+                                                                  float* alpha) {
   using C = Channels<false, false>;
   __shared__ SplatGroup groups[kDrawThreads / 32];
   __shared__ uint32_t all_peaks[kDrawThreads / 32][kGroup];  // of the group's splats, as bits.
@@ -100,7 +101,16 @@ __global__ __launch_bounds__(kDrawThreads) void PeakWeightsKernel(RenderInput in
     peaks[lane] = 0;
     __syncwarp();
   };
-  DrawPixel<C>(in, FindWarpPixel(in), &group, add, finish_group);
+  const WarpPixel where = FindWarpPixel(in);
+  DrawPixel<C>(in, where, &group, add, finish_group);
+  if (alpha != nullptr && where.is_inside) {
+    alpha[static_cast<size_t>(where.y) * in.width + where.x] = 1 - pixel.transmittance;
+  }
+}
+
+__global__ void MarkSeenKernel(const float* peak_weights, int64_t count, float min_weight, uint8_t* is_seen) {
+  const int64_t i = static_cast<int64_t>(blockIdx.x) * blockDim.x + threadIdx.x;
+  if (i < count) is_seen[i] = peak_weights[i] >= min_weight ? 1 : 0;
 }
 
 unsigned DrawGrid(const RenderInput& input) {
@@ -109,10 +119,18 @@ unsigned DrawGrid(const RenderInput& input) {
 
 }  // namespace
 
-void RenderPeakWeights(const RenderInput& input, float* peak_weights, cudaStream_t stream) {
-  PeakWeightsKernel<<<DrawGrid(input), kDrawThreads, 0, stream>>>(input,
-                                                                  reinterpret_cast<uint32_t*>(peak_weights));
+void RenderPeakWeights(const RenderInput& input, float* peak_weights, float* alpha, cudaStream_t stream) {
+  PeakWeightsKernel<<<DrawGrid(input), kDrawThreads, 0, stream>>>(
+      input, reinterpret_cast<uint32_t*>(peak_weights), alpha);
   CheckCuda(cudaGetLastError(), "peak weights");
+}
+
+void MarkSeen(const float* peak_weights, int64_t count, float min_weight, uint8_t* is_seen,
+              cudaStream_t stream) {
+  constexpr int kThreads = 256;
+  MarkSeenKernel<<<NumBlocks(count, kThreads), kThreads, 0, stream>>>(peak_weights, count, min_weight,
+                                                                      is_seen);
+  CheckCuda(cudaGetLastError(), "what is seen");
 }
 
 void RenderForward(const RenderInput& input, RenderChannels channels, const Maps& maps, cudaStream_t stream) {

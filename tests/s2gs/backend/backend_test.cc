@@ -771,6 +771,38 @@ TEST_P(BackendTest, StateComesBackAsItWas) {
   EXPECT_EQ(*std::max_element(taken.view_count.begin(), taken.view_count.end()), 4);
 }
 
+// The one body by itself, as Render draws it and as its largest weights say.
+TEST_P(BackendTest, SeesOneBodyAsItIsDrawn) {
+  const PinholeView view = TestView(70, 48);
+  TrainState state;
+  state.gaussians = FromReference(RandomScene(400, 5, 0), 1);
+  for (size_t i = 0; i < state.gaussians.size(); ++i) {
+    state.gaussians.foreground_logit[i] = i % 3 == 0 ? 4.0F : -4.0F;
+  }
+  backend_->SetState(state);
+  for (const DrawnBody body : {DrawnBody::kForeground, DrawnBody::kBackground}) {
+    constexpr float kMinWeight = 0.1F;
+    const BodySight sight = backend_->SeeBody(view, body, kMinWeight);
+    const std::vector<float> peaks = backend_->PeakWeights({view}, SceneBodies::kBoth, body);
+    ASSERT_EQ(sight.is_seen.size(), state.gaussians.size());
+    ASSERT_EQ(peaks.size(), state.gaussians.size());
+    int num_seen = 0;
+    for (size_t i = 0; i < peaks.size(); ++i) {
+      EXPECT_EQ(sight.is_seen[i] != 0, peaks[i] >= kMinWeight) << i;
+      const bool is_of_body = (state.gaussians.foreground_logit[i] > 0) == (body == DrawnBody::kForeground);
+      EXPECT_TRUE(is_of_body || sight.is_seen[i] == 0) << i;
+      num_seen += sight.is_seen[i];
+    }
+    EXPECT_GT(num_seen, 5);
+    EXPECT_LT(num_seen, 100);
+    RenderRequest request;
+    request.view = view;
+    request.freeze_foreground = true;
+    request.drawn = body;
+    EXPECT_EQ(sight.alpha, backend_->Render(request).alpha);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Kinds, BackendTest, testing::Values(BackendKind::kCpu, BackendKind::kCuda),
                          [](const auto& info) { return std::string(BackendName(info.param)); });
 
