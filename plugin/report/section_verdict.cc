@@ -45,7 +45,7 @@ std::string Sentence(const ReportInput& input, const ScanSummary::PoseVerdict& v
   std::string text = fmt::format("The scan is {}: {}", verdict.verdict, photos);
   const double angle = NumberOr(mapper.value("sigma", nlohmann::json::object()), "angle_median_deg");
   const double rms = NumberOr(mapper.value("object", nlohmann::json::object()), "adjusted_rms_px");
-  if (verdict.verdict == "good" && std::isfinite(angle) && std::isfinite(rms)) {
+  if (verdict.verdict == "good" && angle > 0 && rms > 0) {
     text += fmt::format(", table angles are known to ±{}° and the object's keypoints are met to {} px",
                         Significant(angle, 2), Significant(rms, 2));
   }
@@ -96,7 +96,8 @@ std::vector<Tile> KeyFigures(const ReportInput& input, bool poses_hold) {
       }
     }
     const double angle = NumberOr(sigma, "angle_median_deg");
-    if (std::isfinite(angle)) {
+    // 0: the adjustment held the angles and knows nothing of them.
+    if (angle > 0) {
       // Noise is all that a standard deviation knows of: where poses are wrong it says nothing.
       tiles.push_back(
           {"Table angles", "± " + Significant(angle, 2) + "°",

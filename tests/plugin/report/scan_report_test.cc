@@ -154,7 +154,7 @@ TEST(ScanReport, TellsTheMappersVerdict) {
       "{\"images\": 60, \"registered\": 41, \"verdict\": {\"verdict\": \"doubtful\", \"poses_hold\": false, "
       "\"reasons\": [\"the <seam> is "
       "open\"], \"advice\": [\"smaller steps\"], \"measured\": {\"held_back\": {\"share\": 0.875}}}, "
-      "\"object\": {\"adjusted_rms_px\": 0}}");
+      "\"object\": {\"adjusted_rms_px\": 0}, \"sigma\": {\"angle_median_deg\": 0}}");
   const Report report = Make(workspace);
   EXPECT_EQ(report.numbers.at("verdict").at("verdict"), "doubtful");
   EXPECT_EQ(report.numbers.at("report").at("verdict").at("advice").at(0), "smaller steps");
@@ -165,6 +165,7 @@ TEST(ScanReport, TellsTheMappersVerdict) {
   }
   // No point was adjusted: no residual to be proud of.
   EXPECT_THAT(report.page, Not(HasSubstr("rms of the rotating part")));
+  EXPECT_THAT(report.page, Not(HasSubstr("median standard deviation")));  // held angles have none
 }
 
 // A workspace whose mapper's file has one value of a wrong kind: the part that needs it is left out and
