@@ -1,5 +1,6 @@
 #include "plugin/report/report_input.h"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -71,6 +72,11 @@ int ReportInput::StationOf(const std::string& photo) const {
   if (!split) return -1;
   const auto found = split->images.find(photo);
   return found == split->images.end() ? -1 : found->second.station;
+}
+
+bool ReportInput::ShowsATurn() const {
+  return turntable && std::any_of(turntable->images.begin(), turntable->images.end(),
+                                  [](const TurntableImage& image) { return image.angle_deg != 0; });
 }
 
 const char* ReportInput::LengthUnitName() const {

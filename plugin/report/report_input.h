@@ -34,6 +34,8 @@ struct ReportInput {
 
   /// By the turntable file, else by the split; -1 when neither knows.
   int StationOf(const std::string& photo) const;
+  /// False where the turntable file knows one body alone, photographed from all around: all angles are 0.
+  bool ShowsATurn() const;
   /// The unit of the scene's lengths: "m", or "units" of SfM.
   const char* LengthUnitName() const;
   const ColmapImage* ObjectImage(const std::string& photo) const;

@@ -30,6 +30,7 @@ constexpr int kMinThumbnail = 48;
 struct Photo {
   std::string name;
   int station = -1;
+  bool is_turned = true;  ///< false: its station and angle say nothing.
   double angle_deg = std::numeric_limits<double>::quiet_NaN();
   double object_rms_px = std::numeric_limits<double>::quiet_NaN();
   double background_rms_px = std::numeric_limits<double>::quiet_NaN();
@@ -94,6 +95,7 @@ std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {
     Photo photo;
     photo.name = name;
     photo.station = input.StationOf(name);
+    photo.is_turned = !input.turntable || input.ShowsATurn();
     if (const TurntableImage* image = input.TableImage(name)) photo.angle_deg = image->angle_deg;
     if (const ColmapImage* image = input.ObjectImage(name)) {
       photo.is_placed = true;
@@ -185,8 +187,8 @@ void WriteCard(const Photo& photo, HtmlWriter* out) {
   }
   out->Element("b", photo.name);
   std::string where;
-  if (photo.station >= 0) where = "station " + std::to_string(photo.station);
-  if (std::isfinite(photo.angle_deg))
+  if (photo.is_turned && photo.station >= 0) where = "station " + std::to_string(photo.station);
+  if (photo.is_turned && std::isfinite(photo.angle_deg))
     where += fmt::format(", {}°", ShortNumber(FullTurn(photo.angle_deg), 2));
   if (!where.empty()) out->Element("span", where);
   if (photo.object_keypoints > 0) {

@@ -171,8 +171,9 @@ ReportSection TableSection(const ReportInput& input) {
   }
   const std::map<std::string, double> sigmas = AngleSigmas(input);
   const std::vector<StationSteps> stations = FindSteps(*input.turntable);
+  section.numbers["stations"] = nlohmann::ordered_json::array();
   out.Open("div", {{"class", "figures"}});
-  WriteDial(input, sigmas, &out);
+  if (input.ShowsATurn()) WriteDial(input, sigmas, &out);
   WriteScene(input, &out);
   Plot plot{"How far the steps are from equal ones",
             {"photo of its station", false},
@@ -201,9 +202,13 @@ ReportSection TableSection(const ReportInput& input) {
   }
   if (!plot.series.empty()) WritePlot(plot, &out);
   out.Close();
+  if (!input.ShowsATurn()) {
+    out.Element("p", "Nothing turned: each photo is from a place of its own. Orange: points; dots: cameras.",
+                {{"class", "note"}});
+    return section;
+  }
   out.Open("div", {{"class", "scroll"}}).Open("table");
   WriteRow({"station", "photos", "step", "spread of the steps", "largest gap"}, &out, "th");
-  section.numbers["stations"] = nlohmann::ordered_json::array();
   for (const StationSteps& station : stations) {
     WriteRow({std::to_string(station.station), std::to_string(station.photos.size()),
               Significant(station.step_deg, 4) + "°", Significant(station.spread_deg, 2) + "°",

@@ -77,7 +77,9 @@ std::vector<Tile> KeyFigures(const ReportInput& input, bool poses_hold) {
   for (const std::string& name : input.photos) placed += input.ObjectImage(name) != nullptr ? 1 : 0;
   if (!input.photos.empty()) {
     tiles.push_back({"Photos with a pose", fmt::format("{} of {}", placed, input.photos.size()),
-                     input.turntable ? "from " + Count(input.turntable->num_stations, "station") : ""});
+                     !input.turntable     ? ""
+                     : input.ShowsATurn() ? "from " + Count(input.turntable->num_stations, "station")
+                                          : "nothing turned before the camera"});
   }
   if (mapper.is_object()) {
     const nlohmann::json sigma = mapper.value("sigma", nlohmann::json::object());

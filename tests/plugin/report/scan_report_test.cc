@@ -9,6 +9,7 @@
 #include "plugin/report/scan_summary.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/scene/io/turntable_file.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/temporary_folder.h"
 
@@ -16,6 +17,7 @@ namespace s2gs {
 namespace {
 
 using nlohmann::json;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -144,6 +146,28 @@ TEST(ScanReport, NumbersOfASyntheticScan) {
   EXPECT_NEAR(parts.at("curves").at("held_out").at("rms").at(0).at(1).get<double>(), 0.1, 1e-12);
   EXPECT_TRUE(parts.at("curves").at("held_out").at("object_rms").at(0).at(1).is_null());
   EXPECT_EQ(parts.at("curves").at("training").at("l1").at(0).at(1), 0.25);
+}
+
+TEST(ScanReport, OneBodyHasNoTableAngles) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  const auto shown = [&](double angle_deg) {
+    TurntableFile turntable;
+    turntable.num_stations = 2;
+    for (int i = 0; i < 2; ++i) {
+      TurntableImage image;
+      image.name = "photo" + std::to_string(i) + ".jpg";
+      image.station = i;
+      image.angle_deg = i * angle_deg;
+      turntable.images.push_back(image);
+    }
+    WriteTurntableFile(workspace.Turntable(), turntable);
+    return Make(workspace).page;
+  };
+  EXPECT_THAT(shown(0), AllOf(HasSubstr("Nothing turned"), Not(HasSubstr("one ring a station")),
+                              Not(HasSubstr("station 1"))));
+  EXPECT_THAT(shown(30), AllOf(Not(HasSubstr("Nothing turned")), HasSubstr("one ring a station"),
+                               HasSubstr("station 1, 30")));
 }
 
 TEST(ScanReport, TellsTheMappersVerdict) {
