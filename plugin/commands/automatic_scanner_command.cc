@@ -337,7 +337,7 @@ void RunAutomaticScanner(CommandContext& context) {
   options.Add(
       "first_octave", &settings.first_octave,
       "0: features are looked for at the photos' own size, not at twice that: poses take half of the CPU "
-      "seconds and less, for errors up to twice as large; empty: COLMAP's, -1");
+      "seconds, errors are up to twice as large, and plain objects may find no place; empty: COLMAP's, -1");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
   AddScaleOptions(&options, &settings.scale);
   options.Add("angles_path", &settings.angles_path,
