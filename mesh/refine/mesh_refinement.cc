@@ -7,18 +7,17 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <optional>
-#include <utility>
 #include <vector>
 
 #include "mesh/refine/offset_field.h"
 #include "mesh/refine/photo_consistency.h"
+#include "mesh/refine/refinement_photos.h"
+#include "mesh/refine/surface_carving.h"
 #include "mesh/refine/surface_relief.h"
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/mesh_cleanup.h"
 #include "mesh/surface/vertex_normals.h"
-#include "s2gs/image/photos.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/stopwatch.h"
@@ -36,13 +35,9 @@ constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3, false}, {0, 1.0F, 4, fals
 
 // With fewer, a part that one photo shows may well be there.
 constexpr size_t kMinPhotosToDrop = 40;
-// Of one vertex. Two photos agree by chance too often.
-constexpr int kMinViews = 3;
 // Around a vertex, as far as its patch reaches, the photo must show the mesh and nothing in front of it [px
 // of the pyramid's level].
 constexpr int kVisibilityMargin = kPatchSide / 2;
-// Steeper views say neither where a surface is nor that it is there.
-constexpr float kMinSeenCosine = 0.2F;
 // How often curves are averaged with their neighbours'.
 constexpr int kAverageRounds = 1;
 // Peaks up to the first correlation count nothing, those from the second on fully: below are surfaces that
@@ -60,63 +55,10 @@ constexpr float kRivalTrust = 0.1F;
 // Pull of each vertex towards where it is, beside 1 for a peak that falls by 1 in a pixel. Weak: the offset
 // of what has texture holds for its plain surroundings.
 constexpr double kPrior = 1e-5;
-// Photos need not be finer than this share of the mesh's edges.
-constexpr double kPixelPerEdge = 1.0 / 3;
-constexpr int kMaxShrink = 16;
-// What a photo takes with its coarser level.
-constexpr double kPyramidBytesPerPixel = 1.25;
-// Beyond the mesh's outline in a photo: room for patches [px].
-constexpr double kCropMargin = 16;  // not below kMaxShrink
-constexpr double kGiB = 1024.0 * 1024.0 * 1024.0;
+// Beside 1 for a peak that falls by 1 in a pixel: what is not carved stays, and its neighbours join it.
+constexpr float kHeld = 1000;
+constexpr int kRingsAroundCarved = 5;
 constexpr int64_t kVerticesPerTurn = 16384;
-
-struct Crop {
-  int index = 0;  // of the photo, in the source
-  ImagePart part;
-};
-
-// What of the photo shows the mesh; nothing when it is hardly any.
-std::optional<Crop> FindCrop(const TriangleMesh& mesh, const ObjectView& view, int index) {
-  Eigen::AlignedBox2d box;
-  for (const Eigen::Vector3f& vertex : mesh.vertices) {
-    const Eigen::Vector3d x = view.cam_from_object * vertex.cast<double>();
-    if (!(x.z() > 0)) continue;
-    box.extend(Eigen::Vector2d(view.fx * x.x() / x.z() + view.cx, view.fy * x.y() / x.z() + view.cy));
-  }
-  if (box.isEmpty()) return std::nullopt;
-  const auto range = [](double low, double high, int size, int* first, int* count) {
-    const double begin = std::clamp(std::floor(low - kCropMargin), 0.0, static_cast<double>(size));
-    const double end = std::clamp(std::ceil(high + kCropMargin), 0.0, static_cast<double>(size));
-    *first = static_cast<int>(begin);
-    *count = static_cast<int>(end - begin);
-  };
-  Crop crop;
-  crop.index = index;
-  ImagePart& part = crop.part;
-  range(box.min().x(), box.max().x(), view.width, &part.x, &part.width);
-  range(box.min().y(), box.max().y(), view.height, &part.y, &part.height);
-  if (part.width < 2 * kCropMargin || part.height < 2 * kCropMargin) return std::nullopt;
-  return crop;
-}
-
-ObjectView CropView(const ObjectView& view, const ImagePart& part, int factor) {
-  ObjectView cropped = view;
-  cropped.width = part.width / factor;
-  cropped.height = part.height / factor;
-  cropped.fx /= factor;
-  cropped.fy /= factor;
-  cropped.cx = (view.cx - part.x) / factor;
-  cropped.cy = (view.cy - part.y) / factor;
-  return cropped;
-}
-
-double MeanEdge(const TriangleMesh& mesh) {
-  double sum = 0;
-  for (const auto& triangle : mesh.triangles) {
-    sum += (mesh.vertices[triangle[0]] - mesh.vertices[triangle[1]]).norm();
-  }
-  return sum / static_cast<double>(mesh.triangles.size());
-}
 
 class Refiner {
  public:
@@ -125,64 +67,20 @@ class Refiner {
         num_threads_(options.num_threads > 0 ? options.num_threads : omp_get_max_threads()),
         reporter_(reporter),
         mesh_(*mesh),
+        photos_(num_threads_, reporter),
         scratch_(num_threads_) {}
 
   void LoadPhotos(const RefinementPhotoSource& source) {
-    std::vector<Crop> crops;
-    crops.reserve(source.size());
-    double bytes = 0;
-    double finest = std::numeric_limits<double>::infinity();  // pixel at the mesh
-    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-    for (const Eigen::Vector3f& vertex : mesh_.vertices) middle += vertex.cast<double>();
-    middle /= static_cast<double>(mesh_.vertices.size());
-    for (int i = 0; i < source.size(); ++i) {
-      const ObjectView& view = source.Camera(i);
-      const std::optional<Crop> crop = FindCrop(mesh_, view, i);
-      if (!crop) continue;
-      crops.push_back(*crop);
-      bytes += kPyramidBytesPerPixel * crop->part.width * crop->part.height;
-      finest = std::min(finest, (view.cam_from_object * middle).z() / std::max(view.fx, view.fy));
-    }
-    const double edge = MeanEdge(mesh_);
-    int factor = 1;
-    while (factor < kMaxShrink && (finest * 2 * factor < kPixelPerEdge * edge ||
-                                   bytes / (factor * factor) > options_.max_memory_gib * kGiB)) {
-      ++factor;
-    }
-    if (bytes / (factor * factor) > options_.max_memory_gib * kGiB) {
-      throw UserError(
-          fmt::format("{} photos need {:.1f} GiB to refine the mesh even at {} of their size, but "
-                      "max_memory_gib is {}. Raise it, or leave the refinement out",
-                      crops.size(), bytes / (factor * factor) / kGiB, 1.0 / factor, options_.max_memory_gib));
-    }
-    views_.resize(crops.size());
-    std::vector<std::unique_ptr<PhotoPyramid>> photos(crops.size());
-    const auto group = static_cast<size_t>(4 * num_threads_);
-    for (size_t begin = 0; begin < crops.size(); begin += group) {
-      if (reporter_.StopRequested()) throw Interrupted();
-      const size_t end = std::min(begin + group, crops.size());
-      ParallelFor(static_cast<int64_t>(end - begin), num_threads_, [&](int64_t i) {
-        const Crop& crop = crops[begin + i];
-        const Image8 photo = source.Load(crop.index);
-        const ObjectView& view = source.Camera(crop.index);
-        S2GS_INVARIANT(photo.channels == 1 && photo.width == view.width && photo.height == view.height);
-        views_[begin + i] = CropView(view, crop.part, factor);
-        photos[begin + i] =
-            std::make_unique<PhotoPyramid>(views_[begin + i], CutAndShrink(photo, crop.part, factor));
-      });
-      reporter_.Progress("read photos", static_cast<int64_t>(end), static_cast<int64_t>(crops.size()));
-    }
-    photos_ = std::move(photos);
+    photos_.Load(source, mesh_, options_.max_memory_gib);
   }
-
   size_t num_photos() const { return photos_.size(); }
 
   // \return  how many triangles.
   int64_t DropUnseen() {
-    if (!(options_.min_seen_pct > 0) || views_.size() < kMinPhotosToDrop) return 0;
-    const std::vector<VertexFlags> visible = FindVisible({kMinSeenCosine, 0});
+    if (!(options_.min_seen_pct > 0) || photos_.size() < kMinPhotosToDrop) return 0;
+    const std::vector<VertexFlags> visible = photos_.FindVisible(mesh_, {kMinSeenCosine, 0});
     const int needed = std::max(
-        2, static_cast<int>(std::lround(options_.min_seen_pct / 100 * static_cast<double>(views_.size()))));
+        2, static_cast<int>(std::lround(options_.min_seen_pct / 100 * static_cast<double>(photos_.size()))));
     const auto is_seen = [&](uint32_t vertex) {
       int count = 0;
       for (const VertexFlags& flags : visible) count += flags.Get(vertex) ? 1 : 0;
@@ -210,12 +108,14 @@ class Refiner {
     relief_.emplace(mesh_);
     moved_.assign(mesh_.vertices.size(), 0);
     moved_px_.assign(mesh_.vertices.size(), 0);
+    is_open_.assign(mesh_.vertices.size(), 1);
   }
 
   void Run(const Pass& pass, int64_t done_before, int64_t total) {
     const size_t count = mesh_.vertices.size();
-    visible_ = FindVisible({static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)),
-                            kVisibilityMargin << pass.level});
+    visible_ =
+        photos_.FindVisible(mesh_, {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)),
+                                    kVisibilityMargin << pass.level});
     if (course_.empty()) {
       measured_visible_ = visible_;
       NoteAgreement();
@@ -234,15 +134,17 @@ class Refiner {
     AverageOverNeighbors(*graph_, is_known_, width, kAverageRounds, num_threads_, &curves_);
     std::vector<OffsetObservation> observations(count);
     for (size_t i = 0; i < count; ++i) {
+      if (is_open_[i] == 0) observations[i].weight = kHeld;
       if (is_known_[i] == 0) continue;
       observations[i] = FindPeak(&curves_[i * width], pass);
       // Each photo more is one more comparison.
       observations[i].weight *=
           static_cast<float>(num_views_[i] - 1) / static_cast<float>(options_.num_views - 1);
     }
-    num_accepted_ = std::count_if(observations.begin(), observations.end(),
-                                  [](const OffsetObservation& o) { return o.weight > 0; });
-    if (static_cast<double>(num_accepted_) < kLeastAcceptedShare * static_cast<double>(count)) return;
+    const int64_t num_accepted = std::count_if(observations.begin(), observations.end(),
+                                               [](const OffsetObservation& o) { return o.weight > 0; });
+    if (static_cast<double>(num_accepted) < kLeastAcceptedShare * static_cast<double>(count)) return;
+    if (num_carved_ == 0) num_accepted_ = num_accepted;
     // Vertices that no photo shows move as far as those around them.
     SpreadPixels();
     // A pass says where the surface is and takes the place of those before: were its own moves made smooth
@@ -251,6 +153,7 @@ class Refiner {
     const std::vector<float> offsets =
         SmoothOffsets(*graph_, observations, options_.smoothness, kPrior, num_threads_);
     for (size_t i = 0; i < count; ++i) {
+      if (is_open_[i] == 0) continue;
       const float offset = offsets[i] - moved_[i] / pixels_[i];
       mesh_.vertices[i] += offset * pixels_[i] * mesh_.normals[i];
       moved_[i] += offset * pixels_[i];
@@ -259,6 +162,18 @@ class Refiner {
     ComputeNormals(&mesh_);
     has_moved_ = true;
     NoteAgreement();
+  }
+
+  // The next pass is for what lies deeper and its surroundings alone. \return  whether there is any.
+  bool Carve() {
+    if (!has_moved_ || !options_.carve) return false;
+    const std::vector<uint32_t> deeper =
+        CarveContradicted(photos_, *graph_, options_.num_views, num_threads_, &mesh_);
+    num_carved_ = static_cast<int64_t>(deeper.size());
+    std::fill(is_open_.begin(), is_open_.end(), 0);
+    for (const uint32_t i : deeper) is_open_[i] = 1;
+    GrowByNeighbors(*graph_, kRingsAroundCarved, &is_open_);
+    return num_carved_ > 0;
   }
 
   void Summarise(MeshRefinementSummary* summary) const {
@@ -271,6 +186,7 @@ class Refiner {
     const auto count = static_cast<double>(std::max<size_t>(1, moved_px_.size()));
     summary->num_vertices = static_cast<int64_t>(moved_px_.size());
     summary->num_accepted = num_accepted_;
+    summary->num_carved = num_carved_;
     summary->mean_offset_px = sum / count;
     summary->rms_offset_px = std::sqrt(squares / count);
     summary->course = course_;
@@ -278,35 +194,14 @@ class Refiner {
   }
 
  private:
-  std::vector<VertexFlags> FindVisible(const VisibilityRule& rule) const {
-    if (reporter_.StopRequested()) throw Interrupted();
-    std::vector<VertexFlags> visible(views_.size());
-    ParallelFor(static_cast<int64_t>(views_.size()), num_threads_,
-                [&](int64_t i) { visible[i] = FindVisibleVertices(mesh_, views_[i], rule); });
-    return visible;
-  }
-
-  // The surface at a vertex with the photos that are compared there.
-  SurfacePatch PatchAt(size_t vertex, const std::vector<VertexFlags>& visible) const {
-    std::vector<const PhotoPyramid*> candidates;
-    candidates.reserve(photos_.size());
-    for (size_t i = 0; i < photos_.size(); ++i) {
-      if (visible[i].Get(vertex)) candidates.push_back(photos_[i].get());
-    }
-    SurfacePatch patch;
-    patch.middle = mesh_.vertices[vertex];
-    patch.normal = mesh_.normals[vertex];
-    SelectPhotos(candidates, options_.num_views, &patch);
-    return patch;
-  }
-
   // Where the mesh is now, by what was visible at first: at all moments the same places in the same photos.
   void NoteAgreement() {
     const size_t every = std::max<size_t>(1, mesh_.vertices.size() / kMeasuredVertices);
     std::vector<float> agreement(mesh_.vertices.size() / every, std::numeric_limits<float>::quiet_NaN());
     ParallelFor(static_cast<int64_t>(agreement.size()), num_threads_, 128, [&](int64_t i) {
-      SurfacePatch patch = PatchAt(static_cast<size_t>(i) * every, measured_visible_);
-      if (patch.num_views < kMinViews) return;
+      SurfacePatch patch =
+          photos_.PatchAt(mesh_, static_cast<size_t>(i) * every, measured_visible_, options_.num_views);
+      if (patch.num_views < kLeastPhotosCompared) return;
       patch.LayFlat(0);
       ConsistencyCurve(patch, 0, patch.PixelSize(), 0, &agreement[static_cast<size_t>(i)]);
     });
@@ -321,8 +216,9 @@ class Refiner {
   }
 
   void MeasureCurve(size_t vertex, const Pass& pass) {
-    SurfacePatch patch = PatchAt(vertex, visible_);
-    if (patch.num_views < kMinViews) return;
+    if (is_open_[vertex] == 0) return;
+    SurfacePatch patch = photos_.PatchAt(mesh_, vertex, visible_, options_.num_views);
+    if (patch.num_views < kLeastPhotosCompared) return;
     patch.LayFlat(pass.level);
     if (pass.on_mesh) {
       relief_->Lay(static_cast<uint32_t>(vertex), &scratch_[omp_get_thread_num()], &patch);
@@ -372,8 +268,7 @@ class Refiner {
   const int num_threads_;
   Reporter& reporter_;
   TriangleMesh& mesh_;
-  std::vector<ObjectView> views_;  // as the photos are: cut and shrunk
-  std::vector<std::unique_ptr<PhotoPyramid>> photos_;
+  RefinementPhotos photos_;
   std::optional<VertexGraph> graph_;
   std::optional<SurfaceRelief> relief_;
   std::vector<SurfaceRelief::Scratch> scratch_;  // of each thread
@@ -383,9 +278,11 @@ class Refiner {
   std::vector<float> pixels_;  // size of a photo's pixel at each vertex
   std::vector<uint8_t> is_known_;
   std::vector<uint8_t> num_views_;  // compared at each vertex
+  std::vector<uint8_t> is_open_;    // the others are held where they are
   std::vector<float> moved_;        // outwards since the start
   std::vector<float> moved_px_;     // the same [px]
   int64_t num_accepted_ = 0;
+  int64_t num_carved_ = 0;
   bool has_moved_ = false;
   std::vector<RefinementMoment> course_;
   double started_ = SteadySeconds();
@@ -397,7 +294,7 @@ OptionCheck MeshRefinementOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
     return OptionFault{field, fmt::format("{}", value), bound};
   };
-  if (num_views < kMinViews || num_views > SurfacePatch::kMaxViews) {
+  if (num_views < kLeastPhotosCompared || num_views > SurfacePatch::kMaxViews) {
     return fault("num_views", num_views, "3 <= num_views <= 16");
   }
   if (!(max_view_angle_deg > 0) || !(max_view_angle_deg <= 85)) {
@@ -435,6 +332,7 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   for (size_t i = 0; i < kPasses.size(); ++i) {
     refiner.Run(kPasses[i], static_cast<int64_t>(i) * count, total);
   }
+  if (refiner.Carve()) refiner.Run(kPasses.back(), total - count, total);
   refiner.Summarise(&summary);
   summary.num_unseen_triangles += refiner.DropUnseen();
   summary.seconds = SteadySeconds() - start;

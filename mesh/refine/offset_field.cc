@@ -46,6 +46,17 @@ VertexGraph::VertexGraph(const TriangleMesh& mesh) {
   for (size_t i = 0; i + 1 < starts_.size(); ++i) starts_[i + 1] += starts_[i];
 }
 
+void GrowByNeighbors(const VertexGraph& graph, int rings, std::vector<uint8_t>* set) {
+  S2GS_INVARIANT(set->size() == graph.size());
+  for (int ring = 0; ring < rings; ++ring) {
+    const std::vector<uint8_t> before = *set;
+    for (size_t i = 0; i < before.size(); ++i) {
+      if (before[i] == 0) continue;
+      for (const uint32_t j : graph.Neighbors(i)) (*set)[j] = 1;
+    }
+  }
+}
+
 void AverageOverNeighbors(const VertexGraph& graph, const std::vector<uint8_t>& is_known, int width,
                           int rounds, int num_threads, std::vector<float>* rows) {
   S2GS_INVARIANT(is_known.size() == graph.size() && rows->size() == graph.size() * width);

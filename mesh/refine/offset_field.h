@@ -29,6 +29,9 @@ class VertexGraph {
   std::vector<uint32_t> neighbors_;
 };
 
+/// Takes `rings` rings of neighbours into a set of vertices.
+void GrowByNeighbors(const VertexGraph& graph, int rings, std::vector<uint8_t>* set);
+
 /// Replaces the rows of `is_known` vertices by the mean over them and their known neighbours, `rounds` times;
 /// rows of the others stay as they are. \param rows  `width` values for each vertex.
 void AverageOverNeighbors(const VertexGraph& graph, const std::vector<uint8_t>& is_known, int width,

@@ -77,6 +77,39 @@ class Slopes {
   Values v_{};
 };
 
+// Of a patch's photos with each other.
+class Comparison {
+ public:
+  explicit Comparison(const SurfacePatch& patch) : patch_(patch), slopes_(patch) {
+    for (int i = 0; i < patch.num_views; ++i) {
+      weight_ += patch.cosines[i];
+      weight_squares_ += patch.cosines[i] * patch.cosines[i];
+    }
+  }
+
+  PatchAgreement At(const Eigen::Vector3f& middle, int level) const {
+    std::array<float, kPatchSize> sum{};
+    float self = 0;
+    for (int i = 0; i < patch_.num_views; ++i) {
+      std::array<float, kPatchSize> values{};
+      patch_.views[i]->SamplePatch(patch_, middle, level, values.data());
+      const float length = patch_.cosines[i] * slopes_.Normalise(&values);
+      self += length * length;
+      for (int k = 0; k < kPatchSize; ++k) sum[k] += patch_.cosines[i] * values[k];
+    }
+    // The square of a sum is the sum of all products: those of a photo with itself come off.
+    float all = 0;
+    for (const float value : sum) all += value * value;
+    return {(all - self) / (weight_ * weight_ - weight_squares_), self / weight_squares_};
+  }
+
+ private:
+  const SurfacePatch& patch_;
+  const Slopes slopes_;
+  float weight_ = 0;
+  float weight_squares_ = 0;
+};
+
 }  // namespace
 
 PhotoPyramid::PhotoPyramid(const ObjectView& view, Image8 grey)
@@ -197,29 +230,13 @@ void SelectPhotos(const std::vector<const PhotoPyramid*>& candidates, int max_vi
 }
 
 void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_steps, float* curve) {
-  const Slopes slopes(patch);
-  float weight = 0;
-  float weight_squares = 0;
-  for (int i = 0; i < patch.num_views; ++i) {
-    weight += patch.cosines[i];
-    weight_squares += patch.cosines[i] * patch.cosines[i];
-  }
+  const Comparison comparison(patch);
   for (int offset = -max_steps; offset <= max_steps; ++offset) {
     const Eigen::Vector3f middle = patch.middle + static_cast<float>(offset) * step * patch.normal;
-    std::array<float, kPatchSize> sum{};
-    float self = 0;
-    for (int i = 0; i < patch.num_views; ++i) {
-      std::array<float, kPatchSize> values{};
-      patch.views[i]->SamplePatch(patch, middle, level, values.data());
-      const float length = patch.cosines[i] * slopes.Normalise(&values);
-      self += length * length;
-      for (int k = 0; k < kPatchSize; ++k) sum[k] += patch.cosines[i] * values[k];
-    }
-    // The square of a sum is the sum of all products: those of a photo with itself come off.
-    float all = 0;
-    for (const float value : sum) all += value * value;
-    curve[offset + max_steps] = (all - self) / (weight * weight - weight_squares);
+    curve[offset + max_steps] = comparison.At(middle, level).correlation;
   }
 }
+
+PatchAgreement MeasureAgreement(const SurfacePatch& patch) { return Comparison(patch).At(patch.middle, 0); }
 
 }  // namespace s2gs

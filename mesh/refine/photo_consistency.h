@@ -77,4 +77,11 @@ void SelectPhotos(const std::vector<const PhotoPyramid*>& candidates, int max_vi
 /// \param step  in the object's unit.
 void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_steps, float* curve);
 
+/// What the patch's photos show where it is.
+struct PatchAgreement {
+  float correlation = 0;  ///< as in a curve of no steps.
+  float texture = 0;  ///< share of the brightness's variance that is not noise: 0 on plain surfaces, to 1.
+};
+PatchAgreement MeasureAgreement(const SurfacePatch& patch);
+
 }  // namespace s2gs

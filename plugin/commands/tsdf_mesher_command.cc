@@ -92,8 +92,10 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
       << fmt::format("clusters         {} of {} kept\n", summary.cleanup.num_clusters_kept,
                      summary.cleanup.num_clusters);
   if (summary.refinement.num_vertices > 0) {
-    out << fmt::format("refined          {:+.3f} px outwards, {} unseen triangles dropped\n",
-                       summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles);
+    out << fmt::format(
+        "refined          {:+.3f} px outwards, {} unseen triangles dropped, {} vertices carved\n",
+        summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles,
+        summary.refinement.num_carved);
   }
   if (mesher.cleanup.max_hole_edges > 0) {
     out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
@@ -132,6 +134,7 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"vertices", refinement.num_vertices},
        {"accepted", refinement.num_accepted},
        {"moved", refinement.has_moved},
+       {"carved", refinement.num_carved},
        {"rms_offset_px", refinement.rms_offset_px}});
   WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
 }
@@ -262,6 +265,8 @@ void RunTsdfMesher(CommandContext& context) {
           "drop triangles that fewer of the photos see, where a table turns and there are 40 photos or more; "
           "0 keeps all")
       .Unit("%");
+  refinement.Add("carve", &MeshRefinementOptions::carve,
+                 "let parts sink that photos contradict, where they agree deeper: hollows that were filled");
   refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
       .Unit("GiB");
   refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");

@@ -1,0 +1,149 @@
+#include "mesh/refine/refinement_photos.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <utility>
+
+#include "s2gs/image/photos.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
+
+namespace s2gs {
+namespace {
+
+// Photos need not be finer than this share of the mesh's edges.
+constexpr double kPixelPerEdge = 1.0 / 3;
+constexpr int kMaxShrink = 16;
+// What a photo takes with its coarser level.
+constexpr double kPyramidBytesPerPixel = 1.25;
+// Beyond the mesh's outline in a photo: room for patches [px].
+constexpr double kCropMargin = 16;  // not below kMaxShrink
+constexpr double kGiB = 1024.0 * 1024.0 * 1024.0;
+
+struct Crop {
+  int index = 0;  // of the photo, in the source
+  ImagePart part;
+};
+
+// What of the photo shows the mesh; nothing when it is hardly any.
+std::optional<Crop> FindCrop(const TriangleMesh& mesh, const ObjectView& view, int index) {
+  Eigen::AlignedBox2d box;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    const Eigen::Vector3d x = view.cam_from_object * vertex.cast<double>();
+    if (!(x.z() > 0)) continue;
+    box.extend(Eigen::Vector2d(view.fx * x.x() / x.z() + view.cx, view.fy * x.y() / x.z() + view.cy));
+  }
+  if (box.isEmpty()) return std::nullopt;
+  const auto range = [](double low, double high, int size, int* first, int* count) {
+    const double begin = std::clamp(std::floor(low - kCropMargin), 0.0, static_cast<double>(size));
+    const double end = std::clamp(std::ceil(high + kCropMargin), 0.0, static_cast<double>(size));
+    *first = static_cast<int>(begin);
+    *count = static_cast<int>(end - begin);
+  };
+  Crop crop;
+  crop.index = index;
+  ImagePart& part = crop.part;
+  range(box.min().x(), box.max().x(), view.width, &part.x, &part.width);
+  range(box.min().y(), box.max().y(), view.height, &part.y, &part.height);
+  if (part.width < 2 * kCropMargin || part.height < 2 * kCropMargin) return std::nullopt;
+  return crop;
+}
+
+ObjectView CropView(const ObjectView& view, const ImagePart& part, int factor) {
+  ObjectView cropped = view;
+  cropped.width = part.width / factor;
+  cropped.height = part.height / factor;
+  cropped.fx /= factor;
+  cropped.fy /= factor;
+  cropped.cx = (view.cx - part.x) / factor;
+  cropped.cy = (view.cy - part.y) / factor;
+  return cropped;
+}
+
+double MeanEdge(const TriangleMesh& mesh) {
+  double sum = 0;
+  for (const auto& triangle : mesh.triangles) {
+    sum += (mesh.vertices[triangle[0]] - mesh.vertices[triangle[1]]).norm();
+  }
+  return sum / static_cast<double>(mesh.triangles.size());
+}
+
+}  // namespace
+
+void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleMesh& mesh,
+                            double max_memory_gib) {
+  std::vector<Crop> crops;
+  crops.reserve(source.size());
+  double bytes = 0;
+  double finest = std::numeric_limits<double>::infinity();  // pixel at the mesh
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3f& vertex : mesh.vertices) middle += vertex.cast<double>();
+  middle /= static_cast<double>(mesh.vertices.size());
+  for (int i = 0; i < source.size(); ++i) {
+    const ObjectView& view = source.Camera(i);
+    const std::optional<Crop> crop = FindCrop(mesh, view, i);
+    if (!crop) continue;
+    crops.push_back(*crop);
+    bytes += kPyramidBytesPerPixel * crop->part.width * crop->part.height;
+    finest = std::min(finest, (view.cam_from_object * middle).z() / std::max(view.fx, view.fy));
+  }
+  const double edge = MeanEdge(mesh);
+  int factor = 1;
+  while (factor < kMaxShrink &&
+         (finest * 2 * factor < kPixelPerEdge * edge || bytes / (factor * factor) > max_memory_gib * kGiB)) {
+    ++factor;
+  }
+  if (bytes / (factor * factor) > max_memory_gib * kGiB) {
+    throw UserError(
+        fmt::format("{} photos need {:.1f} GiB to refine the mesh even at {} of their size, but "
+                    "max_memory_gib is {}. Raise it, or leave the refinement out",
+                    crops.size(), bytes / (factor * factor) / kGiB, 1.0 / factor, max_memory_gib));
+  }
+  views_.resize(crops.size());
+  std::vector<std::unique_ptr<PhotoPyramid>> photos(crops.size());
+  const auto group = static_cast<size_t>(4 * num_threads_);
+  for (size_t begin = 0; begin < crops.size(); begin += group) {
+    if (reporter_.StopRequested()) throw Interrupted();
+    const size_t end = std::min(begin + group, crops.size());
+    ParallelFor(static_cast<int64_t>(end - begin), num_threads_, [&](int64_t i) {
+      const Crop& crop = crops[begin + i];
+      const Image8 photo = source.Load(crop.index);
+      const ObjectView& view = source.Camera(crop.index);
+      S2GS_INVARIANT(photo.channels == 1 && photo.width == view.width && photo.height == view.height);
+      views_[begin + i] = CropView(view, crop.part, factor);
+      photos[begin + i] =
+          std::make_unique<PhotoPyramid>(views_[begin + i], CutAndShrink(photo, crop.part, factor));
+    });
+    reporter_.Progress("read photos", static_cast<int64_t>(end), static_cast<int64_t>(crops.size()));
+  }
+  photos_ = std::move(photos);
+}
+
+std::vector<VertexFlags> RefinementPhotos::FindVisible(const TriangleMesh& mesh,
+                                                       const VisibilityRule& rule) const {
+  if (reporter_.StopRequested()) throw Interrupted();
+  std::vector<VertexFlags> visible(views_.size());
+  ParallelFor(static_cast<int64_t>(views_.size()), num_threads_,
+              [&](int64_t i) { visible[i] = FindVisibleVertices(mesh, views_[i], rule); });
+  return visible;
+}
+
+SurfacePatch RefinementPhotos::PatchAt(const TriangleMesh& mesh, size_t vertex,
+                                       const std::vector<VertexFlags>& visible, int max_views) const {
+  std::vector<const PhotoPyramid*> candidates;
+  candidates.reserve(photos_.size());
+  for (size_t i = 0; i < photos_.size(); ++i) {
+    if (visible[i].Get(vertex)) candidates.push_back(photos_[i].get());
+  }
+  SurfacePatch patch;
+  patch.middle = mesh.vertices[vertex];
+  patch.normal = mesh.normals[vertex];
+  SelectPhotos(candidates, max_views, &patch);
+  return patch;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <vector>
+
+#include "mesh/refine/mesh_refinement.h"
+#include "mesh/refine/photo_consistency.h"
+#include "mesh/refine/vertex_visibility.h"
+#include "mesh/surface/object_view.h"
+#include "mesh/surface/triangle_mesh.h"
+#include "sfm_split/base/reporter.h"
+
+namespace s2gs {
+
+/// Two photos agree by chance too often.
+constexpr int kLeastPhotosCompared = 3;
+/// Steeper views say neither where a surface is nor that it is there.
+constexpr float kMinSeenCosine = 0.2F;
+
+/// The photos that show a mesh, cut to it and as fine as its triangles need.
+class RefinementPhotos {
+ public:
+  /// \param reporter  must stay.
+  RefinementPhotos(int num_threads, Reporter& reporter) : num_threads_(num_threads), reporter_(reporter) {}
+
+  /// Throws what the source throws, Interrupted, and UserError where they do not fit into memory.
+  void Load(const RefinementPhotoSource& source, const TriangleMesh& mesh, double max_memory_gib);
+
+  size_t size() const { return photos_.size(); }
+
+  /// For each photo, which vertices it sees. Throws Interrupted.
+  std::vector<VertexFlags> FindVisible(const TriangleMesh& mesh, const VisibilityRule& rule) const;
+
+  /// The surface at a vertex with the photos that are compared there, not laid out yet.
+  /// \param visible  of FindVisible.
+  SurfacePatch PatchAt(const TriangleMesh& mesh, size_t vertex, const std::vector<VertexFlags>& visible,
+                       int max_views) const;
+
+ private:
+  const int num_threads_;
+  Reporter& reporter_;
+  std::vector<ObjectView> views_;  // as the photos are: cut and shrunk
+  std::vector<std::unique_ptr<PhotoPyramid>> photos_;
+};
+
+}  // namespace s2gs
