@@ -1,19 +1,15 @@
 #include "sfm_split/relocalise/match_ascent.h"
 
-#include <ceres/jet.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
 #include <tuple>
-#include <type_traits>
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
-#include "sfm_split/base/sampson_error.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/turntable/match_mixture.h"
 
@@ -37,150 +33,6 @@ constexpr double kLeastDamping = 1e-9;
 constexpr double kMostDamping = 1e6;
 constexpr double kUntold = 1e-6;  // of the largest curvature: what is so flat stays
 
-// Six numbers of a camera's pose, and one of the angle that its station begins at.
-constexpr int kOfStation = 7;
-// A pair's numbers: two stations and two focal lengths.
-constexpr int kOfPair = 2 * kOfStation + 2;
-using Jet = ceres::Jet<double, kOfPair>;
-template <typename T>
-using Vector = Eigen::Matrix<T, 3, 1>;
-template <typename T>
-using Matrix = Eigen::Matrix<T, 3, 3>;
-
-// A pair's number and, as a jet, its own derivative.
-template <typename T>
-T Number(double value, int place);
-template <>
-double Number<double>(double value, int /*place*/) {
-  return value;
-}
-template <>
-Jet Number<Jet>(double value, int place) {
-  return Jet(value, place);
-}
-
-template <typename T>
-struct Pose {
-  Matrix<T> rotation;
-  Vector<T> translation;
-};
-
-// cam_from_world after a small turn and shift, then about the axis by the station's turn and the photo's
-// angle where the object is looked at.
-template <typename T>
-Pose<T> PoseOf(const MatchAscent::Station& station, const TurntableAxis& axis, double angle_rad,
-               bool is_object, int first) {
-  Vector<T> turn;
-  Vector<T> shift;
-  for (int k = 0; k < 3; ++k) {
-    turn(k) = Number<T>(0, first + k);
-    shift(k) = Number<T>(station.cam_from_world.translation(k), first + 3 + k);
-  }
-  const Matrix<T> rotation =
-      ExpRotation<T>(turn) * station.cam_from_world.rotation.toRotationMatrix().cast<T>();
-  if (!is_object) return {rotation, shift};
-  const Matrix<T> about = RotationAbout<T>(Vector<T>(axis.direction.cast<T>()),
-                                           Number<T>(angle_rad + station.turn_rad, first + 6));
-  const Vector<T> point = axis.point.cast<T>();
-  return {rotation * about, shift + rotation * Vector<T>(point - about * point)};
-}
-
-// The errors of a pair's matches [px]; as jets, with how they change with the pair's numbers.
-template <typename T>
-std::vector<T> ErrorsOf(const AscentPair& pair, const MatchAscent::State& state, const TurntableAxis& axis) {
-  const Pose<T> first =
-      PoseOf<T>(state.stations[static_cast<size_t>(pair.station1)], axis, pair.angle1_rad, pair.is_object, 0);
-  const Pose<T> second = PoseOf<T>(state.stations[static_cast<size_t>(pair.station2)], axis, pair.angle2_rad,
-                                   pair.is_object, kOfStation);
-  using std::exp;
-  const T focal1 = exp(Number<T>(state.log_focal[static_cast<size_t>(pair.camera1)], 2 * kOfStation));
-  const T focal2 = exp(Number<T>(state.log_focal[static_cast<size_t>(pair.camera2)], 2 * kOfStation + 1));
-  const Matrix<T> rotation = second.rotation * first.rotation.transpose();
-  const Vector<T> translation = second.translation - rotation * first.translation;
-  Matrix<T> f = CrossMatrix<T>(translation) * rotation;
-  // Of pixels from the principal points.
-  f.template leftCols<2>() /= focal1;
-  f.template topRows<2>() /= focal2;
-  std::vector<T> errors;
-  errors.reserve(pair.matches.size());
-  for (const auto& [xy1, xy2] : pair.matches)
-    errors.push_back(SampsonError<T>(f, xy1.homogeneous(), xy2.homogeneous()));
-  return errors;
-}
-
-// A pair's part of the logarithm of the likelihood over chance: each match counts by its probability to be
-// right.
-struct PairValue {
-  double value = 0;
-  double inliers = 0;
-  double squares = 0;
-};
-
-// As jets, its part of a Gauss-Newton step as well.
-struct PairStep : PairValue {
-  Eigen::Matrix<double, kOfPair, kOfPair> normal = Eigen::Matrix<double, kOfPair, kOfPair>::Zero();
-  Eigen::Matrix<double, kOfPair, 1> right = Eigen::Matrix<double, kOfPair, 1>::Zero();
-};
-
-template <typename T>
-using PairSum = std::conditional_t<std::is_same_v<T, Jet>, PairStep, PairValue>;
-
-// MixtureGain, each match as often as it counts.
-double GainOf(const AscentPair& pair, const std::vector<double>& over, double share) {
-  if (pair.weight.empty()) return MixtureGain(over, share);
-  double gain = 0;
-  for (size_t m = 0; m < over.size(); ++m) gain += pair.weight[m] * std::log(1 - share + share * over[m]);
-  return gain;
-}
-
-template <typename T>
-PairSum<T> SumOf(const AscentPair& pair, const MatchAscent::State& state, const TurntableAxis& axis,
-                 double sigma_px) {
-  PairSum<T> sum;
-  const std::vector<T> errors = ErrorsOf<T>(pair, state, axis);
-  const double peak = 1 / (sigma_px * kRootTwoPi);
-  std::vector<double> over;
-  over.reserve(errors.size());
-  const auto value_of = [](const auto& error) {
-    if constexpr (std::is_same_v<T, double>) {
-      return error;
-    } else {
-      return error.a;
-    }
-  };
-  for (size_t m = 0; m < errors.size(); ++m) {
-    const double ratio = value_of(errors[m]) / sigma_px;
-    over.push_back(peak / pair.chance[m] * std::exp(-0.5 * ratio * ratio));
-  }
-  const double share = RightShare(over);
-  sum.value = GainOf(pair, over, share);
-  for (size_t m = 0; m < errors.size(); ++m) {
-    const double probability = RightProbability(over[m], share);
-    if (!(probability > 0)) continue;
-    const double counts = pair.weight.empty() ? 1 : pair.weight[m];
-    sum.inliers += counts * probability;
-    sum.squares += counts * probability * value_of(errors[m]) * value_of(errors[m]);
-    if constexpr (std::is_same_v<T, Jet>) {
-      if (!errors[m].v.allFinite()) continue;
-      const double weight = counts * probability / (sigma_px * sigma_px);
-      sum.normal.noalias() += weight * errors[m].v * errors[m].v.transpose();
-      sum.right -= weight * errors[m].a * errors[m].v;
-    }
-  }
-  return sum;
-}
-
-template <typename T>
-std::vector<PairSum<T>> SumsOf(const std::vector<AscentPair>& pairs, const MatchAscent::State& state,
-                               const TurntableAxis& axis, const AscentNoise& noise) {
-  std::vector<PairSum<T>> sums(pairs.size());
-  ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
-    const auto at = static_cast<size_t>(p);
-    sums[at] = SumOf<T>(pairs[at], state, axis, pairs[at].NoiseBy(noise));
-  });
-  return sums;
-}
-
 // How far before a camera its optical axis is nearest to the table's.
 double DepthOfAxis(const Rigid3& cam_from_world, const TurntableAxis& axis) {
   const Vector3d forward = cam_from_world.rotation.conjugate() * Vector3d::UnitZ();
@@ -189,10 +41,6 @@ double DepthOfAxis(const Rigid3& cam_from_world, const TurntableAxis& axis) {
 }
 
 }  // namespace
-
-AscentNoise AscentNoise::Widened(double width_px) const {
-  return {std::max(object, width_px), std::max(background, width_px)};
-}
 
 MatchAscent::MatchAscent(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
                          const AlignedScene& aligned)
@@ -204,7 +52,7 @@ MatchAscent::MatchAscent(const ScanFeatures& features, const std::vector<Possibl
     const bool is_new =
         place_of_station_.emplace(view.station, static_cast<int>(state_.stations.size())).second;
     if (is_new) state_.stations.push_back({view.cam_from_world, 0});
-    const Station& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    const AscentStation& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
     are_shared_ &= AreCamerasClose(axis_, station.cam_from_world, view.cam_from_world, kRounding);
   }
   for (const Camera& camera : aligned.scene.cameras) {
@@ -263,21 +111,21 @@ void MatchAscent::AddPairs(const ScanFeatures& features, const AlignedScene& ali
   }
 }
 
-std::array<int, MatchAscent::kOfPair> MatchAscent::PlacesOf(const AscentPair& pair) const {
-  std::array<int, kOfPair> places{};
-  for (int k = 0; k < kOfStation; ++k) {
-    places[static_cast<size_t>(k)] = kOfStation * pair.station1 + k;
-    places[static_cast<size_t>(kOfStation + k)] = kOfStation * pair.station2 + k;
+std::array<int, kAscentOfPair> MatchAscent::PlacesOf(const AscentPair& pair) const {
+  std::array<int, kAscentOfPair> places{};
+  for (int k = 0; k < kAscentOfStation; ++k) {
+    places[static_cast<size_t>(k)] = kAscentOfStation * pair.station1 + k;
+    places[static_cast<size_t>(kAscentOfStation + k)] = kAscentOfStation * pair.station2 + k;
   }
-  const int focals = kOfStation * static_cast<int>(state_.stations.size());
-  places[2 * kOfStation] = focals + pair.camera1;
-  places[2 * kOfStation + 1] = focals + pair.camera2;
+  const int focals = kAscentOfStation * static_cast<int>(state_.stations.size());
+  places[2 * kAscentOfStation] = focals + pair.camera1;
+  places[2 * kAscentOfStation + 1] = focals + pair.camera2;
   return places;
 }
 
 double MatchAscent::Value(const AscentNoise& noise) const {
   double value = 0;
-  for (const PairValue& sum : SumsOf<double>(pairs_, state_, axis_, noise)) value += sum.value;
+  for (const AscentValue& sum : ValuesOf(pairs_, state_, axis_, noise)) value += sum.value;
   for (size_t c = 0; c < priors_.size(); ++c) {
     const double off = state_.log_focal[c] - std::log(priors_[c].focal_px);
     value -= 0.5 * off * off / (priors_[c].sigma_log * priors_[c].sigma_log);
@@ -288,16 +136,16 @@ double MatchAscent::Value(const AscentNoise& noise) const {
 void MatchAscent::Linearize(const AscentNoise& noise, MatrixXd* normal, VectorXd* right) const {
   *normal = MatrixXd::Zero(NumUnknowns(), NumUnknowns());
   *right = VectorXd::Zero(NumUnknowns());
-  const std::vector<PairStep> sums = SumsOf<Jet>(pairs_, state_, axis_, noise);
+  const std::vector<AscentStep> sums = StepsOf(pairs_, state_, axis_, noise);
   for (size_t p = 0; p < pairs_.size(); ++p) {
-    const std::array<int, kOfPair> places = PlacesOf(pairs_[p]);
-    for (int a = 0; a < kOfPair; ++a) {
+    const std::array<int, kAscentOfPair> places = PlacesOf(pairs_[p]);
+    for (int a = 0; a < kAscentOfPair; ++a) {
       (*right)(places[static_cast<size_t>(a)]) += sums[p].right(a);
-      for (int b = 0; b < kOfPair; ++b)
+      for (int b = 0; b < kAscentOfPair; ++b)
         (*normal)(places[static_cast<size_t>(a)], places[static_cast<size_t>(b)]) += sums[p].normal(a, b);
     }
   }
-  const auto focals = static_cast<Eigen::Index>(kOfStation * state_.stations.size());
+  const auto focals = static_cast<Eigen::Index>(kAscentOfStation * state_.stations.size());
   for (size_t c = 0; c < priors_.size(); ++c) {
     const double weight = 1 / (priors_[c].sigma_log * priors_[c].sigma_log);
     const Eigen::Index at = focals + static_cast<Eigen::Index>(c);
@@ -306,18 +154,18 @@ void MatchAscent::Linearize(const AscentNoise& noise, MatrixXd* normal, VectorXd
   }
 }
 
-MatchAscent::State MatchAscent::Moved(const VectorXd& step) const {
+AscentState MatchAscent::Moved(const VectorXd& step) const {
   State moved = state_;
   for (size_t s = 0; s < moved.stations.size(); ++s) {
-    const auto at = static_cast<Eigen::Index>(kOfStation * s);
-    Station& station = moved.stations[s];
+    const auto at = static_cast<Eigen::Index>(kAscentOfStation * s);
+    AscentStation& station = moved.stations[s];
     const Matrix3d turn = ExpRotation<double>(step.segment<3>(at));
     station.cam_from_world.rotation =
         Eigen::Quaterniond(turn * station.cam_from_world.rotation.toRotationMatrix()).normalized();
     station.cam_from_world.translation += step.segment<3>(at + 3);
     station.turn_rad += step(at + 6);
   }
-  const auto focals = static_cast<Eigen::Index>(kOfStation * moved.stations.size());
+  const auto focals = static_cast<Eigen::Index>(kAscentOfStation * moved.stations.size());
   for (size_t c = 0; c < moved.log_focal.size(); ++c)
     moved.log_focal[c] += step(focals + static_cast<Eigen::Index>(c));
   return moved;
@@ -332,7 +180,7 @@ double MatchAscent::Climb(const AscentNoise& noise, int max_steps, Reporter& rep
     if (reporter.StopRequested()) throw Interrupted();
     Linearize(noise, &normal, &right);
     for (const size_t station : held_turns_) {
-      const auto held = static_cast<Eigen::Index>(kOfStation * station + 6);
+      const auto held = static_cast<Eigen::Index>(kAscentOfStation * station + 6);
       normal.row(held).setZero();
       normal.col(held).setZero();
       normal(held, held) = 1;
@@ -361,7 +209,7 @@ double MatchAscent::Climb(const AscentNoise& noise, int max_steps, Reporter& rep
 AscentNoise MatchAscent::NoiseBy(const AscentNoise& noise) const {
   std::array<double, 2> squares{};  // of the object, of the background
   std::array<double, 2> inliers{};
-  const std::vector<PairValue> sums = SumsOf<double>(pairs_, state_, axis_, noise);
+  const std::vector<AscentValue> sums = ValuesOf(pairs_, state_, axis_, noise);
   for (size_t p = 0; p < pairs_.size(); ++p) {
     if (pairs_[p].is_object && pairs_[p].station1 != pairs_[p].station2) continue;
     const size_t body = pairs_[p].is_object ? 0 : 1;
@@ -433,7 +281,7 @@ std::vector<double> MatchAscent::TurnsAlone(size_t station, double sigma_px, dou
       const bool is_first = static_cast<size_t>(pair.station1) == station;
       const bool is_second = static_cast<size_t>(pair.station2) == station;
       if (pair.is_object && is_first != is_second)
-        values[static_cast<size_t>(k)] += SumOf<double>(pair, turned, axis_, sigma_px).value;
+        values[static_cast<size_t>(k)] += ValueOf(pair, turned, axis_, sigma_px).value;
     }
   });
   std::vector<std::pair<double, double>> tops;  // value and turn
@@ -457,7 +305,7 @@ void MatchAscent::Apply(AlignedScene* aligned) const {
   double before = 0;
   double after = 0;
   for (const View& view : scene.views) {
-    const Station& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    const AscentStation& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
     const auto distance = [&](const Rigid3& cam_from_world) {
       return (CameraCentre(cam_from_world) - axis_.point).cross(axis_.direction).norm();
     };
@@ -480,7 +328,7 @@ void MatchAscent::Apply(AlignedScene* aligned) const {
       reference_rad = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))].turn_rad;
   }
   for (View& view : scene.views) {
-    const Station& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
+    const AscentStation& station = state_.stations[static_cast<size_t>(place_of_station_.at(view.station))];
     view.cam_from_world = TransformPose(about_axis, station.cam_from_world);
     const double angle = view.angle_deg * kDegree + station.turn_rad - reference_rad;
     view.angle_deg = WrapAngle(angle) / kDegree;

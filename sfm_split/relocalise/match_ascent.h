@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
-#include "sfm_split/base/rigid3.h"
+#include "sfm_split/relocalise/ascent_pair.h"
 #include "sfm_split/scene/focal_prior.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -17,45 +17,11 @@
 
 namespace s2gs {
 
-/// Standard deviations of right matches' epipolar errors [px]. What shines or hardly has texture is found
-/// worse than what stands about it: with one noise for both, many bad matches of the object would outvote the
-/// background's good ones.
-struct AscentNoise {
-  double object = 0;
-  double background = 0;
-
-  /// No narrower than a width.
-  AscentNoise Widened(double width_px) const;
-};
-
-/// A match in the undistorted pixels of both photos, from their principal points.
-struct AscentPair {
-  int station1 = 0;
-  int station2 = 0;
-  int camera1 = 0;
-  int camera2 = 0;
-  bool is_object = true;
-  double angle1_rad = 0;
-  double angle2_rad = 0;
-  std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> matches;
-  std::vector<double> chance;
-  std::vector<double> weight;  ///< how much each counts; empty: once.
-
-  double NoiseBy(const AscentNoise& noise) const { return is_object ? noise.object : noise.background; }
-};
-
 /// The likelihood of a scan's matches by its stations' cameras, the angle at which each station begins and
 /// the focal lengths, and the way to its top.
 class MatchAscent {
  public:
-  struct Station {
-    Rigid3 cam_from_world;
-    double turn_rad = 0;  ///< besides the table angles that its photos had.
-  };
-  struct State {
-    std::vector<Station> stations;
-    std::vector<double> log_focal;  ///< per camera.
-  };
+  using State = AscentState;
 
   /// \param object_pairs  of PossibleObjectPairs(), also those between stations.
   MatchAscent(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
@@ -99,9 +65,9 @@ class MatchAscent {
   static constexpr int kOfPair = 2 * kOfStation + 2;  // two stations and two focal lengths
 
   int NumUnknowns() const {
-    return static_cast<int>(kOfStation * state_.stations.size() + state_.log_focal.size());
+    return static_cast<int>(kAscentOfStation * state_.stations.size() + state_.log_focal.size());
   }
-  std::array<int, kOfPair> PlacesOf(const AscentPair& pair) const;
+  std::array<int, kAscentOfPair> PlacesOf(const AscentPair& pair) const;
   void Linearize(const AscentNoise& noise, Eigen::MatrixXd* normal, Eigen::VectorXd* right) const;
   State Moved(const Eigen::VectorXd& step) const;
   double RadiusPx() const;
