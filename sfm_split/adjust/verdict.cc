@@ -231,9 +231,9 @@ class Judge {
                static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps});
     }
-    // Verified matches of what shines or stands still have errors of their own; right ones tell the poses'.
-    const std::optional<double> noise =
-        evidence_.match_noise_px ? evidence_.match_noise_px : evidence_.adjusted_noise_px;
+    // Of verified matches, and of right ones among all: what is wrong alike makes either too large.
+    std::optional<double> noise = evidence_.adjusted_noise_px;
+    if (noise && evidence_.match_noise_px) noise = std::min(*noise, *evidence_.match_noise_px);
     if (noise && kErrorSigmas * *noise > evidence_.bound_px) {
       Add(Verdict::kDoubtful,
           Text("matches miss their lines by %.2g px, more than the %.2g px of keypoints that the poses are "

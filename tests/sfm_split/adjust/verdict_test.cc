@@ -98,7 +98,11 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
       {"held back", Verdict::kFailed, [](ScanEvidence* e) { e->held_back.agreeing = 200; }},
       {"miss their lines", Verdict::kDoubtful, [](ScanEvidence* e) { e->held_back_noise_px = 1.1; }},
       {"1 degrees of the table apart", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
-      {"miss their lines by 1.3 px", Verdict::kDoubtful, [](ScanEvidence* e) { e->match_noise_px = 1.3; }},
+      {"miss their lines by 1.3 px", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->match_noise_px = 1.3;
+         e->adjusted_noise_px = e->held_back_noise_px = 1.4;
+       }},
       {"do not tell whether the table turned as the poses say, like that of q", Verdict::kDoubtful,
        [](ScanEvidence* e) { e->untold_stations = {"q"}; }},
       {"a table angle is known to +- 0.8", Verdict::kDoubtful,
@@ -150,12 +154,15 @@ TEST(Verdict, WhatWasNotMeasuredIsNotHeldAgainstAScan) {
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
 }
 
-// Verified matches of what shines have errors that are not the poses'.
-TEST(Verdict, TheNoiseOfRightMatchesCountsWhereItIsKnown) {
+// Verified matches of what shines have errors that are not the poses', and so may unverified ones.
+TEST(Verdict, TheSmallerNoiseIsThatOfRightMatches) {
   ScanEvidence evidence = GoodEvidence();
   evidence.adjusted_noise_px = evidence.held_back_noise_px = 4.5;
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
   evidence.match_noise_px = 0.3;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  std::swap(evidence.match_noise_px, evidence.adjusted_noise_px);
+  evidence.held_back_noise_px = 0.3;
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
 }
 
