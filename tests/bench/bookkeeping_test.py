@@ -248,10 +248,13 @@ class Run(unittest.TestCase):
 
     def test_training_log(self):
         log = self.root / 'log.jsonl'
-        line = {'event': 'held_out', 'iteration': 10, 'count': 5, 'wall_seconds': 2.5, 'cpu_seconds': 4, 'psnr_db': 30.0, 'ssim': 0.9,
+        line = {'event': 'held_out', 'iteration': 10, 'count': 5, 'wall_s': 2.5, 'cpu_s': 4, 'psnr_db': 30.0, 'ssim': 0.9,
                 'object_psnr_db': 28.0, 'object_ssim': None, 'mask_iou': 0.99}
-        log.write_text('\n'.join(json.dumps(x) for x in ({'event': 'loss', 'iteration': 1}, {**line, 'iteration': 5, 'wall_seconds': 1.0}, line)))
+        log.write_text('\n'.join(json.dumps(x) for x in ({'event': 'loss', 'iteration': 1}, {**line, 'iteration': 5, 'wall_s': 1.0}, line)))
         found = run.training_figures(log)
+        source = (scenes.REPOSITORY / 's2gs/train_log.cc').read_text()
+        for name in line:  # as the program writes them
+            self.assertIn(f'"{name}"', source)
         self.assertEqual((found['iteration'], found['psnr_db'], found['train_wall_seconds']), (10, 30.0, 2.5))
         self.assertNotIn('object_ssim', found)
         self.assertEqual(found['curve'], [[1.0, 28.0], [2.5, 28.0]])

@@ -164,9 +164,9 @@ def training_figures(log):
     out = {name: last[name] for name in ('iteration', 'count', 'psnr_db', 'ssim', 'object_psnr_db', 'object_ssim', 'mask_iou')
            if isinstance(last.get(name), (int, float))}
     # Not a number, and so no figure: measure_one moves it beside them.
-    curve = [[round(line['wall_seconds'], 2), round(line['object_psnr_db'], 3)] for line in held_out
-             if line['wall_seconds'] > 0 and isinstance(line.get('object_psnr_db'), (int, float))]
-    return {**out, 'train_wall_seconds': round(last['wall_seconds'], 2), 'train_cpu_seconds': round(last['cpu_seconds'], 1),
+    curve = [[round(line['wall_s'], 2), round(line['object_psnr_db'], 3)] for line in held_out
+             if line['wall_s'] > 0 and isinstance(line.get('object_psnr_db'), (int, float))]
+    return {**out, 'train_wall_seconds': round(last['wall_s'], 2), 'train_cpu_seconds': round(last['cpu_s'], 1),
             'curve': curve}
 
 

@@ -87,6 +87,8 @@ TEST(Initialise, AStaticSceneIsFilledUpWithACubeAndASphere) {
     size_t on_sphere = 0;
     double radius = 0;
     for (size_t i = 0; i < gaussians.size(); ++i) radius = std::max(radius, Centre(gaussians, i).norm());
+    EXPECT_NEAR(radius, 4 * 0.5,
+                1e-5);  // without a rotating part its cube has sides of half the scene's size
     for (size_t i = points; i < gaussians.size(); ++i) {
       on_sphere += std::abs(Centre(gaussians, i).norm() - radius) < 1e-5 * radius ? 1 : 0;
       if (std::abs(Centre(gaussians, i).norm() - radius) < 1e-5 * radius) continue;

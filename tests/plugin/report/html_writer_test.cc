@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "plugin/report/data_uri.h"
@@ -93,6 +94,78 @@ TEST(Plot, LeavesOutWhatCannotBeDrawn) {
   plot.series[0].points = {{0, 1}};
   WritePlot(plot, &empty);
   EXPECT_NE(empty.html().find("nothing was recorded"), std::string::npos);
+}
+
+// Numbers that follow `name="` in the text, in their order.
+std::vector<double> NumbersAfter(const std::string& html, const std::string& name) {
+  std::vector<double> numbers;
+  for (size_t at = 0; (at = html.find(name + "=\"", at)) != std::string::npos;) {
+    at += name.size() + 2;
+    numbers.push_back(std::stod(html.substr(at)));
+  }
+  return numbers;
+}
+
+TEST(Plot, PlacesFollowTheAxes) {
+  // On a log axis equal ratios are equal distances, on a linear one equal differences; y grows upwards.
+  Plot plot{"t", {"x", true}, {"y", false}, {}, false};
+  PlotSeries series;
+  series.mark = PlotMark::kDots;
+  series.points = {{1, 0}, {10, 1}, {100, 2}, {1000, 4}};
+  plot.series = {series};
+  HtmlWriter out;
+  WritePlot(plot, &out);
+  const std::vector<double> x = NumbersAfter(out.html(), "cx");
+  const std::vector<double> y = NumbersAfter(out.html(), "cy");
+  ASSERT_EQ(x.size(), 4u);
+  EXPECT_GT(x[1] - x[0], 20);
+  EXPECT_NEAR(x[2] - x[1], x[1] - x[0], 0.11);  // written to a tenth
+  EXPECT_NEAR(x[3] - x[2], x[1] - x[0], 0.11);
+  EXPECT_GT(y[0] - y[1], 20);
+  EXPECT_NEAR(y[1] - y[2], y[0] - y[1], 0.11);
+  EXPECT_NEAR(y[2] - y[3], 2 * (y[0] - y[1]), 0.21);
+}
+
+TEST(Plot, LinesGoThroughAllPointsOrAStrideOfThem) {
+  for (const int count : {2, 30, 100000}) {
+    Plot plot{"t", {"x", false}, {"y", false}, {}, false};
+    PlotSeries series;
+    for (int i = 0; i < count; ++i) series.points.emplace_back(i, i % 7);
+    plot.series = {series};
+    HtmlWriter out;
+    WritePlot(plot, &out);
+    const size_t begin = out.html().find(" d=\"M");
+    ASSERT_NE(begin, std::string::npos) << count;
+    const std::string path = out.html().substr(begin, out.html().find('"', begin + 4) - begin);
+    const auto corners = std::count(path.begin(), path.end(), 'L');
+    if (count <= 30) {
+      EXPECT_EQ(corners, count - 1);
+    } else {
+      EXPECT_GT(corners, 100);
+      EXPECT_LT(corners, 5000);
+    }
+    // Few points are marked, too.
+    EXPECT_EQ(NumbersAfter(out.html(), "cx").size(), count <= 12 ? static_cast<size_t>(count) : 0u);
+  }
+}
+
+TEST(Plot, BarsAreAsWideAsTheirDistance) {
+  Plot plot{"t", {"x", false}, {"y", false}, {}, true};
+  PlotSeries series;
+  series.mark = PlotMark::kBars;
+  series.points = {{0, 1}, {1, 2}, {2, 0}, {4, 4}};
+  plot.series = {series};
+  HtmlWriter out;
+  WritePlot(plot, &out);
+  size_t bars = 0;
+  for (size_t at = 0; (at = out.html().find("class=\"bar\"", at)) != std::string::npos; ++at) ++bars;
+  EXPECT_EQ(bars, 3u);  // a bar of no height is none
+
+  plot.series[0].points = {{3, 2}};  // no distance to be as wide as
+  HtmlWriter one;
+  WritePlot(plot, &one);
+  EXPECT_NE(one.html().find("class=\"bar\""), std::string::npos);
+  EXPECT_EQ(one.html().find("inf"), std::string::npos);
 }
 
 // Bars of standard deviations that are longer than the data spread stay inside of the drawing.
