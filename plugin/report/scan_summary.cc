@@ -210,7 +210,10 @@ ScanSummary ReadScanRecord(const fs::path& path) {
 
 void PrintScanSummary(const ScanSummary& summary, std::ostream& out) {
   const auto line = [&](const std::string& name, const std::string& value) {
-    out << fmt::format("  {:<32}{}\n", name, value);
+    // A name that fills its column has the value on a line of its own.
+    const bool fits = name.size() <= 30;
+    if (!fits) out << "  " << name << "\n";
+    out << fmt::format("  {:<32}{}\n", fits ? name : "", value);
   };
   const auto stages = [&](bool have_run, const std::string& title) {
     std::string shown = title;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "mesh/surface/triangle_mesh.h"
 #include "plugin/report/scan_summary.h"
@@ -237,6 +238,16 @@ TEST(ScanReportBadInput, WrongKindsInTheMappersFile) {
     }
   }
   EXPECT_GT(left_out, 0);
+}
+
+TEST(ScanSummary, LongNamesStandApartFromTheirValues) {
+  ScanSummary summary;
+  summary.left_out = {{"short", "why"}, {"a part whose name is longer than its column", "because"}};
+  std::ostringstream shown;
+  PrintScanSummary(summary, shown);
+  EXPECT_THAT(shown.str(), HasSubstr("\n  short                           why\n"));
+  EXPECT_THAT(shown.str(), HasSubstr("\n  a part whose name is longer than its column\n"
+                                     "                                  because\n"));
 }
 
 TEST(ScanRecord, CountsThatAreNoneAreNotShown) {
