@@ -27,6 +27,7 @@ constexpr double kSideAbove = 0.08;       // and reaches from this above
 constexpr double kSideBelow = 0.04;       // to this below the end.
 constexpr size_t kMinOnSide = 5;          // rotating Gaussians, for a colour.
 constexpr float kColorTolerance = 0.1F;
+constexpr float kAnyColor = 1e6F;          // a tolerance that all colours keep.
 constexpr double kMaxUprightCosine = 0.7;  // between the axis and the normal of a Gaussian on a side.
 constexpr double kMinUprightShare =
     0.85;  // of the static Gaussians' area on the side: else they are the ground.
@@ -144,6 +145,12 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
   shape.swept.low = std::max(shape.swept.low, *end);
   shape.side = FindSide(gaussians, places, axis, radius, *end);
   return shape;
+}
+
+void CountTableAsRotating(const TableRim& table, RotatingShape* shape) {
+  shape->side.emplace();
+  shape->side->region = table.region;
+  shape->side->color_tolerance = kAnyColor;
 }
 
 RenderRequest MaskRequest(const TrainingScene& scene, const std::optional<RotatingShape>& shape,

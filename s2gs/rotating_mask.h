@@ -5,6 +5,7 @@
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/gaussians.h"
 #include "s2gs/image/image_error.h"
+#include "s2gs/table_rim.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {
@@ -18,6 +19,9 @@ struct RotatingShape {
 /// Nothing when the scene has no region. When few rotating Gaussians lie below the widest part's lower end
 /// (as with a disc), that end bounds `swept`, else the scene's region does.
 std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const Gaussians& gaussians);
+
+/// Static Gaussians of the table's top and side count as rotating from here on, whatever their colour.
+void CountTableAsRotating(const TableRim& table, RotatingShape* shape);
 
 /// What to render for the mask of the rotating part. Static Gaussians where the rotating part sweeps are left
 /// out: nothing that stands still can be there, so that they are shadows or reflections that keep their place

@@ -52,6 +52,7 @@ struct Settings {
   std::optional<int> first_octave;
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
+  std::string plain_table = "object";
   bool texture = true;
   ScaleOptions scale;
   fs::path angles_path;
@@ -161,7 +162,8 @@ std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
   if (settings.until == Until::kTrain) return steps;
 
   add("gaussian_renderer", "Masks, depth and normal maps",
-      {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu});
+      {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--plain_table",
+       settings.plain_table});
   add("tsdf_mesher", "The mesh",
       {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
        settings.keep_disc ? "0" : "1"});
@@ -338,6 +340,8 @@ void RunAutomaticScanner(CommandContext& context) {
       "first_octave", &settings.first_octave,
       "0: features are looked for at the photos' own size, not at twice that: poses take half of the CPU "
       "seconds, errors are up to twice as large, and plain objects may find no place; empty: COLMAP's, -1");
+  options.AddEnum("plain_table", &settings.plain_table, {{"object", "object"}, {"background", "background"}},
+                  "whose, in masks, a plain table with a round top is: photos do not tell whether it turns");
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
   AddScaleOptions(&options, &settings.scale);
   options.Add("angles_path", &settings.angles_path,

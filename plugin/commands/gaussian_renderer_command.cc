@@ -10,6 +10,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 #include <sstream>
@@ -30,6 +31,7 @@
 #include "s2gs/image/undistort.h"
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
+#include "s2gs/table_rim.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
@@ -55,6 +57,11 @@ const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expe
 enum class MapsOf : uint8_t { kObject, kAll };
 const EnumNames<MapsOf> kMapsOfNames = {{"object", MapsOf::kObject}, {"all", MapsOf::kAll}};
 
+// Whose a table's top is where photos do not tell whether it turns.
+enum class PlainTable : uint8_t { kObject, kBackground };
+const EnumNames<PlainTable> kPlainTableNames = {{"object", PlainTable::kObject},
+                                                {"background", PlainTable::kBackground}};
+
 struct Arguments {
   fs::path workspace_path;
   fs::path image_path;
@@ -71,6 +78,7 @@ struct Arguments {
   DepthKind depth = DepthKind::kMedian;
   MapsOf maps_of = MapsOf::kObject;
   bool undistort_always = false;
+  PlainTable plain_table = PlainTable::kObject;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
   BackendChoice backend;
@@ -94,6 +102,10 @@ void AddOptions(Options* options, Arguments* a) {
   options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
   options->AddEnum("maps_of", &a->maps_of, kMapsOfNames,
                    "what the maps show: the rotating part, or the background too");
+  options->AddEnum(
+      "plain_table", &a->plain_table, kPlainTableNames,
+      "whose, in masks, a table is that is so plain that it may turn or stand still by the photos, "
+      "where its top ends in a circle about the axis");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
@@ -177,7 +189,12 @@ class Renderer {
         in_workspace_(workspace.root, a_.image_path, NamesOf(scene_)),
         in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)),
         writers_(omp_get_max_threads()) {
-    if (scene_.mode == TrainMode::kS2gs) shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
+    if (scene_.mode == TrainMode::kS2gs) {
+      shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
+      table_ = FindTableRim(scene_, backend_);
+      const bool is_objects = a_.plain_table == PlainTable::kObject;
+      if (table_ && table_->IsUndecided() && shape_ && is_objects) CountTableAsRotating(*table_, &*shape_);
+    }
   }
 
   // What other stages and COLMAP work on. \param dense_view  null: no maps.
@@ -259,6 +276,22 @@ class Renderer {
   }
 
   const TrainingScene& scene() const { return scene_; }
+
+  // s2gs/mask_log.jsonl: what masks rest on beside p.
+  void WriteMaskLog() const {
+    nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", table_.has_value()}};
+    if (table_) {
+      line["radius"] = table_->region.radius * scene_.size;
+      line["height"] = (table_->region.high - table_->region.low) * scene_.size;
+      line["share_of_directions"] = table_->share;
+      line["false_alarms"] = table_->false_alarms;
+      line["static_share"] = table_->static_share;
+      line["undecided"] = table_->IsUndecided();
+      line["counts_as"] =
+          !table_->IsUndecided() || a_.plain_table == PlainTable::kObject ? "object" : "background";
+    }
+    WriteFileAtomically(workspace_.MaskLog(), [&](std::ostream& out) { out << line.dump() << '\n'; });
+  }
 
   // Of all photos, rendered or not.
   std::set<std::string> PhotoNames() const {
@@ -357,6 +390,7 @@ class Renderer {
   Backend* backend_;
   Reporter& reporter_;
   std::optional<RotatingShape> shape_;
+  std::optional<TableRim> table_;
   fs::path output_;
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;
@@ -420,6 +454,7 @@ void RenderForWorkspace(const Arguments& a, const std::map<std::string, PinholeV
     renderer.RenderForWorkspace(photo, &view);
   });
   if (a.overview) lazy->Get().WriteOverview();
+  if (a.masks) lazy->Get().WriteMaskLog();
 }
 
 void RenderFrames(const Arguments& a, const Workspace& workspace, LazyRenderer* lazy, Reporter& reporter) {
@@ -469,7 +504,8 @@ void RunGaussianRenderer(CommandContext& context) {
                   a.model_path};
   if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
   const std::map<std::string, std::string> values = options.Values();
-  for (const char* name : {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always"})
+  for (const char* name :
+       {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always", "plain_table"})
     stage.options[name] = values.at(name);
   stage.depends_on = {"gaussian_trainer"};
   if (a.masks) stage.outputs.push_back(workspace.Masks());

@@ -120,7 +120,9 @@ ReportInput ReadReportInput(const Workspace& workspace, const fs::path& image_pa
   input.mapper = ReadJsonFile(workspace.TurntableMapper());
   if (!input.mapper.is_object()) input.mapper = nullptr;
   input.log = ReadLog(workspace.Log());
-  for (Json& line : ReadLog(workspace.MeshLog())) input.log.push_back(std::move(line));
+  for (const fs::path& log : {workspace.MaskLog(), workspace.MeshLog()}) {
+    for (Json& line : ReadLog(log)) input.log.push_back(std::move(line));
+  }
   input.stages = CheckStages(workspace, reporter);
 
   std::set<std::string> names;

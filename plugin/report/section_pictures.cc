@@ -192,6 +192,46 @@ void WriteSights(const ReportInput& input, ReportSection* section) {
                   percent("other"), percent("alike"), percent("never_free"), percent("background")));
 }
 
+// Whose a plain table is: nothing in the photos tells it.
+void WriteTable(const ReportInput& input, ReportSection* section) {
+  const nlohmann::json* table = nullptr;
+  for (const nlohmann::json& line : input.log) {
+    if (line.is_object() && line.value("event", nlohmann::json()) == "table") table = &line;
+  }
+  if (table == nullptr) return;
+  nlohmann::ordered_json numbers = {{"found", table->value("found", nlohmann::json()) == true}};
+  if (numbers["found"] != true) {
+    section->numbers["table"] = numbers;
+    section->html.Element(
+        "p",
+        "No table's top that ends in a circle about the axis was found. A plain one, if there is any, looks "
+        "the same whether it turns or stands still: the model alone says whose it is in the masks.");
+    return;
+  }
+  for (const char* name : {"radius", "height", "share_of_directions", "false_alarms", "static_share"}) {
+    const double value = NumberOr(*table, name);
+    numbers[name] = std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+  }
+  const bool is_undecided = table->value("undecided", nlohmann::json()) == true;
+  const bool is_object = table->value("counts_as", nlohmann::json()) == "object";
+  numbers["undecided"] = is_undecided;
+  numbers["counts_as"] = is_object ? "object" : "background";
+  section->numbers["table"] = numbers;
+  const std::string rim = fmt::format(
+      "The table's top ends in a circle about the axis, of radius {}, in {} % of the directions. ",
+      Significant(NumberOr(*table, "radius"), 3),
+      Significant(100 * NumberOr(*table, "share_of_directions"), 2));
+  const std::string verdict =
+      is_undecided
+          ? fmt::format(
+                "Parts of it are so plain that photos do not tell whether they turn ({} % of its top or "
+                "side seem to stand still); in the masks they count as {} (--plain_table).",
+                Significant(100 * NumberOr(*table, "static_share"), 2),
+                is_object ? "the object's" : "background")
+          : std::string("The photos tell that it turns.");
+  section->html.Element("p", rim + verdict);
+}
+
 }  // namespace
 
 ReportSection PicturesSection(const ReportInput& input, Reporter& reporter) {
@@ -200,6 +240,7 @@ ReportSection PicturesSection(const ReportInput& input, Reporter& reporter) {
   WriteOverlays(input, reporter, &section);
   WriteComparison(input, reporter, &section);
   WriteSights(input, &section);
+  WriteTable(input, &section);
   return section;
 }
 

@@ -94,6 +94,7 @@ std::vector<std::pair<fs::path, std::string>> WorkspaceContents(const Workspace&
       {w.PoissonMesh(), "COLMAP's Poisson mesh"},
       {w.DelaunayMesh(), "COLMAP's Delaunay mesh"},
       {w.Log(), "log"},
+      {w.MaskLog(), "the masks' log"},
       {w.MeshLog(), "the mesh's log"},
       {w.ScanRecord(), "command lines and times of the scanner's last run"},
       {w.ReportHtml(), "report: what the scan did and how good it is"},

@@ -68,6 +68,7 @@ struct Workspace {
   Path Checkpoints() const { return Own() / "checkpoints"; }
   Path Plan() const { return Own() / "plan.json"; }
   Path Log() const { return Own() / "log.jsonl"; }
+  Path MaskLog() const { return Own() / "mask_log.jsonl"; }      ///< what masks rest on beside p.
   Path MeshLog() const { return Own() / "mesh_log.jsonl"; }      ///< error over time of the mesh.
   Path ScanRecord() const { return Own() / "scan.json"; }        ///< the scanner's last run.
   Path ImportRecord() const { return Own() / "imported.json"; }  ///< the names that it wrote.

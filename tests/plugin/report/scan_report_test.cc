@@ -93,6 +93,32 @@ TEST(ScanReport, SaysWhatPhotosCannotTellOfTheRotatingPart) {
   ExpectSelfContained(make(sights("two", 0)).page);
 }
 
+TEST(ScanReport, SaysWhoseAPlainTableIs) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  std::filesystem::create_directories(workspace.Own());
+  const auto make = [&](const json& line) {
+    WriteFileAtomically(workspace.MaskLog(), [&](std::ostream& out) { out << line.dump() << '\n'; });
+    return Make(workspace);
+  };
+  const auto table = [](const json& undecided, const char* counts_as) {
+    return json{{"event", "table"},         {"found", true},       {"radius", 0.25},
+                {"share_of_directions", 1}, {"static_share", 0.5}, {"undecided", undecided},
+                {"counts_as", counts_as}};
+  };
+  const Report plain = make(table(true, "background"));
+  const json numbers = plain.numbers.at("report").at("pictures").at("table");
+  EXPECT_EQ(numbers.at("radius"), 0.25);
+  EXPECT_EQ(numbers.at("undecided"), true);
+  EXPECT_EQ(numbers.at("counts_as"), "background");
+  EXPECT_THAT(plain.page, HasSubstr("they count as background"));
+  EXPECT_THAT(make(table(true, "object")).page, HasSubstr("they count as the object"));
+  EXPECT_THAT(make(table(false, "object")).page, HasSubstr("The photos tell that it turns"));
+  const Report none = make({{"event", "table"}, {"found", false}});
+  EXPECT_EQ(none.numbers.at("report").at("pictures").at("table").at("found"), false);
+  ExpectSelfContained(make(table("<b>", "<b>")).page);
+}
+
 TEST(ScanReport, NamesOfPhotosStayText) {
   const TemporaryFolder folder;
   SyntheticTurntable table = Table();

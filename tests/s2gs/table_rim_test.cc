@@ -1,0 +1,217 @@
+#include "s2gs/table_rim.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "s2gs/core/rng.h"
+#include "s2gs/rotating_mask.h"
+#include "sfm_split/base/angles.h"
+#include "tests/s2gs/backend/reference_render.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kStep = 0.01;
+constexpr double kRim = 1;
+constexpr double kMinShare = 0.5;
+
+// \param is_inside  by direction [radians] and distance. \param drop  of the height beyond. \param change  of
+// the colour beyond.
+LevelSurface SurfaceOf(const std::function<bool(double, double)>& is_inside, float drop, float change) {
+  LevelSurface surface{36, 120, kStep, 0, 0.005, {}, {}};
+  for (int d = 0; d < surface.num_directions; ++d) {
+    for (int s = 0; s < surface.num_steps; ++s) {
+      const bool inside = is_inside(2 * kPi * d / surface.num_directions, (s + 0.5) * kStep);
+      surface.heights.push_back(inside ? 0 : -drop);
+      const Random4 bits = RandomBits(1, static_cast<uint64_t>(d), static_cast<uint64_t>(s));
+      for (int c = 0; c < 3; ++c) {
+        const float noise = 0.02F * (UnitFloat(bits.words[c]) - 0.5F);
+        surface.colors.push_back(0.5F + noise + (inside ? 0 : change));
+      }
+    }
+  }
+  return surface;
+}
+
+bool IsInCircle(double /*direction*/, double distance) { return distance < kRim; }
+bool IsInSquare(double direction, double distance) {
+  return distance * std::max(std::abs(std::cos(direction)), std::abs(std::sin(direction))) < kRim;
+}
+
+TEST(CircularEdge, IsFoundByHeightAndByColour) {
+  for (const auto& [drop, change] : {std::pair(0.1F, 0.0F), std::pair(0.0F, 0.2F)}) {
+    const std::optional<CircularEdge> edge = FindCircularEdge(SurfaceOf(IsInCircle, drop, change), kMinShare);
+    ASSERT_TRUE(edge);
+    EXPECT_NEAR(edge->distance, kRim, kStep / 2);
+    EXPECT_EQ(edge->share, 1);
+  }
+}
+
+TEST(CircularEdge, IsFoundWhereAThirdOfItIsHidden) {
+  LevelSurface surface = SurfaceOf(IsInCircle, 0.1F, 0);
+  for (size_t i = 0; i < surface.heights.size() / 3; ++i) {
+    surface.heights[i] = std::numeric_limits<float>::quiet_NaN();
+  }
+  const std::optional<CircularEdge> edge = FindCircularEdge(surface, kMinShare);
+  ASSERT_TRUE(edge);
+  EXPECT_NEAR(edge->distance, kRim, kStep / 2);
+}
+
+TEST(CircularEdge, NoneInASquareOrAnEvenSurface) {
+  EXPECT_FALSE(FindCircularEdge(SurfaceOf(IsInSquare, 0.1F, 0), kMinShare));
+  EXPECT_FALSE(FindCircularEdge(SurfaceOf(IsInSquare, 0, 0.2F), kMinShare));
+  EXPECT_FALSE(FindCircularEdge(SurfaceOf([](double, double) { return true; }, 0, 0), kMinShare));
+}
+
+TEST(CircularEdge, NoneAboutAnotherAxis) {
+  const auto is_inside = [](double direction, double distance) {
+    return std::hypot(distance * std::cos(direction) - 0.4, distance * std::sin(direction)) < kRim;
+  };
+  EXPECT_FALSE(FindCircularEdge(SurfaceOf(is_inside, 0.1F, 0), kMinShare));
+}
+
+constexpr double kTableRadius = 1;
+constexpr double kSideEnd = -0.2;
+constexpr double kGround = -0.4;
+constexpr int kSize = 100;      // [px] of a photo
+constexpr double kFocal = 100;  // [px]
+constexpr double kDistance = 4;
+
+// Faces upwards, or away from the axis.
+ReferenceGaussian Splat(const Eigen::Vector3d& x, bool faces_up, double scale, double dc, bool rotates) {
+  ReferenceGaussian g{};
+  for (int i = 0; i < 3; ++i) {
+    g[kRefCentre + i] = x[i];
+    g[kRefDc + i] = dc;
+  }
+  g[kRefLogScale] = g[kRefLogScale + 1] = std::log(scale);
+  const Eigen::Vector3d normal =
+      faces_up ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d(x.x(), x.y(), 0).normalized();
+  const Eigen::Quaterniond q = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), normal);
+  g[kRefRotation] = q.w();
+  g[kRefRotation + 1] = q.x();
+  g[kRefRotation + 2] = q.y();
+  g[kRefRotation + 3] = q.z();
+  g[kRefOpacity] = 8;
+  g[kRefForeground] = rotates ? 10 : -10;
+  return g;
+}
+
+// A plain round table above the ground, and a small rotating thing on it.
+std::vector<ReferenceGaussian> ThingOnTable(bool table_rotates) {
+  std::vector<ReferenceGaussian> scene;
+  constexpr double kApart = 0.05;
+  for (int i = -40; i <= 40; ++i) {
+    for (int j = -40; j <= 40; ++j) {
+      const double x = i * kApart;
+      const double y = j * kApart;
+      scene.push_back(Splat({x, y, kGround}, true, kApart, -1, false));
+      if (std::hypot(x, y) < kTableRadius)
+        scene.push_back(Splat({x, y, 0}, true, kApart / 2, 0, table_rotates));
+    }
+  }
+  for (int i = 0; i < 126; ++i) {
+    const double x = kTableRadius * std::cos(i * kApart);
+    const double y = kTableRadius * std::sin(i * kApart);
+    for (double z = -0.025; z > kSideEnd; z -= kApart) {
+      scene.push_back(Splat({x, y, z}, false, kApart / 2, 0, table_rotates));
+    }
+    for (double z = 0; z < 0.3; z += kApart)
+      scene.push_back(Splat({x / 3, y / 3, z}, false, kApart / 2, 1, true));
+  }
+  return scene;
+}
+
+// Photos from 30 degrees above the table, the stations 120 degrees apart.
+TrainingScene SceneOf(int num_stations) {
+  TrainingScene scene;
+  scene.mode = TrainMode::kS2gs;
+  scene.axis = TurntableAxis();
+  scene.region = RotatingRegion{TurntableAxis(), 0.5, -0.1, 0.5};
+  for (int station = 0; station < num_stations; ++station) {
+    ScenePhoto photo;
+    photo.station = station;
+    PinholeView& view = photo.view;
+    view.width = view.height = kSize;
+    view.fx = view.fy = kFocal;
+    view.cx = view.cy = kSize / 2.0;
+    const double azimuth = 2 * kPi / 3 * station;
+    const Eigen::Vector3d back(std::cos(azimuth) * std::sqrt(0.75), std::sin(azimuth) * std::sqrt(0.75), 0.5);
+    Eigen::Matrix3d rotation;
+    rotation.row(2) = -back;
+    rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
+    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
+    view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
+    view.cam_from_object = view.cam_from_world;
+    scene.photos.push_back(photo);
+  }
+  return scene;
+}
+
+std::unique_ptr<Backend> BackendOf(const std::vector<ReferenceGaussian>& splats) {
+  std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+  TrainState state;
+  state.gaussians = FromReference(splats, 0);
+  backend->SetState(state);
+  return backend;
+}
+
+TEST(TableRim, OfAPlainTableIsFoundAndUndecided) {
+  const std::optional<TableRim> rim = FindTableRim(SceneOf(2), BackendOf(ThingOnTable(false)).get());
+  ASSERT_TRUE(rim);
+  // Splats of 0.025 stand out at edges by about their size.
+  EXPECT_NEAR(rim->region.radius, kTableRadius, 0.03);
+  EXPECT_NEAR(rim->region.low, kSideEnd, 0.04);
+  EXPECT_GT(rim->region.high, 0);
+  EXPECT_LT(rim->region.high, 0.1);
+  EXPECT_EQ(rim->static_share, 1);
+  EXPECT_TRUE(rim->IsUndecided());
+}
+
+TEST(TableRim, OfATableThatTurnsIsDecided) {
+  const std::optional<TableRim> rim = FindTableRim(SceneOf(2), BackendOf(ThingOnTable(true)).get());
+  ASSERT_TRUE(rim);
+  EXPECT_NEAR(rim->region.radius, kTableRadius, 0.03);
+  EXPECT_EQ(rim->static_share, 0);
+  EXPECT_FALSE(rim->IsUndecided());
+}
+
+TEST(TableRim, IsNotLookedForFromOneStation) {
+  EXPECT_FALSE(FindTableRim(SceneOf(1), BackendOf(ThingOnTable(false)).get()));
+}
+
+TEST(TableRim, MakesMasksHaveTheTable) {
+  const TrainingScene scene = SceneOf(2);
+  const std::unique_ptr<Backend> backend = BackendOf(ThingOnTable(false));
+  std::optional<RotatingShape> shape = FindRotatingShape(scene, backend->GetGaussians());
+  ASSERT_TRUE(shape);
+  const auto mask = [&] {
+    return RotatingMask(backend->Render(MaskRequest(scene, shape, scene.photos[0].view)));
+  };
+  // Where a place shows in the first photo.
+  const auto at = [&](double x, double y, double z) {
+    const Eigen::Vector3d in_camera = scene.photos[0].view.cam_from_world * Eigen::Vector3d(x, y, z);
+    const auto column = static_cast<size_t>(kSize / 2.0 + kFocal * in_camera.x() / in_camera.z());
+    const auto row = static_cast<size_t>(kSize / 2.0 + kFocal * in_camera.y() / in_camera.z());
+    return row * kSize + column;
+  };
+  EXPECT_EQ(mask().inside[at(0.8, 0, 0)], 0);
+  const std::optional<TableRim> rim = FindTableRim(scene, backend.get());
+  ASSERT_TRUE(rim);
+  CountTableAsRotating(*rim, &*shape);
+  const PixelMask with_table = mask();
+  EXPECT_EQ(with_table.inside[at(0.8, 0, 0)], 1);
+  EXPECT_EQ(with_table.inside[at(0, 0.8, 0)], 1);
+  EXPECT_EQ(with_table.inside[at(1, 0, -0.1)], 1);
+  EXPECT_EQ(with_table.inside[at(0.3, 0, 0.2)], 1);
+  EXPECT_EQ(with_table.inside[at(1.3, 0, kGround)], 0);
+  EXPECT_EQ(with_table.inside[at(0, 1.3, kGround)], 0);
+}
+
+}  // namespace
+}  // namespace s2gs
