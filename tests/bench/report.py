@@ -233,6 +233,7 @@ def page(r, notes, written=None):
               '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
               'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`: [stress](tests/bench/results/numerics_stress.md).', '',
               *stiffness_lines(),
+              *growth_lines(),
               *method_lines(),
               *curves_lines(written),
               '## Notes', '', 'What was tried, with what it gave, also where it did not pay:', '']
@@ -244,6 +245,13 @@ def stiffness_lines():
         return []
     return ['Where problems are badly conditioned, what happens there, what helps, and what that costs and gains:',
             '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '']
+
+
+def growth_lines():
+    if not (results.RESULTS / 'growth.md').exists():
+        return []
+    return ['## Growth', '', 'Seconds of each stage, memory and pairs against the number of photos and their size, and which of '
+            'them grow faster than either:', '[growth](tests/bench/results/growth.md).', '']
 
 
 def method_lines():
