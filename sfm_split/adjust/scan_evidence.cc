@@ -411,7 +411,14 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
 
   if (!joint.observability.computed) return evidence;
   std::vector<double> sigmas;
-  for (const double sigma : joint.angle_sigma_deg) {
+  for (size_t v = 0; v < joint.angle_sigma_deg.size(); ++v) {
+    double sigma = joint.angle_sigma_deg[v];
+    // Where no background ties a station to the reference's, the angle between them is anybody's choice, and
+    // how surely the object's matches tell its poses is what counts.
+    if (std::isinf(sigma) && aligned.background.images.empty() && v < scene.views.size()) {
+      const auto found = findings.turn_sigma_deg.find(scene.views[v].station);
+      if (found != findings.turn_sigma_deg.end()) sigma = found->second;
+    }
     if (sigma > 0) sigmas.push_back(sigma);
   }
   if (!sigmas.empty()) {

@@ -171,6 +171,24 @@ AscentState MatchAscent::Moved(const VectorXd& step) const {
   return moved;
 }
 
+// A turn that is held has no step. The part of a camera's small turn that is about the axis is held by a
+// weight beside which nothing else counts.
+void MatchAscent::Hold(MatrixXd* normal, VectorXd* right) const {
+  const double heavy = normal->diagonal().maxCoeff() / kUntold;
+  for (const size_t station : held_turns_) {
+    const auto first = static_cast<Eigen::Index>(kAscentOfStation * station);
+    if (!has_background_) {
+      const Vector3d about_axis = state_.stations[station].cam_from_world.rotation * axis_.direction;
+      normal->block<3, 3>(first, first) += heavy * about_axis * about_axis.transpose();
+    }
+    const Eigen::Index held = first + 6;
+    normal->row(held).setZero();
+    normal->col(held).setZero();
+    (*normal)(held, held) = 1;
+    (*right)(held) = 0;
+  }
+}
+
 double MatchAscent::Climb(const AscentNoise& noise, int max_steps, Reporter& reporter) {
   double damping = kFirstDamping;
   double value = Value(noise);
@@ -179,13 +197,7 @@ double MatchAscent::Climb(const AscentNoise& noise, int max_steps, Reporter& rep
   for (int k = 0; k < max_steps && damping < kMostDamping; ++k) {
     if (reporter.StopRequested()) throw Interrupted();
     Linearize(noise, &normal, &right);
-    for (const size_t station : held_turns_) {
-      const auto held = static_cast<Eigen::Index>(kAscentOfStation * station + 6);
-      normal.row(held).setZero();
-      normal.col(held).setZero();
-      normal(held, held) = 1;
-      right(held) = 0;
-    }
+    Hold(&normal, &right);
     double gained = 0;
     while (damping < kMostDamping) {
       MatrixXd damped = normal;

@@ -49,7 +49,8 @@ class MatchAscent {
 
   /// Leaves pairs out, evenly of each two stations, until no more matches than these count.
   void Thin(size_t max_matches);
-  /// Climbs leave these stations' turns as they are.
+  /// Climbs leave these stations' turns as they are; without a background, which would say how their cameras
+  /// stand, also how these are turned about the axis.
   void HoldTurns(std::vector<size_t> stations) { held_turns_ = std::move(stations); }
   /// Unknowns that matches can tell: all but what moves nothing against anything else.
   int NumTold() const;
@@ -69,6 +70,7 @@ class MatchAscent {
   }
   std::array<int, kAscentOfPair> PlacesOf(const AscentPair& pair) const;
   void Linearize(const AscentNoise& noise, Eigen::MatrixXd* normal, Eigen::VectorXd* right) const;
+  void Hold(Eigen::MatrixXd* normal, Eigen::VectorXd* right) const;
   State Moved(const Eigen::VectorXd& step) const;
   double RadiusPx() const;
   void AddPairs(const ScanFeatures& features, const AlignedScene& aligned,

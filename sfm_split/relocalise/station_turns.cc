@@ -87,7 +87,7 @@ StationTurns AskStationTurns(const ScanFeatures& features, const std::vector<Pos
                              const AlignedScene& aligned, Reporter& reporter) {
   StationTurns result;
   const View* const reference = aligned.scene.Reference();
-  if (reference == nullptr || aligned.background.images.empty()) return result;
+  if (reference == nullptr) return result;
   MatchAscent ascent(features, StationWitnesses(features, aligned, object_pairs), aligned);
   if (!ascent.HasStations()) return result;
   AscentNoise noise = kFirstNoise;
@@ -132,6 +132,7 @@ MatchFindings AskMatches(const ScanFeatures& features, const std::vector<Possibl
                    std::to_string(sigma_deg) + " degrees; their logarithms are " +
                    std::to_string(turns.overdispersion) + " times too large");
   }
+  findings.turn_sigma_deg = turns.sigma_deg;
   WidenByTurns(aligned.scene, turns, joint);
   return findings;
 }

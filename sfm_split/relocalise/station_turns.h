@@ -26,9 +26,10 @@ struct StationTurns {
 /// Turns each station by a degree to either side, and to where else its matches agree, and lets all cameras,
 /// focal lengths and the other stations' turns follow (the profile of the likelihood). Between stations, all
 /// matches of one detail are one witness, and a match that agrees with cameras before which nothing turns may
-/// be of what stands still. Of stations whose photos share a camera, placed by one background; of others
-/// there is nothing to say. Throws Interrupted when the reporter asks to stop.
-/// \param object_pairs  of PossibleObjectPairs(), also those between stations.
+/// be of what stands still. Without a background a station's turn is that of its camera about the axis
+/// against the object. Of stations whose photos share a camera; of others there is nothing to say. Throws
+/// Interrupted when the reporter asks to stop. \param object_pairs  of PossibleObjectPairs(), also those
+/// between stations.
 StationTurns AskStationTurns(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
                              const AlignedScene& aligned, Reporter& reporter);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <utility>
 
@@ -80,6 +81,8 @@ std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const A
   std::vector<PossiblePair> pairs = object_pairs;
   const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
   const std::vector<PosedImage> standing = PosedImages(features, aligned.scene, false);
+  // Without a background nobody knows how cameras of two stations stand.
+  const bool may_stand = !aligned.background.images.empty();
   std::vector<uint32_t> first_keypoint = {0};
   for (const ScanImage& image : features.images)
     first_keypoint.push_back(first_keypoint.back() + static_cast<uint32_t>(image.keypoints.size()));
@@ -102,8 +105,9 @@ std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const A
         details.Join(one, two);
         continue;
       }
-      between.push_back(
-          {&pair, m, {one, two}, error_px, MatchErrorPx(standing[i], standing[j], xy1, xy2), pair.chance[m]});
+      const double standing_px = may_stand ? MatchErrorPx(standing[i], standing[j], xy1, xy2)
+                                           : std::numeric_limits<double>::infinity();
+      between.push_back({&pair, m, {one, two}, error_px, standing_px, pair.chance[m]});
     }
   }
   const Kinds kinds = FitKinds(between);

@@ -345,6 +345,28 @@ TEST(ScanEvidence, StepsThatAreTooLongDoNotClose) {
   EXPECT_NE(JudgeScan(evidence).verdict, Verdict::kGood);
 }
 
+// Stations that no background ties have table angles that nobody can tell, and may show the object well.
+TEST(ScanEvidence, StationsWithoutABackgroundAreAsSureAsTheObjectTells) {
+  const Scan scan = MakeScan();
+  AlignedScene aligned;
+  aligned.scene = scan.turntable.scene;
+  aligned.object = SyntheticObjectModel(scan.turntable);
+  JointReport joint;
+  joint.observability.computed = true;
+  for (const View& view : aligned.scene.views)
+    joint.angle_sigma_deg.push_back(view.station == 1 ? std::numeric_limits<double>::infinity() : 0.02);
+  const auto worst = [&](const MatchFindings& findings) {
+    return *GatherEvidence(scan.features, aligned, joint, HoldBack(scan.features), findings, 4)
+                .angle_sigma_max_deg;
+  };
+  MatchFindings findings;
+  EXPECT_TRUE(std::isinf(worst(findings)));
+  findings.turn_sigma_deg[1] = 0.2;
+  EXPECT_EQ(worst(findings), 0.2);
+  aligned.background = SyntheticStaticModel(scan.turntable);
+  EXPECT_TRUE(std::isinf(worst(findings)));
+}
+
 // Nothing turns in what was matched, but the camera stood still: SfM's model is of the background.
 TEST(ScanEvidence, OneBodyBeforeACameraThatStoodStillHasFailed) {
   Scan scan = MakeScan();
