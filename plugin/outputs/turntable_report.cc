@@ -165,15 +165,15 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
   if (!refined.known_angles.empty()) {
     report["stated_angles"] = {{"contradictions", refined.angle_contradictions}, {"stations", json::array()}};
-    for (const KnownAngles& angles : refined.known_angles) {
-      report["stated_angles"]["stations"].push_back({{"station", angles.station},
-                                                     {"believed", angles.is_believed},
-                                                     {"photos", angles.prior.places.size()},
-                                                     {"contradict", angles.contradicts.size()},
-                                                     {"scatter_deg", angles.scatter_rad / kDegree},
-                                                     {"prior_sigma_deg", angles.prior.sigma_rad / kDegree},
-                                                     {"factor", angles.factor},
-                                                     {"factor_sigma", angles.factor_sigma}});
+    for (const KnownAngles& stated : refined.known_angles) {
+      report["stated_angles"]["stations"].push_back({{"station", stated.station},
+                                                     {"believed", stated.is_believed},
+                                                     {"photos", stated.prior.places.size()},
+                                                     {"contradict", stated.contradicts.size()},
+                                                     {"scatter_deg", stated.scatter_rad / kDegree},
+                                                     {"prior_sigma_deg", stated.prior.sigma_rad / kDegree},
+                                                     {"factor", stated.factor},
+                                                     {"factor_sigma", stated.factor_sigma}});
     }
   }
   report["rounds"] = json::array();

@@ -130,7 +130,8 @@ struct JointReport {
   /// Per image; 0 where held, infinite where no background point ties its station to the reference's.
   std::vector<double> angle_sigma_deg;
   std::vector<double> focal_sigma_px;  ///< per camera; 0 where held.
-  /// Shares of the variances that come from priors (JointPriors), as the above; 0 without.
+  /// Shares of the variances that come from priors (JointPriors), as the above; 0 without. Of an angle whose
+  /// station nothing ties: of its variance inside the station.
   std::vector<double> angle_prior_share;
   std::vector<double> focal_prior_share;
   double scale_sigma_rel = -1;

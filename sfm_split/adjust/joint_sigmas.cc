@@ -140,14 +140,12 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
         const Vector3d in_camera =
             problem.cam_from_world[static_cast<size_t>(pose)].rotation * axis_direction;
         for (int k = 0; k < 3; ++k) weights.push_back({{system.PoseBlock(pose), k}, in_camera(k)});
-      } else if (!system.IsTied(pose)) {
-        report->angle_sigma_deg.push_back(kInfinity);
-        report->angle_prior_share.push_back(0);
-        continue;
       }
     }
     const double of_angle = variance_of(weights);
-    report->angle_sigma_deg.push_back(std::sqrt(of_angle) * 180 / kPi);
+    // What a prior says of the angles inside a station, it says as well where nothing ties the station.
+    const bool is_tied = problem.free_object || system.IsTied(pose) || weights.size() > 1;
+    report->angle_sigma_deg.push_back(is_tied ? std::sqrt(of_angle) * 180 / kPi : kInfinity);
     const bool has_prior = of_priors.size() > 0 && of_angle > 0;
     report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);
   }

@@ -60,6 +60,8 @@ class Asker {
     for (const double turn_rad : search.TurnsAlone(station, noise_.object, kSearchStep * noise_.object)) {
       if (std::abs(turn_rad) < kTurnsDeg.back() * kDegree) continue;
       MatchAscent turned = top_;
+      // A camera that may turn about the axis would undo the turn, and be where it was.
+      if (!turned.HasBackground()) turned.HoldTurns({reference, station});
       MatchAscent::State state = turned.state();
       state.stations[station].turn_rad += turn_rad;
       turned.SetState(std::move(state));
