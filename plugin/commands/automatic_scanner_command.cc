@@ -14,13 +14,13 @@
 #include <vector>
 
 #include "plugin/cli/shell_quote.h"
-#include "plugin/commands/quality.h"
-#include "plugin/commands/scale_options.h"
 #include "plugin/commands/scan_preflight.h"
 #include "plugin/photos/photo_import.h"
 #include "plugin/plan/plan_parts.h"
 #include "plugin/plan/scan_plan.h"
 #include "plugin/report/scan_summary.h"
+#include "plugin/shared_options/quality.h"
+#include "plugin/shared_options/scale_options.h"
 #include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"

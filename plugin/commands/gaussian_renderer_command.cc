@@ -19,8 +19,8 @@
 #include <utility>
 #include <vector>
 
-#include "plugin/commands/backend_choice.h"
 #include "plugin/outputs/dense_folder.h"
+#include "plugin/shared_options/backend_choice.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/stale_outputs.h"
 #include "plugin/stage/workspace.h"

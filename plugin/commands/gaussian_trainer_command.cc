@@ -18,8 +18,8 @@
 #include <utility>
 #include <vector>
 
-#include "plugin/commands/backend_choice.h"
-#include "plugin/commands/quality.h"
+#include "plugin/shared_options/backend_choice.h"
+#include "plugin/shared_options/quality.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/core/available_memory.h"

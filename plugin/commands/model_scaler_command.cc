@@ -14,8 +14,8 @@
 #include <system_error>
 #include <vector>
 
-#include "plugin/commands/scale_options.h"
 #include "plugin/outputs/unscaled_scene.h"
+#include "plugin/shared_options/scale_options.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/image/image_file.h"

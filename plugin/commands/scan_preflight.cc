@@ -13,8 +13,8 @@
 #include <system_error>
 
 #include "plugin/colmap/colmap_process.h"
-#include "plugin/commands/backend_choice.h"
 #include "plugin/photos/video_frames.h"
+#include "plugin/shared_options/backend_choice.h"
 #include "plugin/stage/angle_list.h"
 #include "plugin/stage/fingerprint.h"
 #include "plugin/stage/stage.h"

@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 
-#include "sfm_split/adjust/verdict.h"
+#include "sfm_split/evidence/verdict.h"
 
 namespace s2gs {
 

@@ -10,8 +10,8 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/scene/axis_turn.h"
-#include "sfm_split/turntable/match_mixture.h"
 
 namespace s2gs {
 namespace {

@@ -9,18 +9,18 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/step_width.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/circular_motion/circular_scene.h"
+#include "sfm_split/circular_motion/rigged_circle_scene.h"
+#include "sfm_split/evidence/step_width.h"
 #include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/model_difference.h"
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/relocalise/station_turns.h"
+#include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
-#include "sfm_split/turntable/circular_scene.h"
-#include "sfm_split/turntable/rigged_circle_scene.h"
-#include "sfm_split/turntable/single_axis_scene.h"
 
 namespace s2gs {
 namespace {

@@ -7,13 +7,13 @@
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/circular_motion/circular_motion.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_candidate.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/scan_features.h"
-#include "sfm_split/turntable/circular_motion.h"
-#include "sfm_split/turntable/single_axis.h"
+#include "sfm_split/single_axis/single_axis.h"
 #include "sfm_split/turntable/turntable.h"
 
 namespace s2gs {

@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "sfm_split/adjust/match_findings.h"
+#include "sfm_split/evidence/match_findings.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/turntable/align_scene.h"
 

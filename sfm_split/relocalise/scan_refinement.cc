@@ -10,11 +10,11 @@
 
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
-#include "sfm_split/adjust/match_noise.h"
-#include "sfm_split/adjust/step_width.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/evidence/match_noise.h"
+#include "sfm_split/evidence/step_width.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/relocalise/unmoved_keypoints.h"
 #include "sfm_split/scene/number_stations.h"

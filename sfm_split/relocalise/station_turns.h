@@ -4,11 +4,11 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/match_findings.h"
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/circular_motion/possible_matches.h"
+#include "sfm_split/evidence/match_findings.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
-#include "sfm_split/turntable/possible_matches.h"
 
 namespace s2gs {
 

@@ -9,7 +9,7 @@
 #include "sfm_split/adjust/posed_images.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/union_find.h"
-#include "sfm_split/turntable/match_mixture.h"
+#include "sfm_split/circular_motion/match_mixture.h"
 
 namespace s2gs {
 namespace {

@@ -2,9 +2,9 @@
 
 #include <vector>
 
+#include "sfm_split/circular_motion/possible_matches.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
-#include "sfm_split/turntable/possible_matches.h"
 
 namespace s2gs {
 

@@ -23,12 +23,12 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/scan_evidence.h"
+#include "sfm_split/evidence/scan_evidence.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/relocalise/station_turns.h"
 #include "sfm_split/scene/pose_error.h"
+#include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
-#include "sfm_split/turntable/single_axis_scene.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
 

@@ -12,7 +12,7 @@
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/relocalise/unmoved_keypoints.h"
 #include "sfm_split/scene/pose_error.h"
-#include "sfm_split/turntable/single_axis_scene.h"
+#include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/table_angle.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/synthetic_models.h"

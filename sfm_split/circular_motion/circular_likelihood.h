@@ -1,0 +1,88 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/circular_motion/circular_motion.h"
+
+namespace s2gs {
+
+// The likelihood of FitCircularMotion and its maximum from a given start.
+
+/// A camera's two unknowns.
+struct CircularLens {
+  double log_focal = 0;
+  double distortion = 0;  ///< k of r (1 + k r^2).
+};
+
+struct CircularTurn {
+  Eigen::Matrix3d frame = Eigen::Matrix3d::Identity();  ///< columns p, n x p, n.
+  std::vector<double> angles;                           ///< [rad] one per photo, the first 0.
+};
+
+struct CircularState {
+  std::vector<CircularLens> lenses;
+  std::vector<CircularTurn> turns;  ///< one per station.
+  double sigma_px = 1;
+};
+
+/// A station's matches about the principal point, in pixels of one size in x and y.
+struct CircularMatch {
+  Eigen::Vector2d first;
+  Eigen::Vector2d second;
+  double chance = 0;  ///< density of a wrong match's epipolar error [1 / px].
+};
+
+struct CircularMatches {
+  int lens = 0;
+  int num_photos = 0;
+  /// How far a right match moves at most, per chord of a turn on a circle of radius 1 [px]; 0: no bound.
+  double reach_px = 0;
+  struct Pair {
+    int photo1 = 0;
+    int photo2 = 0;
+    std::vector<CircularMatch> matches;
+  };
+  std::vector<Pair> pairs;
+};
+
+struct CircularPriors {
+  std::vector<FocalPrior> focal;        ///< per lens.
+  std::vector<double> least_log_focal;  ///< per lens: bounds, whatever the matches say.
+  std::vector<double> most_log_focal;
+  std::vector<double> distortion;  ///< per lens: its mean.
+  double distortion_sigma = 0;     ///< 0: distortion is held.
+  /// Standard deviation of a free angle about equal steps, as a share of the step: tables turn one way, by
+  /// hand from mark to mark at worst.
+  double angle_share = 0.3;
+  std::vector<CircularTurn> angles;  ///< equal steps that free angles lie about; empty: no such prior.
+};
+
+/// How steps are free.
+enum class CircularSteps {
+  kEqualHeld,  ///< the angles stay.
+  kEqual,      ///< one step a station, equal ones.
+  kFree,       ///< every angle.
+};
+
+struct CircularFigures {
+  double log_posterior = 0;  ///< of everything, over chance.
+  double sigma_px = 0;       ///< of the matches' errors, by their probabilities to be right.
+  double inliers = 0;
+  std::vector<double> gain;                        ///< per station.
+  std::vector<int> inliers_of_station;             ///< matches rather right than wrong.
+  std::vector<std::vector<double>> gain_of_photo;  ///< per station and photo.
+};
+
+/// \param with_photos  fill in gain_of_photo.
+CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const CircularPriors& priors,
+                                 const CircularState& state, bool with_photos);
+
+/// Levenberg-Marquardt on the mixture by expectation and maximisation, at the state's sigma. Returns the
+/// figures at the end. \param focal_sigma_log  filled in unless null.
+CircularFigures RefineCircular(const std::vector<CircularMatches>& data, const CircularPriors& priors,
+                               CircularSteps steps, int max_iterations, CircularState* state,
+                               std::vector<double>* focal_sigma_log);
+
+}  // namespace s2gs

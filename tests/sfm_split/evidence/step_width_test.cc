@@ -1,0 +1,219 @@
+#include "sfm_split/evidence/step_width.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <vector>
+
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/evidence/step_evidence.h"
+#include "sfm_split/scene/axis_turn.h"
+#include "tests/support/synthetic_scan.h"
+
+namespace s2gs {
+namespace {
+
+std::vector<AngleAtPlace> Steps(int num, double step_deg, double start_deg) {
+  std::vector<AngleAtPlace> angles;
+  for (int k = 0; k < num; ++k)
+    angles.push_back({10 + k, k, WrapAngle((start_deg + step_deg * k) * kDegree)});
+  return angles;
+}
+
+TEST(NearestEqualSteps, ATurnClosesThoughAThirdOfItsAnglesIsAnywhere) {
+  std::vector<AngleAtPlace> angles = Steps(24, 15, 77);
+  for (int k = 6; k < 14; ++k) angles[static_cast<size_t>(k)].angle_rad += (k - 5) * 5 * kDegree;
+  const EqualStepsPrior steps = NearestEqualSteps(angles, 24);
+  ASSERT_EQ(steps.places.size(), 24U);
+  EXPECT_TRUE(steps.closes);
+  EXPECT_NEAR(steps.step_rad, 15 * kDegree, 1e-12);
+  EXPECT_NEAR(WrapAngle(steps.offset_rad - 77 * kDegree), 0, 1e-9);
+  EXPECT_EQ(steps.places[3].image, 13);
+}
+
+TEST(NearestEqualSteps, TheOtherWayAroundWithPhotosMissing) {
+  std::vector<AngleAtPlace> angles = Steps(20, -18, 3);
+  angles.erase(angles.begin() + 5, angles.begin() + 8);
+  const EqualStepsPrior steps = NearestEqualSteps(angles, 20);
+  ASSERT_EQ(steps.places.size(), 17U);
+  EXPECT_TRUE(steps.closes);
+  EXPECT_NEAR(steps.step_rad, -18 * kDegree, 1e-12);
+}
+
+TEST(NearestEqualSteps, APartOfATurnStaysOne) {
+  const EqualStepsPrior steps = NearestEqualSteps(Steps(24, 10, -40), 24);
+  ASSERT_EQ(steps.places.size(), 24U);
+  EXPECT_FALSE(steps.closes);
+  EXPECT_NEAR(steps.step_rad, 10 * kDegree, 1e-9);
+}
+
+TEST(NearestEqualSteps, FewAnglesAreNone) {
+  EXPECT_TRUE(NearestEqualSteps(Steps(5, 10, 0), 36).places.empty());
+}
+
+class StepWidth : public testing::Test {
+ protected:
+  static SyntheticTurntableOptions Options() {
+    SyntheticTurntableOptions options;
+    options.stations = 2;
+    options.steps = 24;
+    options.min_elevation_deg = 15;  // from where both see much of the same
+    options.max_elevation_deg = 30;
+    options.num_object_points = 150;
+    options.num_platter_points = 0;
+    options.num_background_points = 60;
+    options.max_view_change_deg = 40;
+    options.pixel_noise = 0.5;
+    options.outlier_share = 0.3;
+    return options;
+  }
+
+  explicit StepWidth(const SyntheticTurntableOptions& options = Options())
+      : turntable_(MakeSyntheticTurntable(options)), features_(SyntheticScanFeatures(turntable_)) {}
+
+  struct Posed {
+    std::vector<const Camera*> cameras;
+    std::vector<const View*> views;
+  };
+  Posed AllPosed() const {
+    Posed posed;
+    for (const ScanImage& image : features_.images) {
+      posed.cameras.push_back(&features_.cameras.at(image.camera_id));
+      posed.views.push_back(&*std::find_if(turntable_.scene.views.begin(), turntable_.scene.views.end(),
+                                           [&](const View& view) { return view.name == image.name; }));
+    }
+    return posed;
+  }
+
+  StepsFinding Find() const {
+    const Posed posed = AllPosed();
+    return StepsByMatches(features_, posed.cameras, posed.views, turntable_.scene.axis, 0.01);
+  }
+
+  std::vector<int> UntoldStations() const {
+    const Posed posed = AllPosed();
+    const std::vector<bool> in_steps(features_.images.size(), false);
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {}, in_steps, 1, 0.01)
+        .untold_stations;
+  }
+
+  // A photo's keypoints as those of a photo at another angle: its view says that it is where it is not.
+  void Turn(size_t image, double degrees) {
+    View& view = turntable_.scene.views[image];
+    view.angle_deg += degrees;
+    view.world_from_object = TurnAbout(turntable_.scene.axis, degrees * kDegree) * view.world_from_object;
+  }
+
+  SyntheticTurntable turntable_;
+  ScanFeatures features_;
+};
+
+TEST_F(StepWidth, EqualStepsAreAsNarrowAsTheMatchesCanTell) {
+  const StepsFinding finding = Find();
+  ASSERT_EQ(finding.steps.size(), 2U);
+  EXPECT_TRUE(finding.elsewhere.empty());
+  EXPECT_GT(finding.steps[0].sigma_rad, 0);
+  EXPECT_LT(finding.steps[0].sigma_rad, 0.3 * kDegree);
+}
+
+// The angles that the views have do not count: three in ten are off by many degrees.
+TEST_F(StepWidth, AnglesThatAreWrongDoNotWidenIt) {
+  const double right = Find().steps.at(0).sigma_rad;
+  for (const size_t image : {3, 4, 5, 6, 9, 10, 17}) Turn(image, 7 + static_cast<double>(image));
+  const StepsFinding finding = Find();
+  EXPECT_TRUE(finding.elsewhere.empty());
+  EXPECT_NEAR(finding.steps.at(0).sigma_rad, right, 1e-9);
+}
+
+TEST_F(StepWidth, AStationWhoseMatchesTellNothingHasTheOthersWidth) {
+  const double both = Find().steps.at(0).sigma_rad;
+  auto& pairs = features_.object_pairs;
+  pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
+                             [&](const ImagePairMatches& pair) {
+                               return features_.images[static_cast<size_t>(pair.image1)].station == 0 &&
+                                      features_.images[static_cast<size_t>(pair.image2)].station == 0;
+                             }),
+              pairs.end());
+  features_.raw_pairs.clear();
+  const StepsFinding finding = Find();
+  ASSERT_EQ(finding.steps.size(), 2U);
+  EXPECT_EQ(finding.steps[0].sigma_rad, finding.steps[1].sigma_rad);
+  EXPECT_LT(finding.steps[0].sigma_rad, 3 * both);
+}
+
+TEST_F(StepWidth, MatchesTellThatTheTableTurnedAndWhichWay) {
+  EXPECT_TRUE(UntoldStations().empty());
+  // The second station's views say that it stood still.
+  for (size_t image = 24; image < 48; ++image) Turn(image, -turntable_.scene.views[image].angle_deg);
+  EXPECT_EQ(UntoldStations(), (std::vector<int>{24}));
+}
+
+// Where all matches of a station are wrong, it may as well stand still.
+TEST_F(StepWidth, WrongMatchesDoNotTellHowTheTableTurned) {
+  for (auto* pairs : {&features_.object_pairs, &features_.raw_pairs}) {
+    for (ImagePairMatches& pair : *pairs) {
+      if (pair.image1 < 24 || pair.image2 < 24) continue;
+      for (size_t m = 0; m + 1 < pair.matches.size(); ++m)
+        std::swap(pair.matches[m].point2D_idx2, pair.matches[m + 1].point2D_idx2);
+    }
+  }
+  EXPECT_EQ(UntoldStations(), (std::vector<int>{24}));
+}
+
+// Photos whose own matches tell nothing have their places from the series that they belong to.
+TEST_F(StepWidth, APhotoInASeriesIsTold) {
+  for (auto* pairs : {&features_.object_pairs, &features_.raw_pairs}) {
+    for (ImagePairMatches& pair : *pairs) {
+      if (pair.image1 == 5 || pair.image2 == 5) pair.matches.clear();
+    }
+  }
+  const Posed posed = AllPosed();
+  std::vector<bool> in_steps(features_.images.size(), false);
+  const auto untold = [&] {
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {}, in_steps, 1, 0.01)
+        .untold;
+  };
+  EXPECT_EQ(untold(), (std::vector<int>{5}));
+  in_steps[5] = true;
+  EXPECT_TRUE(untold().empty());
+}
+
+// One photo that its matches put elsewhere, among steps that the others bear out, has wrong matches; more
+// than a tenth have steps that are none.
+TEST_F(StepWidth, StepsOutweighAFewPhotosMatches) {
+  const auto misturned = [&](bool in_steps) {
+    const Posed posed = AllPosed();
+    return AskSteps(features_, posed.cameras, posed.views, turntable_.scene.axis, {},
+                    std::vector<bool>(features_.images.size(), in_steps), 1, 0.01)
+        .misturned.size();
+  };
+  Turn(5, 9);
+  EXPECT_GE(misturned(false), 1U);
+  EXPECT_EQ(misturned(true), 0U);
+  for (const size_t image : {9, 13, 17, 20, 28, 33, 40}) Turn(image, 9);
+  EXPECT_GE(misturned(true), 8U);
+}
+
+class UnequalSteps : public StepWidth {
+ protected:
+  static SyntheticTurntableOptions Uneven() {
+    SyntheticTurntableOptions options = Options();
+    options.step_jitter = 0.4;  // +- 20 % of 15 degrees, which add up
+    return options;
+  }
+  UnequalSteps() : StepWidth(Uneven()) {}
+};
+
+TEST_F(UnequalSteps, AreWide) {
+  const StepsFinding finding = Find();
+  ASSERT_FALSE(finding.steps.empty());
+  // Steps differ by 1.7 degrees (standard deviation of a uniform one in +- 3), and that adds up.
+  EXPECT_GT(finding.steps[0].sigma_rad, 0.5 * kDegree);
+  EXPECT_FALSE(finding.elsewhere.empty());
+}
+
+}  // namespace
+}  // namespace s2gs

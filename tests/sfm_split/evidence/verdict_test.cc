@@ -1,0 +1,387 @@
+#include "sfm_split/evidence/verdict.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sfm_split/base/angles.h"
+#include "sfm_split/evidence/scan_evidence.h"
+#include "sfm_split/scene/axis_turn.h"
+#include "tests/support/synthetic_models.h"
+#include "tests/support/synthetic_scan.h"
+#include "tests/support/synthetic_turntable.h"
+
+namespace s2gs {
+namespace {
+
+ScanEvidence GoodEvidence() {
+  ScanEvidence evidence;
+  evidence.photos = evidence.placed = 24;
+  evidence.bound_px = 4;
+  evidence.verified = {5000, 4800, 50};
+  evidence.held_back = {500, 480, 5};
+  evidence.neighbours = {2000, 1950, 30};
+  evidence.neighbour_pairs = 44;
+  evidence.seam = {80, 78, 2};
+  evidence.seam_pairs = 3;
+  evidence.median_step_deg = 15;
+  evidence.least_step_deg = 4;
+  evidence.adjusted_noise_px = 0.4;
+  evidence.held_back_noise_px = 0.42;
+  evidence.focal_widths = {1.2};
+  evidence.angle_sigma_median_deg = 0.02;
+  evidence.angle_sigma_max_deg = 0.05;
+  return evidence;
+}
+
+TEST(Verdict, WhatIsBorneOutIsGoodAndSaysWhy) {
+  const ScanVerdict verdict = JudgeScan(GoodEvidence());
+  EXPECT_EQ(verdict.verdict, Verdict::kGood);
+  EXPECT_FALSE(verdict.reasons.empty());
+  EXPECT_TRUE(verdict.advice.empty());
+}
+
+TEST(Verdict, PosesHoldWhereOnlyAFewPhotosHaveNone) {
+  ScanEvidence evidence = GoodEvidence();
+  EXPECT_TRUE(JudgeScan(evidence).poses_hold);
+  evidence.placed = 22;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+  EXPECT_TRUE(JudgeScan(evidence).poses_hold);
+  evidence.placed = 21;
+  EXPECT_FALSE(JudgeScan(evidence).poses_hold);
+  evidence.placed = 23;
+  evidence.angle_sigma_max_deg = 0.8;
+  EXPECT_FALSE(JudgeScan(evidence).poses_hold);
+}
+
+TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
+  struct Case {
+    const char* said;
+    Verdict verdict;
+    void (*change)(ScanEvidence*);
+  };
+  const Case cases[] = {
+      {"20 of 24", Verdict::kDoubtful, [](ScanEvidence* e) { e->placed = 20; }},
+      {"23 of 24 photos have a place, without: s0_07.jpg", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->placed = 23;
+         e->missing = {"s0_07.jpg"};
+       }},
+      {"a, b, c, d, e and 1 more", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->placed = 18;
+         e->missing = {"a", "b", "c", "d", "e", "f"};
+       }},
+      {"11 of 24", Verdict::kFailed, [](ScanEvidence* e) { e->placed = 11; }},
+      {"does not close", Verdict::kFailed,
+       [](ScanEvidence* e) {
+         e->seam = {60, 5, 2};
+       }},
+      {"next to each other prove", Verdict::kFailed, [](ScanEvidence* e) { e->neighbours.agreeing = 700; }},
+      {"contradict", Verdict::kDoubtful, [](ScanEvidence* e) { e->contradicted_neighbours = 8; }},
+      {"3 photos are up to 7.5 degrees of the table from where their matches put them, like c",
+       Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->misturned = {"c", "d", "e"};
+         e->worst_misturn_deg = 7.5;
+       }},
+      {"the matches of 3 photos, like x, do not tell", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->untold = {"x", "y", "z"};
+       }},
+      {"held back", Verdict::kFailed, [](ScanEvidence* e) { e->held_back.agreeing = 200; }},
+      {"miss their lines", Verdict::kDoubtful, [](ScanEvidence* e) { e->held_back_noise_px = 1.1; }},
+      {"1 degrees of the table apart", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
+      {"miss their lines by 1.3 px", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->match_noise_px = 1.3;
+         e->adjusted_noise_px = e->held_back_noise_px = 1.4;
+       }},
+      {"do not tell whether the table turned as the poses say, like that of q", Verdict::kDoubtful,
+       [](ScanEvidence* e) { e->untold_stations = {"q"}; }},
+      {"a table angle is known to +- 0.8", Verdict::kDoubtful,
+       [](ScanEvidence* e) { e->angle_sigma_max_deg = 0.8; }},
+      {"cannot be told", Verdict::kDoubtful,
+       [](ScanEvidence* e) { e->angle_sigma_max_deg = std::numeric_limits<double>::infinity(); }},
+      {"nearer to the camera", Verdict::kFailed,
+       [](ScanEvidence* e) {
+         e->camera_radius_rel = 0.1;
+         e->points_one_side = 0.99;
+         e->camera_height_rel = 0.2;
+       }},
+      {"came back the same way", Verdict::kDoubtful, [](ScanEvidence* e) { e->turns_of_nothing = 1; }},
+      {"miss their lines by 1.2 px", Verdict::kDoubtful,
+       [](ScanEvidence* e) { e->adjusted_noise_px = e->held_back_noise_px = 1.2; }},
+      {"94 degrees apart", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->neighbour_apart_deg = 11;
+         e->far_pairs = 3;
+         e->widest_far_pair_deg = 94;
+       }},
+      {"a guess", Verdict::kDoubtful, [](ScanEvidence* e) { e->is_focal_guessed = true; }},
+      {"focal length", Verdict::kFailed, [](ScanEvidence* e) { e->focal_widths = {0.036}; }},
+      {"matches of 5 photos bear out", Verdict::kDoubtful,
+       [](ScanEvidence* e) {
+         e->unsupported = {"a", "b", "c", "d", "e"};
+       }},
+      {"nothing was found to turn", Verdict::kFailed,
+       [](ScanEvidence* e) {
+         e->is_one_body = true;
+         e->unmoved_photos = 24;
+       }},
+  };
+  for (const Case& fault : cases) {
+    ScanEvidence evidence = GoodEvidence();
+    fault.change(&evidence);
+    const ScanVerdict verdict = JudgeScan(evidence);
+    EXPECT_EQ(VerdictName(verdict.verdict), std::string(VerdictName(fault.verdict))) << fault.said;
+    ASSERT_FALSE(verdict.reasons.empty()) << fault.said;
+    EXPECT_NE(verdict.reasons[0].find(fault.said), std::string::npos) << verdict.reasons[0];
+    EXPECT_FALSE(verdict.advice.empty()) << fault.said;
+  }
+}
+
+TEST(Verdict, WhatWasNotMeasuredIsNotHeldAgainstAScan) {
+  ScanEvidence evidence;
+  evidence.photos = evidence.placed = 24;
+  evidence.verified = {5000, 4800, 50};
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+}
+
+// Verified matches of what shines have errors that are not the poses', and so may unverified ones.
+TEST(Verdict, TheSmallerNoiseIsThatOfRightMatches) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.adjusted_noise_px = evidence.held_back_noise_px = 4.5;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+  evidence.match_noise_px = 0.3;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  std::swap(evidence.match_noise_px, evidence.adjusted_noise_px);
+  evidence.held_back_noise_px = 0.3;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+}
+
+// A degree within three standard deviations.
+TEST(Verdict, AnglesAreGoodToADegreeButForOneScanInFourHundred) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.angle_sigma_max_deg = 0.33;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  evidence.angle_sigma_max_deg = 0.34;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+}
+
+TEST(Verdict, ChanceIsTakenOffAShare) {
+  EXPECT_DOUBLE_EQ(*(AgreeingMatches{100, 100, 40}).Share(), 1);
+  EXPECT_DOUBLE_EQ(*(AgreeingMatches{100, 40, 40}).Share(), 0);
+  EXPECT_DOUBLE_EQ(*(AgreeingMatches{100, 70, 40}).Share(), 0.5);
+  EXPECT_FALSE((AgreeingMatches{}).Share().has_value());
+  EXPECT_FALSE((AgreeingMatches{10, 10, 10}).Share().has_value());
+}
+
+// A scan of one full turn whose raw matches are its verified ones.
+struct Scan {
+  SyntheticTurntable turntable;
+  ScanFeatures features;
+};
+
+Scan MakeScan(double step_deg = 20) {
+  SyntheticTurntableOptions options;
+  options.stations = 2;
+  options.steps = 18;
+  options.step_deg = step_deg;
+  options.num_object_points = 200;
+  options.num_platter_points = 80;
+  options.num_background_points = 100;
+  options.max_view_change_deg = 50;
+  options.pixel_noise = 0.3;
+  Scan scan;
+  scan.turntable = MakeSyntheticTurntable(options);
+  scan.features = SyntheticScanFeatures(scan.turntable);
+  scan.features.raw_pairs = scan.features.object_pairs;
+  return scan;
+}
+
+ScanEvidence Gather(const Scan& scan, const TurntableScene& scene) {
+  AlignedScene aligned;
+  aligned.scene = scene;
+  aligned.object = SyntheticObjectModel(scan.turntable);
+  return GatherEvidence(scan.features, aligned, JointReport(), HoldBack(scan.features), MatchFindings(), 4);
+}
+
+TEST(ScanEvidence, ATenthIsHeldBackInWholeSets) {
+  const Scan scan = MakeScan();
+  const HeldBackKeypoints held = HoldBack(scan.features);
+  EXPECT_EQ(held, HoldBack(scan.features));
+  int matches = 0;
+  int both = 0;
+  int one = 0;
+  for (const ImagePairMatches& pair : scan.features.object_pairs) {
+    for (const FeatureMatch& match : pair.matches) {
+      const bool first = held[static_cast<size_t>(pair.image1)][match.point2D_idx1];
+      const bool second = held[static_cast<size_t>(pair.image2)][match.point2D_idx2];
+      ++matches;
+      both += first && second ? 1 : 0;
+      one += first != second ? 1 : 0;
+    }
+  }
+  EXPECT_EQ(one, 0);
+  // 280 points, of which a tenth has a standard deviation of 1.8 %.
+  EXPECT_GT(both, 0.04 * matches);
+  EXPECT_LT(both, 0.16 * matches);
+}
+
+TEST(ScanEvidence, TruePosesAreGood) {
+  const Scan scan = MakeScan();
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_EQ(evidence.placed, 36);
+  EXPECT_GT(*evidence.verified.Share(), 0.95);
+  EXPECT_GT(*evidence.seam.Share(), 0.95);
+  EXPECT_GT(evidence.seam_pairs, 2);
+  EXPECT_GT(*evidence.across_stations.Share(), 0.95);
+  // As many pairs are two steps of 20 degrees apart as one; the median is the upper of both.
+  EXPECT_NEAR(*evidence.median_step_deg, 40, 1e-9);
+  EXPECT_LT(*evidence.least_step_deg, 40);
+  EXPECT_GT(*evidence.camera_radius_rel, 2);
+  EXPECT_EQ(evidence.turns_of_nothing, 0);
+  EXPECT_EQ(evidence.far_pairs, 0);
+  EXPECT_EQ(evidence.contradicted_neighbours, 0);
+  EXPECT_TRUE(evidence.misturned.empty());
+  EXPECT_TRUE(evidence.untold.empty());
+  EXPECT_NEAR(*evidence.held_back_noise_px, 0.3, 0.05);
+  EXPECT_NEAR(*evidence.adjusted_noise_px, 0.3, 0.05);
+  const ScanVerdict verdict = JudgeScan(evidence);
+  EXPECT_EQ(verdict.verdict, Verdict::kGood) << verdict.reasons[0];
+}
+
+// The last photos of a short arc see what the first do, and stand far from them: nothing came back.
+TEST(ScanEvidence, AnArcIsNoTurnThatCameBack) {
+  const Scan scan = MakeScan(2);
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_GT(evidence.seam_pairs, 2);
+  EXPECT_EQ(evidence.turns_of_nothing, 0);
+  EXPECT_EQ(evidence.far_pairs, 0);
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood) << JudgeScan(evidence).reasons[0];
+}
+
+// The second half of the angles, mirrored: the table went and came back the same way.
+TEST(ScanEvidence, ATurnThatCameBackIsFound) {
+  const Scan scan = MakeScan();
+  TurntableScene scene = scan.turntable.scene;
+  std::map<int, int> place;
+  for (View& view : scene.views) {
+    const int k = place[view.station]++;
+    if (k < 9) continue;
+    const double back_deg = 20.0 * (18 - k) - 20.0 * k;
+    view.angle_deg += back_deg;
+    view.world_from_object = TurnAbout(scene.axis, back_deg * kDegree) * view.world_from_object;
+  }
+  const ScanEvidence evidence = Gather(scan, scene);
+  EXPECT_NE(JudgeScan(evidence).verdict, Verdict::kGood);
+  EXPECT_EQ(evidence.misturned.empty() && evidence.turns_of_nothing == 0, false);
+}
+
+TurntableScene WithSteps(const TurntableScene& truth, double factor) {
+  TurntableScene scene = truth;
+  for (View& view : scene.views) {
+    view.angle_deg *= factor;
+    view.world_from_object = {
+        Eigen::Quaterniond(Eigen::AngleAxisd(view.angle_deg * kPi / 180, scene.axis.direction)),
+        Eigen::Vector3d::Zero()};
+    view.world_from_object.translation =
+        scene.axis.point - view.world_from_object.rotation * scene.axis.point;
+  }
+  return scene;
+}
+
+// Station 0's photos from the 5th to the 9th stand 3 degrees too far: the matches say so of the first of them
+// and of the first after them, and by how much; neighbours still agree with most of their lines.
+TEST(ScanEvidence, ABlockOfPhotosThatIsTurnedIsFound) {
+  const Scan scan = MakeScan();
+  TurntableScene scene = scan.turntable.scene;
+  std::vector<std::string> names;
+  for (View& view : scene.views) {
+    if (view.station == 0) names.push_back(view.name);
+    if (view.station != 0 || names.size() < 5 || names.size() > 9) continue;
+    view.world_from_object = TurnAbout(scene.axis, 3 * kDegree) * view.world_from_object;
+    view.angle_deg += 3;
+  }
+  const ScanEvidence evidence = Gather(scan, scene);
+  EXPECT_EQ(evidence.contradicted_neighbours, 0);
+  for (const size_t first : {size_t{4}, size_t{9}}) {
+    EXPECT_EQ(std::count(evidence.misturned.begin(), evidence.misturned.end(), names[first]), 1) << first;
+  }
+  EXPECT_NEAR(evidence.worst_misturn_deg, 3, 1e-9);
+  EXPECT_TRUE(evidence.untold.empty());
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+}
+
+// Photos whose matches are all wrong stand where they stand by nothing that they show.
+TEST(ScanEvidence, PhotosWithWrongMatchesDoNotTellTheirPlaces) {
+  Scan scan = MakeScan();
+  std::vector<std::string> names;
+  const auto is_wrong = [](int image) { return image >= 3 && image < 8; };
+  for (int image = 3; image < 8; ++image) names.push_back(scan.features.images[image].name);
+  for (ImagePairMatches& pair : scan.features.raw_pairs) {
+    if (!is_wrong(pair.image1) && !is_wrong(pair.image2)) continue;
+    for (size_t m = 0; m < pair.matches.size() / 2; ++m) {
+      std::swap(pair.matches[m].point2D_idx2, pair.matches[pair.matches.size() - 1 - m].point2D_idx2);
+    }
+  }
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_EQ(evidence.untold, names);
+  EXPECT_TRUE(evidence.misturned.empty());
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+}
+
+TEST(ScanEvidence, StepsThatAreTooLongDoNotClose) {
+  const Scan scan = MakeScan();
+  const ScanEvidence evidence = Gather(scan, WithSteps(scan.turntable.scene, 1.06));
+  EXPECT_LT(*evidence.seam.Share(), 0.5);
+  EXPECT_NE(JudgeScan(evidence).verdict, Verdict::kGood);
+}
+
+// Stations that no background ties have table angles that nobody can tell, and may show the object well.
+TEST(ScanEvidence, StationsWithoutABackgroundAreAsSureAsTheObjectTells) {
+  const Scan scan = MakeScan();
+  AlignedScene aligned;
+  aligned.scene = scan.turntable.scene;
+  aligned.object = SyntheticObjectModel(scan.turntable);
+  JointReport joint;
+  joint.observability.computed = true;
+  for (const View& view : aligned.scene.views)
+    joint.angle_sigma_deg.push_back(view.station == 1 ? std::numeric_limits<double>::infinity() : 0.02);
+  const auto worst = [&](const MatchFindings& findings) {
+    return *GatherEvidence(scan.features, aligned, joint, HoldBack(scan.features), findings, 4)
+                .angle_sigma_max_deg;
+  };
+  MatchFindings findings;
+  EXPECT_TRUE(std::isinf(worst(findings)));
+  findings.turn_sigma_deg[1] = 0.2;
+  EXPECT_EQ(worst(findings), 0.2);
+  aligned.background = SyntheticStaticModel(scan.turntable);
+  EXPECT_TRUE(std::isinf(worst(findings)));
+}
+
+// Nothing turns in what was matched, but the camera stood still: SfM's model is of the background.
+TEST(ScanEvidence, OneBodyBeforeACameraThatStoodStillHasFailed) {
+  Scan scan = MakeScan();
+  EXPECT_EQ(JudgeScan(GatherOneBodyEvidence(scan.features, {}, 36)).verdict, Verdict::kFailed);
+  for (size_t i = 0; i < scan.features.images.size(); ++i)
+    scan.features.images[i].station = static_cast<int>(i);
+  EXPECT_EQ(JudgeScan(GatherOneBodyEvidence(scan.features, {}, 36)).verdict, Verdict::kGood);
+}
+
+TEST(ScanEvidence, ATableThatHardlyTurnsCannotMoveItsObjectSoFar) {
+  const Scan scan = MakeScan();
+  const ScanEvidence evidence = Gather(scan, WithSteps(scan.turntable.scene, 0.05));
+  EXPECT_LT(std::abs(*evidence.median_step_deg), *evidence.least_step_deg);
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kFailed);
+}
+
+}  // namespace
+}  // namespace s2gs
