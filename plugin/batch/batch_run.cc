@@ -17,6 +17,7 @@
 #include "plugin/stage/stage_stamp.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/resolved_path.h"
 #include "sfm_split/base/stopwatch.h"
 
@@ -143,10 +144,9 @@ class Batch {
     command.arguments = {options_.program.string(), "automatic_scanner"};
     const std::vector<std::string> line = ScanLine(object);
     command.arguments.insert(command.arguments.end(), line.begin(), line.end());
-    const unsigned cores = std::max(1U, std::thread::hardware_concurrency());
+    const int cores = UsableCores();
     if (options_.jobs > 1 && std::getenv("OMP_NUM_THREADS") == nullptr) {
-      command.environment.emplace_back("OMP_NUM_THREADS",
-                                       std::to_string(std::max(1U, cores / options_.jobs)));
+      command.environment.emplace_back("OMP_NUM_THREADS", std::to_string(std::max(1, cores / options_.jobs)));
     }
     if (!options_.gpus.empty()) {
       command.environment.emplace_back("CUDA_VISIBLE_DEVICES",

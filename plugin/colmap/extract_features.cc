@@ -1,6 +1,7 @@
 #include "plugin/colmap/extract_features.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <optional>
 #include <system_error>
@@ -12,6 +13,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photo_folder.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/scene/io/colmap_database.h"
 
@@ -23,6 +25,15 @@ namespace fs = std::filesystem;
 constexpr const char* kStageName = "feature_extractor";
 
 constexpr size_t kFewPhotos = 8;
+// COLMAP's, where max_image_size and first_octave are left to it.
+constexpr int kColmapImageSize = 3200;
+constexpr int kColmapFirstOctave = -1;
+// A scale space's first octave has six Gaussians, five differences and two gradients of five of them, in
+// floats; measured with COLMAP 3.8: 69 bytes a pixel of that octave, 67 at the photo's own size, 59 for
+// affine features.
+constexpr double kScaleSpaceBytesPerPixel = 72;
+constexpr double kDecodedBytesPerPixel = 4;  // RGB and grey
+
 // With less space left than this, a database that lacks photos is one that the disk had no room for.
 constexpr uint64_t kMinFreeBytes = uint64_t{16} << 20;
 
@@ -50,6 +61,8 @@ bool IsSameLook(const Look& a, const Look& b) {
   if (a.width != b.width || a.height != b.height || a.lens.has_value() != b.lens.has_value()) return false;
   return !a.lens || a.lens->HasLensOf(*b.lens);
 }
+
+int64_t NumPixels(const ImageSize& size) { return int64_t{size.width} * size.height; }
 
 std::vector<Look> ReadAppearance(const fs::path& image_path, const std::vector<fs::path>& photos) {
   std::vector<Look> looks(photos.size());
@@ -103,7 +116,7 @@ size_t NumImages(const fs::path& database_path) {
   return ColmapDatabase::Open(database_path, ColmapDatabase::Access::kReadOnly).ReadImages().size();
 }
 
-void RunExtractor(const FeatureExtraction& extraction, const fs::path& database, CameraSharing sharing,
+void RunExtractor(const FeatureExtraction& extraction, const fs::path& database, const PhotoSet& set,
                   bool use_gpu, const fs::path& photo_list, ColmapProgram* colmap, Reporter& reporter) {
   std::error_code ec;
   for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(database.string() + suffix, ec);
@@ -112,8 +125,8 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
       {"database_path", database.string()},
       {"image_path", extraction.image_path.string()},
       {"ImageReader.camera_model", extraction.camera_model},
-      {"ImageReader.single_camera", sharing == CameraSharing::kOne ? "1" : "0"},
-      {"ImageReader.single_camera_per_folder", sharing == CameraSharing::kPerFolder ? "1" : "0"},
+      {"ImageReader.single_camera", set.sharing == CameraSharing::kOne ? "1" : "0"},
+      {"ImageReader.single_camera_per_folder", set.sharing == CameraSharing::kPerFolder ? "1" : "0"},
       {"SiftExtraction.max_num_features", std::to_string(sift.max_num_features)},
       {"SiftExtraction.use_gpu", use_gpu ? "1" : "0"},
   };
@@ -123,7 +136,10 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
   AddIfGiven("edge_threshold", sift.edge_threshold, &options);
   AddIfGiven("estimate_affine_shape", sift.estimate_affine_shape, &options);
   AddIfGiven("domain_size_pooling", sift.domain_size_pooling, &options);
-  AddIfGiven("num_threads", sift.num_threads, &options);
+  // By itself COLMAP takes a thread for each core of the machine, whatever the process may use.
+  const int num_threads =
+      sift.num_threads.value_or(ThreadsThatFit(FeatureMemoryBytes(set.largest, extraction.sift)));
+  options.push_back({"SiftExtraction.num_threads", std::to_string(num_threads)});
   if (!photo_list.empty()) options.push_back({"image_list_path", photo_list.string(), /*is_required=*/false});
   colmap->Run({"feature_extractor", std::move(options), {{database}}}, reporter);
 }
@@ -149,7 +165,8 @@ void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction
   sift.Add("estimate_affine_shape", &Sift::estimate_affine_shape, "affine features; empty: COLMAP's");
   sift.Add("domain_size_pooling", &Sift::domain_size_pooling,
            "descriptors of several sizes; empty: COLMAP's");
-  sift.Add("num_threads", &Sift::num_threads, "threads; empty: COLMAP's");
+  sift.Add("num_threads", &Sift::num_threads,
+           "threads; empty: one for each core that may be used, or as many as fit into memory");
   sift.Add("use_gpu", &Sift::use_gpu, "extract on the GPU; empty: where COLMAP can");
 }
 
@@ -168,8 +185,9 @@ PhotoSet ReadPhotoSet(const fs::path& image_path) {
   for (const PhotoFile& photo : inspected.photos) set.photos.push_back(photo.path);
   const std::vector<Look> looks = ReadAppearance(image_path, set.photos);
   for (size_t i = 0; i < looks.size(); ++i) {
-    if (!looks[i].lens) continue;
     const ImageSize size{looks[i].width, looks[i].height};
+    if (NumPixels(size) > NumPixels(set.largest)) set.largest = size;
+    if (!looks[i].lens) continue;
     const bool is_png = inspected.photos[i].is_png;
     if (!is_png && !IsCut(*looks[i].lens, size)) continue;
     const std::optional<double> focal = FocalPixels(*looks[i].lens, size);
@@ -207,6 +225,16 @@ PhotoSet ReadPhotoSet(const fs::path& image_path) {
   return set;
 }
 
+uint64_t FeatureMemoryBytes(const ImageSize& photo, const SiftExtractionOptions& options) {
+  const auto num_pixels = static_cast<double>(NumPixels(photo));
+  const double reduction =
+      std::min(1.0, static_cast<double>(options.max_image_size.value_or(kColmapImageSize)) /
+                        std::max({photo.width, photo.height, 1}));
+  const double in_octave =
+      num_pixels * reduction * reduction * std::pow(4.0, -options.first_octave.value_or(kColmapFirstOctave));
+  return static_cast<uint64_t>(kScaleSpaceBytesPerPixel * in_octave + kDecodedBytesPerPixel * num_pixels);
+}
+
 bool NeedsFeatures(const fs::path& database_path) {
   std::error_code ec;
   return !fs::exists(database_path, ec) || fs::file_size(database_path, ec) == 0 ||
@@ -233,11 +261,11 @@ void ExtractFeatures(const FeatureExtraction& extraction, ColmapProgram* colmap,
   if (!photo_list.empty()) WritePhotoList(photo_list, set.photos, extraction.image_path);
   const bool use_gpu = extraction.sift.use_gpu.value_or(colmap->has_cuda());
   try {
-    RunExtractor(extraction, unfinished.path, set.sharing, use_gpu, photo_list, colmap, reporter);
+    RunExtractor(extraction, unfinished.path, set, use_gpu, photo_list, colmap, reporter);
   } catch (const UserError& error) {
     if (!use_gpu || extraction.sift.use_gpu.has_value()) throw;
     reporter.Warn(std::string("feature extraction on the GPU failed, going on without: ") + error.what());
-    RunExtractor(extraction, unfinished.path, set.sharing, /*use_gpu=*/false, photo_list, colmap, reporter);
+    RunExtractor(extraction, unfinished.path, set, /*use_gpu=*/false, photo_list, colmap, reporter);
   }
   const size_t num_images = NumImages(unfinished.path);
   if (num_images < num_photos) {

@@ -10,6 +10,7 @@
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
+#include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 
@@ -26,7 +27,7 @@ struct SiftExtractionOptions {
   std::optional<double> edge_threshold;
   std::optional<bool> estimate_affine_shape;
   std::optional<bool> domain_size_pooling;
-  std::optional<int> num_threads;
+  std::optional<int> num_threads;  ///< empty: as many as there are cores to use and as fit into memory.
   std::optional<bool> use_gpu;  ///< empty: where COLMAP was built with CUDA, and the processor if that fails.
 
   OptionCheck Check() const;
@@ -56,6 +57,7 @@ struct PhotoSet {
   CameraSharing sharing = CameraSharing::kOne;
   /// For kPerLook: names, relative to the folder, of the photos of each camera.
   std::vector<std::vector<std::string>> cameras;
+  ImageSize largest;  ///< the photo of the most pixels.
   /// Focal lengths by EXIF [px], by name, of photos whose EXIF COLMAP does not read (PNG) or misreads, for
   /// they were cut.
   std::map<std::string, double> focal_px;
@@ -64,6 +66,9 @@ struct PhotoSet {
 /// Reads all photos of a folder and its folders, so that damage is known before hours of work. Throws
 /// UserError when there are no photos (JPEG, PNG), and with the names of those that cannot be used or read.
 PhotoSet ReadPhotoSet(const std::filesystem::path& image_path);
+
+/// Memory in which COLMAP looks for the features of one photo, of which each of its threads has one [bytes].
+uint64_t FeatureMemoryBytes(const ImageSize& photo, const SiftExtractionOptions& options);
 
 /// Whether a database needs features: it is missing or has no images.
 bool NeedsFeatures(const std::filesystem::path& database_path);

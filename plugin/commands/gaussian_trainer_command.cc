@@ -22,12 +22,12 @@
 #include "plugin/shared_options/quality.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
-#include "s2gs/core/available_memory.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/train.h"
 #include "s2gs/training_memory.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/machine_share.h"
 
 namespace s2gs {
 namespace {

@@ -6,8 +6,8 @@
 
 #include <algorithm>
 #include <charconv>
-#include <fstream>
 #include <functional>
+#include <limits>
 #include <map>
 #include <set>
 #include <system_error>
@@ -22,6 +22,7 @@
 #include "s2gs/train_options.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
@@ -56,28 +57,6 @@ fs::path NearestFolder(const fs::path& folder) {
   while (!fs::exists(path, ec) && path.has_parent_path() && path != path.parent_path())
     path = path.parent_path();
   return path;
-}
-
-// What can be had without swapping, by the machine and by the limits of a container; nothing when unknown.
-std::optional<int64_t> FreeMemoryBytes() {
-  std::optional<int64_t> free;
-  std::ifstream file("/proc/meminfo");
-  std::string word;
-  for (std::string line; std::getline(file, line);) {
-    constexpr std::string_view kAvailable = "MemAvailable:";
-    if (line.compare(0, kAvailable.size(), kAvailable) == 0)
-      free = 1024 * std::atoll(line.c_str() + kAvailable.size());
-  }
-  const auto number_in = [](const char* path) -> std::optional<int64_t> {
-    std::ifstream stream(path);
-    int64_t number = 0;
-    if (stream >> number) return number;
-    return std::nullopt;
-  };
-  const auto limit = number_in("/sys/fs/cgroup/memory.max");
-  const auto used = number_in("/sys/fs/cgroup/memory.current");
-  if (limit && used) free = std::min(free.value_or(*limit), std::max<int64_t>(*limit - *used, 0));
-  return free;
 }
 
 class Preflight {
@@ -404,18 +383,19 @@ class Preflight {
           "limit: ulimit -f unlimited",
           InMegabytes(static_cast<int64_t>(limit.rlim_cur)), InMegabytes(features)));
     }
-    const std::optional<int64_t> memory = FreeMemoryBytes();
-    if (!memory) return;
-    if (!IsDone("feature_extractor") && kDecodedBytesPerPixel * largest > *memory) {
+    const uint64_t available = AvailableMemoryBytes();
+    if (available == std::numeric_limits<uint64_t>::max()) return;
+    const auto memory = static_cast<int64_t>(available);
+    if (!IsDone("feature_extractor") && kDecodedBytesPerPixel * largest > memory) {
       Fault(
           fmt::format("the largest photo needs about {} of memory while it is read, {} are free. Close other "
                       "programs, or give smaller photos",
-                      InMegabytes(kDecodedBytesPerPixel * largest), InMegabytes(*memory)));
+                      InMegabytes(kDecodedBytesPerPixel * largest), InMegabytes(memory)));
     }
-    if (request_.trains && !IsDone("gaussian_trainer") && training > *memory) {
+    if (request_.trains && !IsDone("gaussian_trainer") && training > memory) {
       Fault(fmt::format(
           "the photos need about {} of memory in training, {} are free. Give a smaller --max_image_size",
-          InMegabytes(training), InMegabytes(*memory)));
+          InMegabytes(training), InMegabytes(memory)));
     }
   }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "s2gs/image/photos.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/weak_features.h"
@@ -22,6 +24,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kMostAdded = 2000;
+// Of a photo that is looked for weak features in: six Gaussians and five differences of floats at twice its
+// size, a third more in the octaves above, and the photo with its part.
+constexpr uint64_t kSearchBytesPerPixel = 4 * 4 * 11 * 4 / 3 + 2;
 
 GreyPicture ReadGreyPicture(const fs::path& path, const Eigen::Vector2i& size) {
   Image8 photo = ReadImage(path, 1);
@@ -110,28 +115,39 @@ void TakeOrderOfCapture(const StationOptions& options, ScanPictures* pictures, S
 int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures, bool always,
                         SplitFeatures* features, Reporter& reporter) {
   const size_t num = features->images.size();
-  std::vector<std::vector<uint8_t>> parts(num);
-  std::vector<int> num_changing;
-  for (size_t i = 0; i < num; ++i) {
+  // Found twice rather than kept: a byte a pixel of all photos is much.
+  const auto part_of = [&](int64_t i) {
     const int station = pictures.stations.station_of_image[i];
-    parts[i] = ActivePart(pictures.pictures[i], pictures.stations.photo_from_first[i],
-                          pictures.changes.stations[station]);
-    if (parts[i].empty()) continue;
+    return ActivePart(pictures.pictures[i], pictures.stations.photo_from_first[i],
+                      pictures.changes.stations[station]);
+  };
+  std::vector<std::optional<int>> changing_of(num);
+  ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
+    const std::vector<uint8_t> part = part_of(i);
+    if (part.empty()) return;
     const SplitImage& image = features->images[i];
     const auto is_changing = [&](const Eigen::Vector2f& xy) {
       const int x = std::clamp(static_cast<int>(xy.x()), 0, image.size.x() - 1);
       const int y = std::clamp(static_cast<int>(xy.y()), 0, image.size.y() - 1);
-      return parts[i][static_cast<size_t>(y) * image.size.x() + x] != 0;
+      return part[static_cast<size_t>(y) * image.size.x() + x] != 0;
     };
-    num_changing.push_back(
-        static_cast<int>(std::count_if(image.keypoints.begin(), image.keypoints.end(), is_changing)));
+    changing_of[i] =
+        static_cast<int>(std::count_if(image.keypoints.begin(), image.keypoints.end(), is_changing));
+  });
+  std::vector<int> num_changing;
+  int64_t most_pixels = 1;
+  for (size_t i = 0; i < num; ++i) {
+    if (changing_of[i]) num_changing.push_back(*changing_of[i]);
+    most_pixels = std::max(most_pixels, int64_t{features->images[i].size.x()} * features->images[i].size.y());
   }
   if (num_changing.empty()) return 0;
   const int typical = UpperMedian(num_changing);
   features->changing = typical;
   std::vector<SiftFeatures> found(num);
-  ParallelFor(static_cast<int64_t>(num), 0, [&](int64_t i) {
-    if (parts[i].empty()) return;
+  const int num_threads = ThreadsThatFit(kSearchBytesPerPixel * static_cast<uint64_t>(most_pixels));
+  ParallelFor(static_cast<int64_t>(num), num_threads, [&](int64_t i) {
+    if (!changing_of[i]) return;
+    const std::vector<uint8_t> part = part_of(i);
     const SplitImage& image = features->images[i];
     Image8 photo;
     try {
@@ -139,13 +155,13 @@ int64_t AddWeakFeatures(const fs::path& image_path, const ScanPictures& pictures
     } catch (const UserError&) {
       return;  // it was read before: somebody is changing it
     }
-    found[i] = FindWeakFeatures({photo.width, photo.height, photo.pixels.data(), parts[i].data()},
+    found[i] = FindWeakFeatures({photo.width, photo.height, photo.pixels.data(), part.data()},
                                 image.keypoints, image.scales, kMostAdded);
   });
   std::vector<int> num_found;
   int64_t total = 0;
   for (size_t i = 0; i < num; ++i) {
-    if (!parts[i].empty()) num_found.push_back(static_cast<int>(found[i].keypoints.size()));
+    if (changing_of[i]) num_found.push_back(static_cast<int>(found[i].keypoints.size()));
     total += static_cast<int64_t>(found[i].keypoints.size());
   }
   features->found = UpperMedian(num_found);

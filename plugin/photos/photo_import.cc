@@ -1,7 +1,5 @@
 #include "plugin/photos/photo_import.h"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <atomic>
 #include <fstream>
@@ -12,11 +10,11 @@
 
 #include "plugin/photos/foreign_photo.h"
 #include "plugin/photos/imported_folder.h"
-#include "s2gs/core/available_memory.h"
 #include "s2gs/image/exif.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/lower_case.h"
+#include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
@@ -102,8 +100,7 @@ int NumThreads(const ImportPlan& plan) {
     if (photo.is_converted)
       largest = std::max(largest, int64_t{photo.file.size.width} * photo.file.size.height);
   }
-  const uint64_t fitting = AvailableMemoryBytes() / (kBytesPerPixel * static_cast<uint64_t>(largest));
-  return static_cast<int>(std::clamp<uint64_t>(fitting, 1, static_cast<uint64_t>(omp_get_max_threads())));
+  return ThreadsThatFit(kBytesPerPixel * static_cast<uint64_t>(largest));
 }
 
 void Copy(const fs::path& from, const fs::path& to) {

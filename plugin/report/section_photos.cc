@@ -1,11 +1,11 @@
 #include <fmt/format.h>
+#include <omp.h>
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <set>
 #include <system_error>
-#include <thread>
 
 #include "plugin/report/data_uri.h"
 #include "plugin/report/photo_quality.h"
@@ -128,7 +128,7 @@ std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {
 
   std::vector<std::string> problems(photos.size());
   const int side = ThumbnailSide(photos.size());
-  const int threads = std::clamp(static_cast<int>(std::thread::hardware_concurrency()), 1, 8);
+  const int threads = std::clamp(omp_get_max_threads(), 1, 8);
   // In parts, so that progress and Ctrl-C come from this thread.
   const size_t part = 8 * static_cast<size_t>(threads);
   for (size_t first = 0; first < photos.size(); first += part) {

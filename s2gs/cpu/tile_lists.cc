@@ -6,9 +6,9 @@
 #include <limits>
 #include <string>
 
-#include "s2gs/core/available_memory.h"
 #include "s2gs/kernel/intersect.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/machine_share.h"
 
 namespace s2gs {
 namespace {

@@ -5,6 +5,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <omp.h>
 #include <sys/stat.h>
 
 #include <map>
@@ -116,9 +117,39 @@ TEST_F(ExtractFeaturesTest, OptionsLeftEmptyStayColmapsOwn) {
                                        Pair("--ImageReader.single_camera_per_folder", std::string("0")),
                                        Pair("--SiftExtraction.max_num_features", std::string("16384")),
                                        Pair("--SiftExtraction.use_gpu", std::string("0"))}));
-  EXPECT_EQ(arguments.size(), 7U);
+  EXPECT_EQ(arguments.size(), 8U);
   EXPECT_EQ(ImageNames(), (std::vector<std::string>{"a.png", "b.png", "c.png"}));  // by ascending id
   EXPECT_FALSE(std::filesystem::exists(extraction_.database_path.string() + ".extracting"));
+}
+
+// COLMAP itself takes a thread for each core of the machine.
+TEST_F(ExtractFeaturesTest, AThreadForEachCoreThatMayBeUsed) {
+  Install(/*cuda=*/false);
+  const int before = omp_get_max_threads();
+  for (const int cores : {1, 3}) {
+    omp_set_num_threads(cores);
+    Extract();
+    EXPECT_EQ(Arguments().at("--SiftExtraction.num_threads"), std::to_string(cores));
+  }
+  omp_set_num_threads(before);
+}
+
+// Resident memory of COLMAP 3.8 for two threads less that for one, photos of 1,280 x 960.
+TEST(FeatureMemory, IsWhatColmapTakes) {
+  constexpr struct {
+    int first_octave;
+    double measured_bytes;
+  } kMeasured[] = {{-1, 348.4e6}, {0, 84.4e6}};
+  for (const auto& [first_octave, measured] : kMeasured) {
+    SiftExtractionOptions options;
+    options.first_octave = first_octave;
+    const auto stated = static_cast<double>(FeatureMemoryBytes({1280, 960}, options));
+    EXPECT_GT(stated, measured);
+    EXPECT_LT(stated, 1.15 * measured);
+  }
+  // COLMAP reduces larger photos to 3,200 px; the photo itself is read as it is.
+  const uint64_t reduced = FeatureMemoryBytes({3200, 2400}, {});
+  EXPECT_EQ(FeatureMemoryBytes({6400, 4800}, {}), reduced + uint64_t{4} * (6400 * 4800 - 3200 * 2400));
 }
 
 TEST_F(ExtractFeaturesTest, OptionsOfTheCommandLineReachColmap) {
