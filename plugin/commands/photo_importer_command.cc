@@ -87,7 +87,11 @@ void RunPhotoImporter(CommandContext& context) {
     if (is_video) {
       ImportVideo(FindFfmpeg(ffmpeg_path), image_path, video.video_frames, workspace, reporter);
     } else {
-      ImportPhotos(PlanImport(image_path), workspace, reporter);
+      const ImportPlan plan = PlanImport(image_path);
+      if (plan.photos.empty() && plan.faults.empty()) {
+        throw UserError(image_path, "has no photos by their suffixes", "Check --image_path");
+      }
+      ImportPhotos(plan, workspace, reporter);
     }
   });
   context.out() << (has_run ? "photos are in  " : "up to date: ") << workspace.Imported().string() << '\n';

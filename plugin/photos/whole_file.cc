@@ -15,6 +15,7 @@ namespace s2gs {
 namespace {
 
 constexpr uint32_t kMaxParts = 1 << 20;  // strips or tiles of a picture
+constexpr size_t kMaxFolders = 32;       // pictures, previews and what belongs to them
 constexpr int kMaxBoxes = 10000;
 
 // Numbers of a file at any place; 0 beyond its end.
@@ -67,28 +68,58 @@ std::vector<uint64_t> TagValues(Numbers& file, uint64_t entry) {
   return values;
 }
 
-bool TiffEndsTooEarly(Numbers& file) {
-  constexpr uint64_t kStripOffsets = 273;
-  constexpr uint64_t kStripBytes = 279;
-  constexpr uint64_t kTileOffsets = 324;
-  constexpr uint64_t kTileBytes = 325;
-  const uint64_t folder = file.Get(4, 4);
-  if (folder + 2 > file.size()) return true;
-  const uint64_t num_entries = file.Get(folder, 2);
-  if (folder + 2 + 12 * num_entries > file.size()) return true;
-  std::vector<uint64_t> offsets;
-  std::vector<uint64_t> lengths;
-  for (uint64_t i = 0; i < num_entries; ++i) {
-    const uint64_t entry = folder + 2 + 12 * i;
-    const uint64_t tag = file.Get(entry, 2);
-    // Each stands there once; a file that repeats them would have them read thousands of times.
-    if (offsets.empty() && (tag == kStripOffsets || tag == kTileOffsets)) offsets = TagValues(file, entry);
-    if (lengths.empty() && (tag == kStripBytes || tag == kTileBytes)) lengths = TagValues(file, entry);
-  }
-  for (size_t i = 0; i < std::min(offsets.size(), lengths.size()); ++i) {
-    if (offsets[i] + lengths[i] > file.size()) return true;
+struct PictureParts {
+  uint64_t offsets;  ///< the tags that tell where the parts begin ...
+  uint64_t lengths;  ///< ... and how many bytes each has.
+};
+constexpr std::array<PictureParts, 3> kTiffParts = {
+    {{273, 279}, {324, 325}, {513, 514}}};                               // strips, tiles, JPEG
+constexpr std::array<PictureParts, 1> kPanasonicParts = {{{280, 279}}};  // 273 is no place there
+
+// Raw files keep their pixels in folders below the first one, or after it (TIFF 6.0, supplement 1; DNG 1.4).
+template <size_t kCount>
+bool TiffEndsTooEarly(Numbers& file, const std::array<PictureParts, kCount>& parts) {
+  constexpr uint64_t kSubFolders = 330;
+  std::vector<uint64_t> folders = {file.Get(4, 4)};
+  for (size_t f = 0; f < folders.size(); ++f) {
+    const uint64_t folder = folders[f];
+    if (folder + 2 > file.size()) return true;
+    const uint64_t num_entries = file.Get(folder, 2);
+    if (folder + 2 + 12 * num_entries > file.size()) return true;
+    std::array<std::vector<uint64_t>, kCount> offsets;
+    std::array<std::vector<uint64_t>, kCount> lengths;
+    std::vector<uint64_t> next;
+    for (uint64_t i = 0; i < num_entries; ++i) {
+      const uint64_t entry = folder + 2 + 12 * i;
+      const uint64_t tag = file.Get(entry, 2);
+      // Each stands there once; a file that repeats them would have them read thousands of times.
+      for (size_t p = 0; p < kCount; ++p) {
+        if (offsets[p].empty() && tag == parts[p].offsets) offsets[p] = TagValues(file, entry);
+        if (lengths[p].empty() && tag == parts[p].lengths) lengths[p] = TagValues(file, entry);
+      }
+      if (next.empty() && tag == kSubFolders) next = TagValues(file, entry);
+    }
+    for (size_t p = 0; p < kCount; ++p) {
+      for (size_t i = 0; i < std::min(offsets[p].size(), lengths[p].size()); ++i) {
+        if (offsets[p][i] + lengths[p][i] > file.size()) return true;
+      }
+    }
+    next.push_back(file.Get(folder + 2 + 12 * num_entries, 4));
+    for (const uint64_t other : next) {
+      const bool is_known = std::find(folders.begin(), folders.end(), other) != folders.end();
+      if (other != 0 && !is_known && folders.size() < kMaxFolders) folders.push_back(other);
+    }
   }
   return false;
+}
+
+// Where Fujifilm's header says that the preview, its tags and the pixels are, each by offset and length.
+bool FujifilmEndsTooEarly(Numbers& file) {
+  file.SetBigEndian(true);
+  for (const uint64_t at : {84U, 92U, 100U}) {
+    if (file.Get(at, 4) + file.Get(at + 4, 4) > file.size()) return true;
+  }
+  return file.size() < 108;
 }
 
 bool BoxesEndTooEarly(Numbers& file) {
@@ -111,12 +142,17 @@ bool EndsTooEarly(const std::filesystem::path& path) {
   Numbers file(path);
   const std::string begin = file.Text(0, 12);
   const std::string_view head = begin;
-  constexpr std::string_view kLittleTiff("II*\0", 4);
-  constexpr std::string_view kBigTiff("MM\0*", 4);
-  if (head.substr(0, 4) == kLittleTiff || head.substr(0, 4) == kBigTiff) {
+  const std::string_view magic = head.substr(0, 4);
+  const auto is_one_of = [&](const std::array<std::string_view, 5>& kinds) {
+    return std::find(kinds.begin(), kinds.end(), magic) != kinds.end();
+  };
+  // TIFF in both orders of bytes, and Olympus' raw files, which are laid out alike.
+  if (is_one_of({{{"II*\0", 4}, {"MM\0*", 4}, "IIRO", "IIRS", "MMOR"}})) {
     file.SetBigEndian(head[0] == 'M');
-    return TiffEndsTooEarly(file);
+    return TiffEndsTooEarly(file, kTiffParts);
   }
+  if (magic == std::string_view("IIU\0", 4)) return TiffEndsTooEarly(file, kPanasonicParts);
+  if (head == "FUJIFILMCCD-") return FujifilmEndsTooEarly(file);
   if (head.substr(4, 4) == "ftyp") return BoxesEndTooEarly(file);
   if (head.substr(0, 4) == "RIFF") return file.Get(4, 4) + 8 > file.size();
   if (head.substr(0, 2) == "BM") return file.Get(2, 4) > file.size();

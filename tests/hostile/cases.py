@@ -321,6 +321,13 @@ def import_what_was_imported(box):
             ["photo_importer", "--workspace_path", box.scan, "--image_path", box.scan / "imported"], {})
 
 
+def import_nothing(box):
+    (box.scan / "none").mkdir(parents=True)
+    (box.scan / "none" / "a.raw").write_text("of a kind that no suffix tells")
+    return (Want(1, ("has no photos",)),
+            ["photo_importer", "--workspace_path", box.scan, "--image_path", box.scan / "none"], {})
+
+
 def tiff_of_many_tags(box):
     entry = struct.pack("<HHII", 273, 4, 1 << 20, 8)
     (box.photos / "x.tif").write_bytes(struct.pack("<2sHIH", b"II", 42, 8, 65535) + 65535 * entry + bytes(1 << 22))
@@ -793,6 +800,7 @@ def short_cases():
     yield Case("links", "imported photos behind a link are photos", import_through_a_link)
     yield Case("photos", "importing into the photos", import_into_the_photos)
     yield Case("photos", "importing what was imported", import_what_was_imported)
+    yield Case("photos", "importing from a folder without photos", import_nothing)
     yield Case("photos", "a TIFF of 65,535 equal tags", tiff_of_many_tags)
     for kind, place, says, make in [("splat_set", the_workspace, ("which the workspace needs",), None),
                                     ("splat_set", other_pictures, ("is not written over",), make_other_pictures),

@@ -6,6 +6,7 @@
 #include <lcms2.h>
 #include <sys/stat.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <limits>
@@ -39,6 +40,17 @@ Image8 Noise(int channels = 3) {
   for (size_t i = 0; i < image.pixels.size(); ++i)
     image.pixels[i] = static_cast<uint8_t>(i * 2654435761U >> 13U);
   return image;
+}
+
+std::string Number(uint32_t value, unsigned num_bytes) {
+  std::string bytes;
+  for (unsigned i = 0; i < num_bytes; ++i) bytes += static_cast<char>((value >> (8U * i)) & 0xFFU);
+  return bytes;
+}
+
+std::string BigNumber(uint32_t value) {
+  const std::string bytes = Number(value, 4);
+  return {bytes.rbegin(), bytes.rend()};
 }
 
 double LightOf(uint8_t value) {
@@ -358,14 +370,8 @@ TEST_F(PhotoImportTest, EveryCutIsFound) {
     }
   }
   // A folder of 65,535 tags, each with a million offsets: they are read once, not for hours.
-  const auto number = [](uint32_t value, int bytes) {
-    std::string text;
-    for (int i = 0; i < bytes; ++i)
-      text += static_cast<char>((value >> (8U * static_cast<unsigned>(i))) & 0xFFU);
-    return text;
-  };
-  std::string tiff = "II*" + std::string(1, '\0') + number(8, 4) + number(65535, 2);
-  for (int i = 0; i < 65535; ++i) tiff += number(273, 2) + number(4, 2) + number(1 << 20, 4) + number(8, 4);
+  std::string tiff = "II*" + std::string(1, '\0') + Number(8, 4) + Number(65535, 2);
+  for (int i = 0; i < 65535; ++i) tiff += Number(273, 2) + Number(4, 2) + Number(1 << 20, 4) + Number(8, 4);
   photos_.Write("tags.tif", tiff + std::string(size_t{1} << 22, '\0'));
   EXPECT_FALSE(EndsTooEarly(photos_ / "tags.tif"));
   const std::string box =
@@ -374,6 +380,50 @@ TEST_F(PhotoImportTest, EveryCutIsFound) {
   EXPECT_FALSE(EndsTooEarly(photos_ / "a.heic"));
   photos_.Write("a.heic", box.substr(0, box.size() - 1));
   EXPECT_TRUE(EndsTooEarly(photos_ / "a.heic"));
+}
+
+// Cameras keep a preview in the first folder of tags and the pixels at the file's end.
+TEST_F(PhotoImportTest, EveryCutOfRawFilesIsFound) {
+  using Tags = std::vector<std::array<uint32_t, 2>>;
+  const auto folder = [](const Tags& tags, uint32_t next) {
+    std::string bytes = Number(static_cast<uint32_t>(tags.size()), 2);
+    for (const auto& [tag, value] : tags)
+      bytes += Number(tag, 2) + Number(4, 2) + Number(1, 4) + Number(value, 4);
+    return bytes + Number(next, 4);
+  };
+  const std::string zero(1, '\0');
+  const auto tiff = [&](const std::string& magic, const Tags& first, uint32_t next, const Tags& second) {
+    std::string bytes = magic + Number(8, 4) + folder(first, next);
+    bytes.resize(100, '\0');
+    bytes += folder(second, 0);
+    bytes.resize(300, '\0');
+    return bytes;
+  };
+  const Tags preview = {{273, 90}, {279, 8}};
+  std::string raf = "FUJIFILMCCD-RAW " + std::string(68, ' ');
+  for (const uint32_t offset : {110U, 160U, 200U})
+    raf += BigNumber(offset) + BigNumber(offset == 200 ? 100 : 10);
+  raf.resize(300, '\0');
+  const std::map<std::string, std::string> whole = {
+      {"sub.dng", tiff("II*" + zero, {{273, 90}, {279, 8}, {330, 100}}, 0, {{273, 200}, {279, 100}})},
+      {"next.cr2", tiff("II*" + zero, preview, 100, {{273, 200}, {279, 100}})},
+      {"tiles.dng", tiff("II*" + zero, {{330, 100}}, 0, {{324, 200}, {325, 100}})},
+      {"jpeg.nef", tiff("II*" + zero, {{330, 100}}, 0, {{513, 200}, {514, 100}})},
+      {"olympus.orf", tiff("IIRO", {{273, 200}, {279, 100}}, 0, {})},
+      // 273 is no place in these.
+      {"panasonic.rw2", tiff("IIU" + zero, {{273, 0xFFFFFFFF}, {279, 100}, {280, 200}}, 0, {})},
+      // A folder that names itself is read once.
+      {"loop.dng", tiff("II*" + zero, {{273, 200}, {279, 100}, {330, 8}}, 8, {})},
+      {"fuji.raf", raf}};
+  for (const auto& [name, bytes] : whole) {
+    ASSERT_EQ(bytes.size(), 300U) << name;
+    photos_.Write(name, bytes);
+    EXPECT_FALSE(EndsTooEarly(photos_ / name)) << name;
+    for (size_t length = 20; length < bytes.size(); length += 9) {
+      photos_.Write(name, bytes.substr(0, length));
+      EXPECT_TRUE(EndsTooEarly(photos_ / name)) << name << " of " << length << " bytes";
+    }
+  }
 }
 
 TEST_F(PhotoImportTest, TruncatedPhotosAreNamedAndTheRestIsKept) {
