@@ -345,9 +345,8 @@ void RunAutomaticScanner(CommandContext& context) {
   options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
   AddScaleOptions(&options, &settings.scale);
   options.Add("angles_path", &settings.angles_path,
-              "table angles that are known: a CSV file of NAME,ANGLE in degrees; used where the photos bear "
-              "them out; "
-              "empty: none");
+              "table angles that are known: a CSV file of NAME,ANGLE in degrees, or the folder of OpenScan's "
+              "scan or project; used where the photos bear them out; empty: none");
   options.Add("step_deg", &settings.step_deg, "the table's step from photo to photo by name; 0: unknown")
       .Unit("degrees");
   options.Add("texture", &settings.texture,

@@ -70,9 +70,9 @@ void AddOptions(Options& options, Settings* settings) {
   options.Add("mapper_options", &settings->mapper_options,
               "options for `colmap mapper` in its own spelling, like Mapper.ba_global_max_refinements=2");
   options.Add("angles_path", &settings->angles_path,
-              "table angles that are known: a CSV file of NAME,ANGLE in degrees; compared with the photos' "
-              "and, where "
-              "these bear them out, a prior of the adjustment; empty: none");
+              "table angles that are known: a CSV file of NAME,ANGLE in degrees, or the folder of OpenScan's "
+              "scan or project; compared with the photos' and, where these bear them out, a prior of the "
+              "adjustment; empty: none");
   options
       .Add("step_deg", &settings->step_deg,
            "the table's step from photo to photo by name, within each station; as --angles_path; 0: unknown")

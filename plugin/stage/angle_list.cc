@@ -3,14 +3,17 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 #include <sstream>
 #include <string_view>
 
+#include "plugin/stage/json_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/lower_case.h"
 
 namespace s2gs {
 namespace {
@@ -33,6 +36,43 @@ std::optional<double> Number(std::string_view text) {
   if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
   if (!std::isfinite(value) || std::abs(value) > kMaxAngleDeg) return std::nullopt;
   return value;
+}
+
+// OpenScan's photos of the folder's own scan or, a level down, of a project's scans.
+void AddOpenScanAngles(const fs::path& scan, const std::string& prefix,
+                       std::map<std::string, double>* angles) {
+  std::error_code ec;
+  for (const auto& entry : fs::directory_iterator(scan / "metadata", ec)) {
+    if (LowerCaseExtension(entry.path()) != ".json") continue;
+    const std::string name = prefix + entry.path().stem().string();
+    if (const std::optional<std::string> fault = ImageName::FindFault(name)) {
+      throw UserError(entry.path(), "the name " + DescribeNameFault(name, *fault), "Rename it as its photo");
+    }
+    const nlohmann::json json = ReadJsonFile(entry.path());
+    const nlohmann::json::json_pointer place("/scan_metadata/polar_coordinates/fi");
+    const bool has_angle = json.is_object() && json.contains(place) && json[place].is_number();
+    const double angle = has_angle ? json[place].get<double>() : std::nan("");
+    if (!(std::abs(angle) <= kMaxAngleDeg)) {
+      throw UserError(entry.path(), "holds no scan_metadata.polar_coordinates.fi, the turntable's angle",
+                      "Remove it, or give the angles as NAME,ANGLE lines of a file");
+    }
+    angles->emplace(name, angle);
+  }
+}
+
+std::map<std::string, double> ReadOpenScanAngles(const fs::path& folder) {
+  std::map<std::string, double> angles;
+  AddOpenScanAngles(folder, "", &angles);
+  std::error_code ec;
+  for (const auto& entry : fs::directory_iterator(folder, ec)) {
+    if (entry.is_directory(ec))
+      AddOpenScanAngles(entry.path(), entry.path().filename().string() + "/", &angles);
+  }
+  if (angles.empty()) {
+    throw UserError(folder, "holds no metadata/NAME.json of OpenScan's photos",
+                    "Give that folder, or a file of one NAME,ANGLE a line, in degrees");
+  }
+  return angles;
 }
 
 std::string WithoutExtension(const std::string& name) {
@@ -71,6 +111,8 @@ std::map<std::string, double> ReadAngleList(std::istream& stream, const fs::path
 }
 
 std::map<std::string, double> ReadAngleList(const fs::path& path) {
+  std::error_code ec;
+  if (fs::is_directory(path, ec)) return ReadOpenScanAngles(path);
   std::istringstream stream(ReadWholeFile(path, kMaxListBytes, "Check --angles_path"));
   return ReadAngleList(stream, path);
 }

@@ -13,6 +13,10 @@ namespace s2gs {
 /// do not count. Throws UserError that names the line of a name that cannot be one or occurs twice, and of an
 /// angle that is no number. \param path  for messages.
 std::map<std::string, double> ReadAngleList(std::istream& stream, const std::filesystem::path& path);
+/// \param path  such a file, or a folder of OpenScan's: what the firmware keeps of each photo, a
+/// metadata/NAME.json beside the photos, holds the turntable's angle ("fi"). The folder of one scan, or of a
+/// project with scans in it, whose names then begin with their folder's; names are without extension. Throws
+/// UserError for a file that holds no angle, and where there is none.
 std::map<std::string, double> ReadAngleList(const std::filesystem::path& path);
 
 /// The listed angles under the names of a scan's photos: the same name, or the same but for the extension

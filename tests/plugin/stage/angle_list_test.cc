@@ -40,6 +40,40 @@ TEST(AngleList, FaultsNameTheirLine) {
   ExpectUserError([] { Read(""); }, {"lists no angles"});
 }
 
+// As the firmware of OpenScan3 writes them: PROJECT/scan01/scan01_001.jpg and
+// PROJECT/scan01/metadata/scan01_001.json.
+TEST(AngleList, OpenScansFoldersAreRead) {
+  const TemporaryFolder folder;
+  const auto photo = [&](const std::string& name, const std::string& angle) {
+    folder.Write(name, R"({"camera_metadata": {"camera_name": "imx519"}, "scan_metadata": {"step": 1,
+      "polar_coordinates": {"theta": 62.5, "fi": )" +
+                           angle + R"(, "r": 1.0}, "scan_index": 1}})");
+  };
+  photo("scan01/metadata/scan01_001.json", "0.0");
+  photo("scan01/metadata/scan01_002.json", "137.5");
+  photo("scan02/metadata/scan02_001.json", "22");
+  folder.Write("scan01/scan.json", "{}");
+  folder.Write("openscan_project.json", "{}");
+  EXPECT_THAT(ReadAngleList(folder.path()),
+              ElementsAre(Pair("scan01/scan01_001", 0), Pair("scan01/scan01_002", 137.5),
+                          Pair("scan02/scan02_001", 22)));
+  const std::map<std::string, double> scan = ReadAngleList(folder / "scan01");
+  EXPECT_THAT(scan, ElementsAre(Pair("scan01_001", 0), Pair("scan01_002", 137.5)));
+  std::vector<std::string> unknown;
+  EXPECT_THAT(
+      AnglesOfPhotos(scan, {"scan01_001.jpg", "scan01_002.jpg", "scan01_003.jpg"}, folder.path(), &unknown),
+      ElementsAre(Pair("scan01_001.jpg", 0), Pair("scan01_002.jpg", 137.5)));
+  EXPECT_TRUE(unknown.empty());
+
+  photo("scan02/metadata/scan02_002.json", "\"many\"");
+  ExpectUserError([&] { ReadAngleList(folder.path()); }, {"scan02_002.json", "polar_coordinates.fi"});
+  photo("scan02/metadata/scan02_002.json", "1e300");
+  ExpectUserError([&] { ReadAngleList(folder.path()); }, {"scan02_002.json"});
+  folder.Write("scan02/metadata/scan02_002.json", "{\"scan_metadata\": [");
+  ExpectUserError([&] { ReadAngleList(folder.path()); }, {"scan02_002.json"});
+  ExpectUserError([&] { ReadAngleList(folder / "scan01/metadata"); }, {"holds no metadata"});
+}
+
 TEST(AngleList, AFileThatIsNoListIsNotTakenIntoMemory) {
   const TemporaryFolder folder;
   folder.Write("angles.csv", "");
