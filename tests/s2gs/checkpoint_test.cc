@@ -101,6 +101,13 @@ TEST(CheckpointBadInput, HostileContentWithARightChecksum) {
   c.cursor.progress = 2;
   ExpectUserError([&] { Parse(Bytes(c)); }, {"x.checkpoint", "progress"});
   c = Example(2);
+  c.cursor.held_out_course.Add(1.5, 0.1);
+  ExpectUserError([&] { Parse(Bytes(c)); }, {"x.checkpoint", "held-out"});
+  c = Example(2);
+  c.cursor.held_out_course.Add(0, 0.1);
+  c.cursor.held_out_course.Add(1, 0.1);  // both ends of the run are points of it
+  EXPECT_NO_THROW(Parse(Bytes(c)));
+  c = Example(2);
   c.state.gaussians.sh_degree = 4;
   ExpectUserError([&] { Parse(Bytes(c)); }, {"x.checkpoint", "degree"});
 }

@@ -166,6 +166,55 @@ TEST(RotatingMask, FindsTheLowerEndOfTheDisc) {
   EXPECT_NEAR(shape->side->color[0], 0.5, 1e-6);
 }
 
+// Everything is measured in radii of the disc: twice the scene has twice the lengths.
+TEST(RotatingMask, LengthsOfTheSideAreSharesOfTheDiscsRadius) {
+  for (const double scale : {1.0, 2.0, 0.25}) {
+    TrainingScene scene = SideScene();
+    scene.region = RotatingRegion{TurntableAxis(), scale * scene.region->radius, scale * scene.region->low,
+                                  scale * scene.region->high};
+    std::vector<ReferenceGaussian> splats = DiscWithStaticEnd(0.2);
+    for (ReferenceGaussian& splat : splats) {
+      for (int i = 0; i < 3; ++i) splat[kRefCentre + i] *= scale;
+      for (int i = 0; i < 2; ++i) splat[kRefLogScale + i] += std::log(scale);
+    }
+    const std::optional<RotatingShape> shape = FindRotatingShape(scene, FromReference(splats, 0));
+    ASSERT_TRUE(shape && shape->side) << scale;
+    const double radius = shape->swept.radius / 1.01;
+    EXPECT_NEAR(radius, scale * kDiscRadius, 1e-3 * scale);
+    EXPECT_NEAR(shape->swept.low, scale * kSideEnd, 1e-6 * scale);
+    EXPECT_NEAR(shape->side->region.radius, 1.02 * radius, 1e-6 * scale);
+    EXPECT_NEAR(shape->side->inner_radius, 0.95 * radius, 1e-6 * scale);
+    EXPECT_NEAR(shape->side->region.low, scale * kSideEnd - 0.04 * radius, 1e-6 * scale);
+    EXPECT_NEAR(shape->side->region.high, scale * kSideEnd + 0.08 * radius, 1e-6 * scale);
+    EXPECT_FLOAT_EQ(shape->side->color_tolerance, 0.1F);
+  }
+}
+
+TEST(RotatingMask, WhatLiesBesideTheSideDoesNotCount) {
+  std::vector<ReferenceGaussian> splats = DiscWithStaticEnd(0.1);
+  for (int i = 0; i < 2000; ++i) {
+    ReferenceGaussian g = Splat(-0.3 + 0.0003 * i, -1, -0.5, 0.02, false);  // lies, of the side's colour
+    g[kRefDc] = g[kRefDc + 1] = g[kRefDc + 2] = 0.1;
+    splats.push_back(g);
+  }
+  EXPECT_TRUE(FindRotatingShape(SideScene(), FromReference(splats, 0))->side);
+}
+
+// Of a disc with a thousand Gaussians on its rim, a twentieth of all may lie below its end.
+TEST(RotatingMask, ManyGaussiansBelowTheRimAreNoDisc) {
+  const auto has_end = [](int below) {
+    std::vector<ReferenceGaussian> splats;
+    for (int i = 0; i < 1000; ++i)
+      splats.push_back(Splat(std::cos(i), std::sin(i), -0.001 * (i % 5), 0.02, true));
+    for (int i = 0; i < below; ++i) splats.push_back(Splat(0.3, 0, -0.1, 0.02, true));
+    const TrainingScene scene = SideScene();
+    return FindRotatingShape(scene, FromReference(splats, 0))->swept.low > scene.region->low;
+  };
+  EXPECT_TRUE(has_end(0));
+  EXPECT_TRUE(has_end(50));   // of 1050: 4.8 %
+  EXPECT_FALSE(has_end(56));  // of 1056: 5.3 %
+}
+
 TEST(RotatingMask, GroundOfTheDiscsColourIsNoSide) {
   const TrainingScene scene = SideScene();
   EXPECT_TRUE(FindRotatingShape(scene, FromReference(DiscWithStaticEnd(0.1, true), 0))->side);

@@ -173,6 +173,66 @@ TEST(TableRim, OfAPlainTableIsFoundAndUndecided) {
   EXPECT_TRUE(rim->IsUndecided());
 }
 
+// Of the top and of the side the larger share counts, by area: a fifth decides.
+TEST(TableRim, TheStaticShareIsThatOfAreas) {
+  for (const double share : {0.1, 0.3}) {
+    std::vector<ReferenceGaussian> splats = ThingOnTable(true);
+    double still = 0;
+    for (ReferenceGaussian& splat : splats) {
+      const bool is_top = splat[kRefCentre + 2] == 0 && splat[kRefDc] == 0 &&
+                          std::hypot(splat[kRefCentre], splat[kRefCentre + 1]) < 0.99 * kTableRadius;
+      if (!is_top) continue;
+      still += share;
+      if (still < 1) continue;
+      still -= 1;
+      splat[kRefForeground] = -10;
+    }
+    const std::optional<TableRim> rim = FindTableRim(SceneOf(2), BackendOf(splats).get());
+    ASSERT_TRUE(rim);
+    EXPECT_NEAR(rim->static_share, share, 0.01);
+    EXPECT_EQ(rim->IsUndecided(), share > 0.2);
+  }
+}
+
+// The same scene in another unit, elsewhere and about another axis.
+TEST(TableRim, ScalesWithTheScene) {
+  const std::optional<TableRim> one = FindTableRim(SceneOf(3), BackendOf(ThingOnTable(false)).get());
+  TrainingScene scene = SceneOf(3);
+  constexpr double kScale = 0.5;
+  const Rigid3 moved{Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, -1).normalized())),
+                     {0.3, -0.2, 0.1}};
+  std::vector<ReferenceGaussian> splats = ThingOnTable(false);
+  for (ReferenceGaussian& g : splats) {
+    const Eigen::Vector3d x =
+        moved * (kScale * Eigen::Vector3d(g[kRefCentre], g[kRefCentre + 1], g[kRefCentre + 2]));
+    const Eigen::Quaterniond q =
+        moved.rotation *
+        Eigen::Quaterniond(g[kRefRotation], g[kRefRotation + 1], g[kRefRotation + 2], g[kRefRotation + 3]);
+    for (int i = 0; i < 3; ++i) g[kRefCentre + i] = x[i];
+    g[kRefRotation] = q.w();
+    for (int i = 0; i < 3; ++i) g[kRefRotation + 1 + i] = q.vec()[i];
+    for (int i = 0; i < 2; ++i) g[kRefLogScale + i] += std::log(kScale);
+  }
+  scene.axis->point = moved.translation;
+  scene.axis->direction = moved.rotation * Eigen::Vector3d::UnitZ();
+  scene.region = RotatingRegion{*scene.axis, kScale * scene.region->radius, kScale * scene.region->low,
+                                kScale * scene.region->high};
+  for (ScenePhoto& photo : scene.photos) {
+    Rigid3 pose = photo.view.cam_from_world;
+    pose.translation *= kScale;
+    photo.view.cam_from_world = photo.view.cam_from_object = pose * moved.Inverse();
+  }
+  const std::optional<TableRim> other = FindTableRim(scene, BackendOf(splats).get());
+  ASSERT_TRUE(one && other);
+  // Other directions, other pixels: a step of the nearer look is 1.2 radii / 120.
+  EXPECT_NEAR(other->region.radius, kScale * one->region.radius, 0.012 * kScale);
+  EXPECT_NEAR(other->region.low, kScale * one->region.low, 0.012 * kScale);
+  EXPECT_NEAR(other->region.high, kScale * one->region.high, 0.005 * kScale);
+  EXPECT_EQ(other->static_share, 1);
+  EXPECT_GT(other->share, 0.8);  // .89: some directions look between the splats of the rim
+  EXPECT_LT(other->false_alarms, 1e-6);
+}
+
 TEST(TableRim, OfATableThatTurnsIsDecided) {
   const std::optional<TableRim> rim = FindTableRim(SceneOf(2), BackendOf(ThingOnTable(true)).get());
   ASSERT_TRUE(rim);

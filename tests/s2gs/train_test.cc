@@ -49,6 +49,27 @@ class StoppingReporter : public Reporter {
   bool stop_ = false;
 };
 
+// What training says, line by line.
+class Listener : public Reporter {
+ public:
+  void Log(LogLevel level, std::string_view message) override {
+    (level == LogLevel::kWarning ? warnings : infos) += std::string(message) + "\n";
+  }
+  std::string infos;
+  std::string warnings;
+};
+
+std::vector<nlohmann::json> LinesOf(const std::string& log, const char* event) {
+  std::vector<nlohmann::json> lines;
+  std::istringstream stream(log);
+  std::string line;
+  while (std::getline(stream, line)) {
+    const nlohmann::json value = nlohmann::json::parse(line);
+    if (value["event"] == event) lines.push_back(value);
+  }
+  return lines;
+}
+
 TEST(Train, TellsTheBodiesApartAndExplainsPhotosNeverSeen) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 80, 60, 2, 12);
   Reporter silent;
@@ -132,7 +153,10 @@ TEST(Train, ResumesAsIfItHadNeverStopped) {
     EXPECT_THROW(Train(scene, options, 3, files, MakeCpuBackend().get(), stopping), Interrupted);
     EXPECT_EQ(ReadCheckpoint(files.checkpoint).cursor.iteration, stop_at);
   }
-  ExpectSameGaussians(Train(scene, options, 3, files, MakeCpuBackend().get(), silent).gaussians, straight);
+  Listener listener;
+  ExpectSameGaussians(Train(scene, options, 3, files, MakeCpuBackend().get(), listener).gaussians, straight);
+  EXPECT_THAT(listener.infos, testing::HasSubstr("going on after iteration 100 from"));
+  EXPECT_EQ(listener.warnings, "");
 
   // One line per report, each iteration once.
   std::istringstream lines(folder.Read("log.jsonl"));
@@ -182,6 +206,37 @@ TEST(Train, StopsWhenHeldOutPhotosGainTooLittleAlsoWhenResumed) {
   EXPECT_EQ(Train(few, options, 3, {}, MakeCpuBackend().get(), silent).iterations, 200);
 }
 
+// Sixteen photos a station, of which every fifth is held out: enough to see what stands behind the rotating
+// part, also for a run that goes on after p was frozen.
+TEST(Train, MeasuresWhatPhotosTellAlsoWhenResumed) {
+  TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 48, 36, 2, 16);
+  RotatingRegion region{*scene.axis, 0, 1e9, -1e9};
+  for (const ScenePoint& point : scene.points) {
+    if (!point.rotates) continue;
+    const double height = (point.x - region.axis.point).dot(region.axis.direction);
+    region.low = std::min(region.low, height);
+    region.high = std::max(region.high, height);
+    region.radius =
+        std::max(region.radius, (point.x - region.axis.point - height * region.axis.direction).norm());
+  }
+  scene.region = region;
+  const TrainOptions options = QuickOptions(60);
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.checkpoint = folder / "latest.checkpoint";
+  files.log = folder / "log.jsonl";
+  StoppingReporter stopping(58);
+  EXPECT_THROW(Train(scene, options, 3, files, MakeCpuBackend().get(), stopping), Interrupted);
+  EXPECT_TRUE(ReadCheckpoint(files.checkpoint).cursor.foreground_frozen);
+  Reporter silent;
+  EXPECT_TRUE(Train(scene, options, 3, files, MakeCpuBackend().get(), silent).foreground_frozen);
+  const std::vector<nlohmann::json> sights = LinesOf(folder.Read("log.jsonl"), "sights");
+  ASSERT_EQ(sights.size(), 1U);
+  EXPECT_EQ(sights[0]["iteration"], 60);
+  EXPECT_EQ(sights[0]["cameras"], 2);
+  EXPECT_EQ(sights[0]["photos"], 25);
+}
+
 TEST(Train, OtherSettingsStartAnew) {
   const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 64, 48, 1, 5);
   const TrainOptions options = QuickOptions(20);
@@ -191,11 +246,86 @@ TEST(Train, OtherSettingsStartAnew) {
   files.settings = "a";
   StoppingReporter stopping(10);
   EXPECT_THROW(Train(scene, options, 3, files, MakeCpuBackend().get(), stopping), Interrupted);
-  files.settings = "b";
+  // Another seed is another training, too.
+  for (const auto& [settings, seed] : {std::pair("b", 3), std::pair("a", 4)}) {
+    files.settings = settings;
+    Listener listener;
+    const TrainResult result = Train(scene, options, seed, files, MakeCpuBackend().get(), listener);
+    EXPECT_THAT(listener.warnings, testing::HasSubstr("was made with other options or photos"));
+    EXPECT_THAT(listener.infos, testing::Not(testing::HasSubstr("going on")));
+    Reporter silent;
+    ExpectSameGaussians(result.gaussians,
+                        Train(scene, options, seed, {}, MakeCpuBackend().get(), silent).gaussians);
+  }
+}
+
+// What is said of a run, by its own numbers.
+TEST(Train, SaysHowFarItIs) {
+  const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 48, 36, 2, 10);
+  TrainOptions options = QuickOptions(100);
+  options.num_measurements = 2;
+  options.stop_gain_pct = 0;
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.log = folder / "log.jsonl";
+  Listener listener;
+  const TrainResult result = Train(scene, options, 3, files, MakeCpuBackend().get(), listener);
+  const std::string log = folder.Read("log.jsonl");
+  const std::vector<nlohmann::json> losses = LinesOf(log, "loss");
+  ASSERT_EQ(losses.size(), 100U);  // one each of 200 parts of the run, at most each iteration
+  for (size_t i = 0; i < losses.size(); ++i) {
+    EXPECT_EQ(losses[i]["iteration"], i + 1);
+    EXPECT_NEAR(losses[i]["progress"].get<double>(), static_cast<double>(i + 1) / 100, 1e-9);
+  }
+  EXPECT_EQ(losses.back()["count"], result.gaussians.size());
+  // One message each twentieth of the run, and the state of the last.
+  size_t messages = 0;
+  for (size_t at = 0; (at = listener.infos.find("iteration ", at)) != std::string::npos; ++at) ++messages;
+  EXPECT_EQ(messages, 20U) << listener.infos;
+  EXPECT_THAT(listener.infos, testing::HasSubstr("iteration 50, 50 %: loss "));
+  EXPECT_THAT(listener.infos, testing::HasSubstr("iteration 100, 100 %: loss "));
+  const std::string gaussians = ", " + std::to_string(result.gaussians.size()) + " Gaussians, ";
+  EXPECT_THAT(listener.infos, testing::HasSubstr(gaussians));
+  // Held-out photos are measured after a hundredth of the run and at its end.
+  const std::vector<nlohmann::json> held_out = LinesOf(log, "held_out");
+  ASSERT_EQ(held_out.size(), 2U);
+  EXPECT_EQ(held_out[0]["iteration"], 1);
+  EXPECT_EQ(held_out[1]["iteration"], 100);
+  EXPECT_EQ(held_out[1]["psnr_db"].get<double>(), result.held_out->psnr);
+  // What was decided, with its figures.
+  const std::vector<nlohmann::json> decisions = LinesOf(log, "decision");
+  std::string text;
+  for (const nlohmann::json& decision : decisions) text += decision.dump() + "\n";
+  EXPECT_THAT(text, testing::HasSubstr("\"part\":\"sh_bands\""));
+  EXPECT_THAT(text, testing::HasSubstr("asked for: training runs to its end"));
+  EXPECT_THAT(text, testing::HasSubstr("4 photos held out"));
+}
+
+// At four fifths of the time for growth a model of the budget's strategy has its bound, half of the way
+// before it half of what is missing.
+TEST(Train, GrowsAlongItsBudget) {
+  const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 48, 36, 2, 8);
+  TrainOptions options = QuickOptions(200);
+  options.densify_from = 0.1;
+  options.densify_until = 0.6;
+  options.densify_every = 2;
+  options.max_gaussians = 2000;
+  options.min_opacity = 0;
+  options.unseen_weight = options.unseen_static_weight = 0;
+  options.use_rotating_region = options.use_turn_evidence = false;
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.log = folder / "log.jsonl";
   Reporter silent;
-  const TrainResult result = Train(scene, options, 3, files, MakeCpuBackend().get(), silent);
-  ExpectSameGaussians(result.gaussians,
-                      Train(scene, options, 3, {}, MakeCpuBackend().get(), silent).gaussians);
+  Train(scene, options, 3, files, MakeCpuBackend().get(), silent);
+  const std::vector<nlohmann::json> losses = LinesOf(folder.Read("log.jsonl"), "loss");
+  ASSERT_EQ(losses.size(), 200U);
+  const double first = losses[0]["count"].get<double>();
+  for (const int iteration : {20, 40, 60, 80, 100, 120, 200}) {
+    const double share = std::clamp((iteration / 200.0 - 0.1) / 0.4, 0.0, 1.0);
+    const double expected = first + share * (2000 - first);
+    EXPECT_NEAR(losses[iteration - 1]["count"].get<double>(), expected, 0.02 * expected + 8) << iteration;
+  }
 }
 
 TEST(Train, WithMasksTheRotatingPartAlone) {

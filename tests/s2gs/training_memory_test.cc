@@ -58,6 +58,26 @@ TEST(TrainingMemory, ModelsThatFitStayAsTheyAreAndThePeakIsStated) {
   }
 }
 
+// What the first Gaussians need, and not one more, is enough.
+TEST(TrainingMemory, TheFirstGaussiansMustFit) {
+  for (const int64_t num_points : {2000, 5'000'000}) {
+    TrainingSize size = HundredPhotos();
+    size.num_points = num_points;
+    const MemoryNeed need = PredictTrainingMemory(size, BackendKind::kCpu).host;
+    TrainOptions options;
+    options.initial.min_points = 1000;
+    options.initial.max_points = 30'000;
+    // Those of the models, and of both bodies what they lack.
+    const int64_t first = std::min<int64_t>(num_points, 30'000) + 2 * 1000;
+    Listener listener;
+    FitTrainingMemory(size, BackendKind::kCpu, {need.At(first), kPlenty}, &options, listener);
+    EXPECT_EQ(options.max_gaussians, first);
+    TrainOptions less = options;
+    EXPECT_THROW(FitTrainingMemory(size, BackendKind::kCpu, {need.At(first) - 1, kPlenty}, &less, listener),
+                 UserError);
+  }
+}
+
 TEST(TrainingMemory, TheModelGrowsNoLargerThanFits) {
   const TrainingSize size = HundredPhotos();
   for (const BackendKind kind : {BackendKind::kCpu, BackendKind::kCuda}) {

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <optional>
 #include <string>
@@ -98,6 +99,29 @@ TEST(Exif, AFocalLengthOfNoLensIsNotWrittenAsAnother) {
   EXPECT_EQ(ParseExif(MakeExif(tags))->focal_35mm_mm, 65535);
   tags.focal_35mm_mm = std::numeric_limits<double>::infinity();
   EXPECT_EQ(ParseExif(MakeExif(tags))->focal_35mm_mm, 65535);
+}
+
+TEST(Exif, WhatIsNotKnownIsNotWritten) {
+  const size_t nothing = MakeExif({}).size();
+  const auto grows = [&](const std::function<void(ExifTags*)>& set) {
+    ExifTags tags;
+    set(&tags);
+    return MakeExif(tags).size() > nothing;
+  };
+  EXPECT_TRUE(grows([](ExifTags* tags) { tags->focal_mm = 4; }));
+  EXPECT_TRUE(grows([](ExifTags* tags) { tags->focal_35mm_mm = 4; }));
+  EXPECT_TRUE(grows([](ExifTags* tags) { tags->digital_zoom = 2; }));
+  EXPECT_TRUE(grows([](ExifTags* tags) { tags->plane_px_per_mm = 2; }));
+  EXPECT_TRUE(grows([](ExifTags* tags) { tags->taken = {2, 3}; }));
+  EXPECT_FALSE(grows([](ExifTags* tags) { tags->taken = {2, 0}; }));
+  EXPECT_FALSE(grows([](ExifTags* tags) { tags->taken = {0, 3}; }));
+  const std::string bytes = MakeExif({});
+  for (const uint16_t tag : {0x920a, 0xa405, 0xa404, 0xa20e, 0xa002}) {
+    const std::string little = {static_cast<char>(tag & 255), static_cast<char>(tag >> 8)};
+    const std::string big = {little[1], little[0]};
+    EXPECT_EQ(bytes.find(little), std::string::npos) << tag;
+    EXPECT_EQ(bytes.find(big), std::string::npos) << tag;
+  }
 }
 
 TEST(Exif, MaskWithoutAlphaIsGrey) {

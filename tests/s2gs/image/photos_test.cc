@@ -132,6 +132,29 @@ TEST(Undistort, MasksGoBackIntoThePhoto) {
   }
 }
 
+// A mask of another size than the pinhole's: twice as wide, three times as high, with a border in rows.
+TEST(Undistort, MasksOfOtherSizesGoBackToo) {
+  const Undistortion plan = PlanUndistortion(Distorted(0.15), "cameras.bin");
+  Image8 mask{2 * static_cast<int>(plan.pinhole.width), 3 * static_cast<int>(plan.pinhole.height), 1, {}};
+  for (int y = 0; y < mask.height; ++y) {
+    for (int x = 0; x < mask.width; ++x) {
+      const double ray_x = ((x + 0.5) / 2 - plan.pinhole.params[2]) / plan.pinhole.params[0];
+      const double ray_y = ((y + 0.5) / 3 - plan.pinhole.params[3]) / plan.pinhole.params[1];
+      mask.pixels.push_back(ray_y - 0.5 * ray_x > 0.1 ? 255 : 0);
+    }
+  }
+  Reporter silent;
+  const Image8 back = DistortMask(plan, mask, silent);
+  for (int y = 0; y < 40; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      const Eigen::Vector3d ray = *UnprojectFromImage(plan.source, {x + 0.5, y + 0.5});
+      const double beyond = ray.y() - 0.5 * ray.x() - 0.1;
+      if (std::abs(beyond) < 0.02) continue;  // half a pixel of the mask
+      EXPECT_EQ(*back.Pixel(x, y), beyond > 0 ? 255 : 0) << x << " " << y;
+    }
+  }
+}
+
 TEST(Undistort, CamerasThatCannotBeProjectedAreRefused) {
   Camera camera = Distorted(0);
   camera.model = CameraModelId::kFov;
@@ -150,6 +173,13 @@ TEST(ResizeView, KeepsTheRays) {
   const PinholeView half = ResizeView(view, 320, 240);
   EXPECT_DOUBLE_EQ(half.fx, 250);
   EXPECT_DOUBLE_EQ(half.cy, 125);
+  const PinholeView other = ResizeView(view, 64, 960);
+  EXPECT_DOUBLE_EQ(other.fx, 50);
+  EXPECT_DOUBLE_EQ(other.cx, 30);
+  EXPECT_DOUBLE_EQ(other.fy, 1020);
+  EXPECT_DOUBLE_EQ(other.cy, 500);
+  EXPECT_EQ(other.width, 64);
+  EXPECT_EQ(other.height, 960);
 }
 
 }  // namespace
