@@ -234,7 +234,7 @@ TEST(Train, MeasuresWhatPhotosTellAlsoWhenResumed) {
   ASSERT_EQ(sights.size(), 1U);
   EXPECT_EQ(sights[0]["iteration"], 60);
   EXPECT_EQ(sights[0]["cameras"], 2);
-  EXPECT_EQ(sights[0]["photos"], 25);
+  EXPECT_EQ(sights[0]["photos"], 26);
 }
 
 TEST(Train, OtherSettingsStartAnew) {
