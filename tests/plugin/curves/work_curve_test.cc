@@ -12,6 +12,7 @@
 #include "plugin/curves/work_curve_files.h"
 #include "plugin/curves/work_curve_page.h"
 #include "tests/support/bad_input.h"
+#include "tests/support/expected_text.h"
 #include "tests/support/temporary_folder.h"
 
 namespace s2gs {
@@ -142,6 +143,33 @@ TEST(WorkCurve, PageIsSelfContainedAndEscaped) {
     WriteCurvePage(few, small);
     EXPECT_THAT(small.str(), testing::Not(testing::HasSubstr("nan")));
   }
+}
+
+std::string OneTagALine(const std::string& html) {
+  std::string lines;
+  for (const char c : html) {
+    if (c == '<' && !lines.empty() && lines.back() != '\n') lines += '\n';
+    lines += c;
+  }
+  return lines;
+}
+
+// Where the page draws known runs, and what its tables say of them.
+TEST(WorkCurve, PageShowsEveryRun) {
+  for (const CurveTime time : {CurveTime::kCpu, CurveTime::kWall}) {
+    WorkCurve curve = Curve();
+    curve.time = time;
+    std::ostringstream page;
+    WriteCurvePage(curve, page);
+    const std::string text = OneTagALine(page.str());
+    ExpectText(text.substr(text.find("</style>")), time == CurveTime::kCpu
+                                                       ? "plugin/curves/expected/curve_cpu.html"
+                                                       : "plugin/curves/expected/curve_wall.html");
+  }
+  std::ostringstream files;
+  WriteCurveCsv(Curve(), files);
+  WriteCurveJson(Curve(), files);
+  ExpectText(files.str(), "plugin/curves/expected/curve.txt");
 }
 
 TEST(WorkCurve, PointsComeBackForTheSameSettingsAlone) {
