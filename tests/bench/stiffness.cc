@@ -2,8 +2,8 @@
 //   stiffness [--steps N] > results/stiffness.md
 //
 // Prints the whole page; a program without SfM leaves the joint adjustment out. CPU seconds are of this
-// process; iterations and errors do not depend on the machine. Surfaces are fused on the GPU, too, where
-// there is one.
+// process; iterations and errors do not depend on the machine. Adam and the surfaces are measured on the GPU,
+// too, where there is one; the joint adjustment runs on the CPU whatever the backend.
 
 #include <algorithm>
 #include <cmath>
@@ -12,14 +12,16 @@
 #include <functional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "mesh/fusion/tsdf.h"
 #include "s2gs/core/gpu_info.h"
-#include "s2gs/kernel/adam.h"
+#include "s2gs/train_options.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "tests/bench/markdown_rows.h"
+#include "tests/bench/stiffness_adam.h"
 #include "tests/mesh/fusion/analytic_views.h"
 #include "tests/support/random_numbers.h"
 #ifdef S2GS_WITH_ADJUSTMENT
@@ -32,80 +34,85 @@ namespace {
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
 // --- Adam
-// --------------------------------------------------------------------------------------------------- Sizes s
-// from 1e-6 to 1, each started three times too large; the loss is the mean of (s / s_true - 1)^2, as a
-// picture's, which sees sizes relative to what they should be. The condition number is that of its Hessian.
+// ---------------------------------------------------------------------------------------------------
 struct AdamOutcome {
-  double first = 0, last = 0;
-  double worst = 0;  // of |s / s_true - 1|
+  double loss = 0;
+  double worst = 0;  // of |size / truth - 1|
 };
 
-AdamOutcome FitSizes(double span, bool logarithmic, bool adam, double rate, int iterations) {
-  constexpr int kCount = 61;
-  std::vector<double> truth, x, m(kCount), v(kCount);
-  for (int i = 0; i < kCount; ++i) {
-    truth.push_back(std::pow(span, -static_cast<double>(i) / (kCount - 1)));
-    x.push_back(logarithmic ? std::log(3 * truth.back()) : 3 * truth.back());
-  }
-  const auto ratio = [&](size_t i) { return (logarithmic ? std::exp(x[i]) : x[i]) / truth[i]; };
-  const auto loss = [&] {
-    double sum = 0;
-    for (size_t i = 0; i < x.size(); ++i) sum += std::pow(ratio(i) - 1, 2) / kCount;
-    return sum;
-  };
+AdamOutcome OutcomeOf(const AdamProblem& problem, const std::function<double(int)>& parameter) {
   AdamOutcome outcome;
-  outcome.first = loss();
-  for (int t = 1; t <= iterations; ++t) {
-    const AdamStep<double> step = MakeAdamStep<double>(t);
-    for (size_t i = 0; i < x.size(); ++i) {
-      const double by_size = 2 * (ratio(i) - 1) / truth[i] / kCount;
-      const double gradient = logarithmic ? by_size * ratio(i) * truth[i] : by_size;
-      if (adam) {
-        UpdateByAdam(step, rate, gradient, &x[i], &m[i], &v[i]);
-      } else {
-        x[i] -= rate * gradient;
-      }
-    }
+  for (int i = 0; i < AdamProblem::kCount; ++i) {
+    const double x = parameter(i);
+    const double off = (problem.logarithmic ? std::exp(x) : x) / problem.Truth(i) - 1;
+    outcome.loss += off * off / AdamProblem::kCount;
+    outcome.worst = std::isfinite(off) ? std::max(outcome.worst, std::abs(off)) : HUGE_VAL;
   }
-  outcome.last = loss();
-  for (size_t i = 0; i < x.size(); ++i) outcome.worst = std::max(outcome.worst, std::abs(ratio(i) - 1));
   return outcome;
+}
+
+template <typename T>
+AdamOutcome FitOnCpu(const AdamProblem& problem) {
+  std::vector<AdamStep<T>> steps;
+  for (int t = 1; t <= problem.iterations; ++t) steps.push_back(MakeAdamStep<T>(t));
+  return OutcomeOf(problem, [&](int i) {
+    const double truth = problem.Truth(i);
+    return FitSize<T>(
+        static_cast<T>(truth), static_cast<T>(problem.logarithmic ? std::log(3 * truth) : 3 * truth),
+        problem.logarithmic, problem.adam, static_cast<T>(problem.rate), problem.iterations, steps.data());
+  });
+}
+
+AdamOutcome FitOnGpu(const AdamProblem& problem) {
+  const std::vector<float> x = FitSizesOnGpu(problem);
+  return OutcomeOf(problem, [&](int i) { return x.at(static_cast<size_t>(i)); });
 }
 
 void AdamPart() {
   std::printf(
       "\n## Adam with scales that span 1e6\n\n"
-      "61 sizes from 1 down to 1e-6 (and, for comparison, to .1), each started three times too large; the "
-      "loss sees "
-      "them relative to what they should be, as a picture does. Rates are the best of powers of ten from "
-      "1e-13 to 10 "
-      "for each line after 1,000 iterations (for gradient descent those below 2 over the largest "
-      "curvature).\n\n");
-  Head({"span", "parameter", "method", "condition", "best rate", "loss", "worst size off by"});
+      "%d sizes from 1 down to 1e-6 (and, for comparison, to .1), each started three times too large; the "
+      "loss sees them relative to what they should be, as a picture does. Rates are the best of powers of "
+      "ten from 1e-13 to 10 for each line after 1,000 iterations (for gradient descent those below 2 over "
+      "the largest curvature); the last column is how far the worst size is off with .005, the rate of "
+      "scales in training. `double` is the reference, `cpu` and `cuda` are the update of training "
+      "(`s2gs/kernel/adam.h`) in float on either backend, on the GPU with training's own compiler flags.\n\n",
+      AdamProblem::kCount);
+  std::vector<std::pair<std::string, AdamOutcome (*)(const AdamProblem&)>> ways = {
+      {"double", &FitOnCpu<double>}, {"cpu", &FitOnCpu<float>}};
+  AdamProblem tried;
+  tried.iterations = 1;
+  if (!FitSizesOnGpu(tried).empty()) ways.emplace_back("cuda", &FitOnGpu);
+  Head({"span", "parameter", "method", "condition", "measured on", "best rate", "loss", "worst size off by",
+        "by training's rate"});
   for (const double span : {10.0, 1e6}) {
     for (const bool logarithmic : {false, true}) {
       for (const bool adam : {false, true}) {
-        AdamOutcome best;
-        double best_rate = 0;
-        for (double rate = 1e-13; rate < 20; rate *= 10) {
-          const AdamOutcome outcome = FitSizes(span, logarithmic, adam, rate, 1000);
-          if (std::isfinite(outcome.last) && (best_rate == 0 || outcome.last < best.last)) {
-            best = outcome;
-            best_rate = rate;
+        for (const auto& [name, fit] : ways) {
+          AdamOutcome best;
+          double best_rate = 0;
+          for (double rate = 1e-13; rate < 20; rate *= 10) {
+            const AdamOutcome outcome = fit({span, logarithmic, adam, rate, 1000});
+            if (std::isfinite(outcome.loss) && (best_rate == 0 || outcome.loss < best.loss)) {
+              best = outcome;
+              best_rate = rate;
+            }
           }
+          const double worst = fit({span, logarithmic, adam, TrainOptions().scale_rate, 1000}).worst;
+          Row({Number(span), logarithmic ? "log-scale" : "scale", adam ? "Adam" : "gradient descent",
+               Number(logarithmic ? 1 : span * span, "%.0e"), name, Number(best_rate, "%.0e"),
+               Number(best.loss), Number(best.worst),
+               std::isfinite(worst) && worst < 1e9 ? Number(worst) : "diverges"});
         }
-        Row({Number(span), logarithmic ? "log-scale" : "scale", adam ? "Adam" : "gradient descent",
-             Number(logarithmic ? 1 : span * span, "%.0e"), Number(best_rate, "%.0e"), Number(best.last),
-             Number(best.worst)});
       }
     }
   }
   std::printf(
-      "\nA log-scale makes all sizes alike (condition 1), whatever the method; Adam alone divides by each "
-      "parameter's own gradient, but its step has one length for all, which is too long for the small ones "
-      "and too "
-      "short for the large ones. Both together are what `s2gs/kernel` does: the step is a share of the "
-      "size.\n");
+      "\nA log-scale makes all sizes alike (condition 1): gradient descent fails without it and is exact "
+      "with it. Adam divides by each parameter's own gradient and reaches every size either way, on a loss "
+      "without noise; but its first step has the rate's length, .005, whatever the size, so that a size of "
+      "3e-6 passes through negative ones, which no splat has. Both together are what `s2gs/kernel` does: "
+      "the step is a share of the size.\n");
 }
 
 // --- TSDF

@@ -7,10 +7,12 @@
 #include <cstdint>
 #include <cstdio>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "sfm_split/adjust/dense_schur.h"
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
@@ -184,6 +186,7 @@ void AdjustmentPart(int steps) {
       {"focal length given, 3 % off",
        [](JointOptions* options, double*) { options->refine_focal_length = false; }},
       {"tolerance 1e-4", [](JointOptions* options, double*) { options->function_tolerance = 1e-4; }},
+      {"tolerance 1e-6", [](JointOptions* options, double*) { options->function_tolerance = 1e-6; }},
       {"tolerance 1e-12", [](JointOptions* options, double*) { options->function_tolerance = 1e-12; }},
   };
   Head({"scene", "remedy", "condition", "nullity", "focal sigma [%]", "focal error [%]", "angle sigma [deg]",
@@ -220,6 +223,9 @@ double Difference(const JointProblem& a, const JointProblem& b) {
   return worst;
 }
 
+constexpr int kMostIterations = 200;
+constexpr double kFunctionTolerance = 1e-10;
+
 // One way of solving the problem.
 struct Choice {
   std::string name;
@@ -229,6 +235,7 @@ struct Choice {
   bool scale_columns = true;
   ceres::TrustRegionStrategyType strategy = ceres::LEVENBERG_MARQUARDT;
   bool points_first = true;  // ordering: points are eliminated first
+  bool own = false;          // SolveDenseSchur instead of Ceres
 };
 
 struct Solved {
@@ -243,13 +250,30 @@ Solved Solve(const JointProblem& start, const JointOptions& options, const Choic
   solved.problem = start;
   JointSystem system(start, options, true);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
+  if (choice.own) {
+    Reporter silent;
+    const double started = CpuSeconds();
+    const DenseSchurSummary summary =
+        SolveDenseSchur(system, loss.get(), {kMostIterations, kFunctionTolerance, choice.threads}, silent);
+    solved.cpu_seconds = CpuSeconds() - started;
+    solved.cost = summary.cost;
+    solved.iterations = summary.iterations;
+    solved.converged = summary.converged;
+    system.WriteBack(&solved.problem);
+    return solved;
+  }
   ceres::Problem::Options keep;
   keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   keep.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(keep);
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  std::map<double, std::unique_ptr<ceres::LossFunction>> scaled;  // by weight
   for (const JointSystem::Term& term : system.terms()) {
-    problem.AddResidualBlock(term.cost.get(), loss.get(), const_cast<double* const*>(term.values.data()),
+    std::unique_ptr<ceres::LossFunction>& own_loss = scaled[term.weight];
+    if (!own_loss) {
+      own_loss = std::make_unique<ceres::ScaledLoss>(loss.get(), term.weight, ceres::DO_NOT_TAKE_OWNERSHIP);
+    }
+    problem.AddResidualBlock(term.cost.get(), own_loss.get(), const_cast<double* const*>(term.values.data()),
                              term.num_blocks + 1);
     ordering->AddElementToGroup(term.values[static_cast<size_t>(term.num_blocks)], 0);
   }
@@ -273,8 +297,8 @@ Solved Solve(const JointProblem& start, const JointOptions& options, const Choic
   solver.jacobi_scaling = choice.scale_columns;
   solver.trust_region_strategy_type = choice.strategy;
   solver.num_threads = choice.threads;
-  solver.max_num_iterations = 200;
-  solver.function_tolerance = 1e-10;
+  solver.max_num_iterations = kMostIterations;
+  solver.function_tolerance = kFunctionTolerance;
   solver.gradient_tolerance = 1e-14;
   solver.parameter_tolerance = 1e-14;
   solver.logging_type = ceres::SILENT;
@@ -296,11 +320,17 @@ void SolverPart(int steps) {
       "less than "
       "1e-10 of itself or 200 iterations; one run each. The program takes the first line up to 1,000 "
       "parameters of "
-      "the cameras, sparse Schur up to 10,000, then the iterative one with the Schur complement's diagonal "
-      "blocks. "
+      "the cameras, Ceres' sparse Schur up to 10,000, then its iterative one with the Schur complement's "
+      "diagonal "
+      "blocks; all lines but the first two are Ceres'. "
       "\"from the first\" is the largest difference of any pose, angle or axis from the first line, \"two "
       "runs\" that "
       "between two runs of the same.\n\n");
+  Choice own{"the program's own dense Schur, Levenberg and Marquardt"};
+  own.own = true;
+  Choice own_two_threads = own;
+  own_two_threads.name += ", two threads";
+  own_two_threads.threads = 2;
   Choice dense{"dense Schur, Levenberg and Marquardt"};
   Choice two_threads = dense;
   two_threads.name += ", two threads";
@@ -348,10 +378,10 @@ void SolverPart(int steps) {
     options.max_dense_parameters = 5000;
     const Observability observability = AnalyzeObservability(truth, options, true, 0.5);
     Solved first;
-    for (const Choice& choice :
-         {dense, two_threads, unscaled, dogleg, sparse, cholesky, iterative, jacobi, plain}) {
+    for (const Choice& choice : {own, own_two_threads, dense, two_threads, unscaled, dogleg, sparse, cholesky,
+                                 iterative, jacobi, plain}) {
       const Solved solved = Solve(start, options, choice);
-      const bool is_first = choice.name == dense.name;
+      const bool is_first = choice.name == own.name;
       if (is_first) first = solved;
       const Solved again = Solve(start, options, choice);
       Row({is_first ? "**" + scene.name + ", " + std::to_string(truth.images.size()) + " photos**" : "",
