@@ -263,14 +263,16 @@ class Trainer {
       if (std::isfinite(error) && error > 0) cursor_.held_out_course.Add(now, error);
     }
     const double gain = cursor_.held_out_course.GainToComePct();
-    const bool stops = !is_end && gain < options_.stop_gain_pct;
+    const double most = cursor_.held_out_course.MostGainToComePct();
+    const bool stops = !is_end && most < options_.stop_gain_pct;
     if (!stops && !is_end) return false;
     TrainDecision decision;
     decision.part = "end_of_training";
     decision.is_left_out = stops;
     decision.measured =
         std::isfinite(gain)
-            ? Format("%+.2f %% of the held-out error to come at %.0f %% of the run", gain, 100 * now)
+            ? Format("%+.2f %% of the held-out error to come at %.0f %% of the run, ", gain, 100 * now) +
+                  Format("%+.2f %% at most", most)
             : "the course was too short to tell";
     decision.threshold = Format("%.3g %%", options_.stop_gain_pct);
     decision.reason = stops ? "the error of held-out photos has stopped falling" : "it fell to the end";

@@ -22,10 +22,10 @@ struct TrainOptions {
   // Length.
   int64_t num_iterations = 30'000;
   double max_seconds = 0;  ///< 0: no bound. Otherwise the whole course is run through in this time at most.
-  /// Training stops when the error of held-out photos, falling on as it fell last, would lose less than this
-  /// share of itself over the rest of the run [%]; 0: never. Not before the model has stopped growing and p
-  /// is settled, and not with fewer than HeldOutCourse::kMinPhotos held out. Off by default: four points of a
-  /// jittering course can lie level by chance, and a run of 300 steps lost 2 dB by it.
+  /// Training stops when the error of held-out photos, falling on as it fell and with the scatter that it
+  /// has, would surely lose less than this share of itself over the rest of the run [%]
+  /// (HeldOutCourse::MostGainToComePct); 0: never. Not before the model has stopped growing and p is settled,
+  /// and not with fewer than HeldOutCourse::kMinPhotos held out. Off by default: it has to measure them.
   double stop_gain_pct = 0;
 
   // Start.
