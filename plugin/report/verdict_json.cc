@@ -26,6 +26,7 @@ json ToJson(const AgreeingMatches& matches) {
 json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
   json measured = {{"photos", evidence.photos},
                    {"placed", evidence.placed},
+                   {"stations", evidence.stations},
                    {"missing", evidence.missing},
                    {"unsupported", evidence.unsupported},
                    {"one_body", evidence.is_one_body},

@@ -396,7 +396,12 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   evidence.is_object_free = joint.model == JointModel::kFreeObject;
   RecordCameras(features, scene.cameras, &evidence);
   std::set<std::string> placed;
-  for (const View& view : scene.views) placed.insert(view.name);
+  std::set<int> stations;
+  for (const View& view : scene.views) {
+    placed.insert(view.name);
+    stations.insert(view.station);
+  }
+  evidence.stations = static_cast<int>(stations.size());
   for (const ScanImage& image : features.images) {
     if (placed.count(image.name) == 0) evidence.missing.push_back(image.name);
   }

@@ -22,8 +22,9 @@ constexpr double kMostFocalWidths = 10;
 constexpr double kAround = 0.9;
 // Fewer matches than COLMAP asks of a motion between two photos tell nothing.
 constexpr int64_t kLeastMatches = 15;
-// Points were built from keypoints within so many standard deviations of a coordinate (scan_refinement.cc).
-constexpr double kErrorSigmas = 5;
+// Errors are measured within the bound at which a match agrees. Within two standard deviations lie 19 of 20
+// right ones; with fewer, the bound and not the noise would tell how large errors are.
+constexpr double kErrorSigmas = 2;
 // Excess of the held-back noise over the adjusted one, in its standard deviations: three are one in 700.
 constexpr double kNoiseSigmas = 3;
 // Noise that the adjustment cannot have seen grows with the parameters a match pays for; doubled, the poses
@@ -96,6 +97,8 @@ class Judge {
   static constexpr const char* kFocal =
       "a known focal length: photos with their EXIF data, or the camera's parameters by "
       "--ImageReader.camera_params";
+  static constexpr const char* kBetween =
+      "another turn from a place between the camera places, so that neighbouring ones see the same details";
   static constexpr const char* kFullTurn = "a full turn whose last photo comes one step before the first";
 
   void Add(Verdict verdict, std::string reason, std::vector<std::string> advice) {
@@ -181,6 +184,14 @@ class Judge {
         {kTexture, kSmallerSteps, kFullTurn});
   }
 
+  bool Closes() const {
+    const auto bears_out = [](const AgreeingMatches& matches) {
+      return matches.all >= kLeastMatches && matches.Share().value_or(0) >= kMost;
+    };
+    return evidence_.turns_of_nothing == 0 && evidence_.contradicted_seams == 0 &&
+           bears_out(evidence_.seam) && bears_out(evidence_.neighbours);
+  }
+
   void JudgePairs() {
     const std::optional<double> share = evidence_.neighbours.Share();
     const bool said = share && evidence_.neighbours.all >= kLeastMatches && *share < kHalf;
@@ -225,7 +236,13 @@ class Judge {
 
   void JudgeHeldBack() {
     const std::optional<double> share = evidence_.held_back.Share();
-    if (share && evidence_.held_back.all >= kLeastMatches && *share < kHalf) {
+    const bool is_low = share && evidence_.held_back.all >= kLeastMatches && *share < kHalf;
+    // Photos far apart of a glossy body that looks alike from all around prove much that is wrong. A turn
+    // that its neighbours bear out and that closes by its own matches needs no other proof, as long as what
+    // was held back agrees with it as what was adjusted does.
+    const bool is_like_the_others =
+        share && *share >= kHalf * evidence_.verified.Share().value_or(1) && Closes();
+    if (is_low && !is_like_the_others) {
       Add(Verdict::kFailed,
           Text("of %d matches that were held back, %d %% agree with the poses",
                static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
@@ -260,7 +277,8 @@ class Judge {
           std::isfinite(*evidence_.angle_sigma_max_deg)
               ? Text("a table angle is known to +- %.2g degrees only", *evidence_.angle_sigma_max_deg)
               : std::string("a table angle cannot be told from the photos"),
-          {kTexture, kSmallerSteps, kFullTurn});
+          evidence_.stations > 1 ? std::vector<std::string>{kBetween, kTexture, kSmallerSteps}
+                                 : std::vector<std::string>{kTexture, kSmallerSteps, kFullTurn});
     }
   }
 

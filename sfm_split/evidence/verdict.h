@@ -33,6 +33,7 @@ struct AgreeingMatches {
 struct ScanEvidence {
   int photos = 0;
   int placed = 0;
+  int stations = 0;                  ///< of placed photos.
   std::vector<std::string> missing;  ///< names of the others, as far as they are known.
   /// Photos whose matches agree with their places no better than they might by chance.
   std::vector<std::string> unsupported;

@@ -171,7 +171,35 @@ PictureStandard::PictureStandard(const GreyPicture& picture, double max_shake_px
       fine_(MakeLevel(picture, 1)),
       coarse_(MakeLevel(picture, kCoarseFactor)),
       tiles_(MakeTiles(fine_, kTileSide)),
-      coarse_tiles_(MakeTiles(coarse_, kCoarseTileSide)) {}
+      coarse_tiles_(MakeTiles(coarse_, kCoarseTileSide)) {
+  FindUniqueTiles();
+}
+
+// Of the fine tiles.
+void PictureStandard::FindUniqueTiles() {
+  constexpr int kSide = 2 * kSearchRadius + 1;
+  std::vector<double> surface;
+  for (Tile& tile : tiles_) {
+    double correlation = 0;
+    double curvature = 0;
+    if (!Correlate(fine_, tile, fine_, {tile.x, tile.y}, kTileSide, kSearchRadius, &surface) ||
+        !Summit(surface, kSearchRadius, &correlation, &curvature, &tile.own_summit))
+      continue;
+    tile.is_unique = true;
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const double here = surface[static_cast<size_t>(y) * kSide + x];
+        if ((x == kSearchRadius && y == kSearchRadius) || here < kLargestThreshold) continue;
+        bool is_top = true;
+        for (int v = std::max(0, y - 1); v <= std::min(kSide - 1, y + 1); ++v) {
+          for (int u = std::max(0, x - 1); u <= std::min(kSide - 1, x + 1); ++u)
+            is_top &= surface[static_cast<size_t>(v) * kSide + u] <= here;
+        }
+        tile.is_unique &= !is_top;
+      }
+    }
+  }
+}
 
 PictureStandard::Level PictureStandard::MakeLevel(const GreyPicture& picture, int factor) {
   const cv::Mat bytes(picture.height, picture.width, CV_8UC1, const_cast<uint8_t*>(picture.grey.data()));
@@ -284,14 +312,14 @@ void PictureStandard::MatchTiles(const Level& other, const Eigen::Vector2i& shif
     match.centre = Eigen::Vector2d(tile.x + 0.5 * kTileSide, tile.y + 0.5 * kTileSide);
     match.displacement.setZero();
     const double sigma = noise / std::sqrt(std::max(tile.least_texture, 1e-6));
-    match.is_textured = sigma <= kMaxSigmaPx;
+    match.is_textured = sigma <= kMaxSigmaPx && tile.is_unique;
     if (match.is_textured && Correlate(fine_, tile, other, Eigen::Vector2i(tile.x, tile.y) + shift, kTileSide,
                                        kSearchRadius, &surface)) {
       ++comparison->num_textured;
       Eigen::Vector2d at;
       double curvature = 0;
       if (Summit(surface, kSearchRadius, &match.correlation, &curvature, &at)) {
-        match.displacement = shift.cast<double>() + at;
+        match.displacement = shift.cast<double>() + at - tile.own_summit;
         match.is_found = match.correlation >= least_correlation;
         // Of the maximum of a correlation: what does not correlate is noise, of whatever kind.
         const double rho = std::clamp(match.correlation, 0.01, 0.9999);

@@ -27,7 +27,8 @@ constexpr int kPictureSidePx = 480;
 /// What one tile of a picture does from there to another picture of the scene.
 struct TileMatch {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< [px of the picture, from its corner]
-  bool is_textured = false;      ///< in both directions, so that noise moves it by no more than .1 px.
+  bool is_textured = false;      ///< in both directions, so that noise moves it by no more than .1 px, and
+                                 ///< not alike a few pixels beside, as a checked cloth is.
   bool is_found = false;         ///< its gradients correlate better than those of unrelated tiles do.
   bool agrees = false;           ///< and it lies where the camera's own motion puts it.
   double correlation = 0;        ///< of the gradients, 1: equal but for contrast.
@@ -75,6 +76,9 @@ class PictureStandard {
     int y = 0;
     double least_texture = 0;  // smaller eigenvalue of the structure tensor
     double energy = 0;
+    bool is_unique = false;  // does not look the same within reach of a search
+    Eigen::Vector2d
+        own_summit;  // of its correlation with itself, off the centre where its slopes differ [px]
   };
 
   static Level MakeLevel(const GreyPicture& picture, int factor);
@@ -83,6 +87,7 @@ class PictureStandard {
   // picture.
   static bool Correlate(const Level& first, const Tile& tile, const Level& second,
                         const Eigen::Vector2i& place, int side, int radius, std::vector<double>* surface);
+  void FindUniqueTiles();
   Eigen::Vector2i CoarseShift(const Level& other) const;
   double NullCorrelation(const Level& other, const Eigen::Vector2i& shift) const;
   void MatchTiles(const Level& other, const Eigen::Vector2i& shift, double least_correlation,

@@ -14,6 +14,9 @@ namespace {
 using Verdict = PictureComparison::Verdict;
 
 constexpr double kMinPersistence = 0.5;  // of a station's photos in which a tile of the background is found
+// Of these, in which it stays in place: up to four camera places side by side are told apart. A tile of what
+// turns looks like its neighbourhood in many photos, too, but stays in place in none.
+constexpr double kMinStaying = 0.25;
 constexpr size_t kMinPersistencePhotos = 4;
 constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
@@ -24,8 +27,13 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
   if (members->size() < kMinPersistencePhotos) return;
   const size_t num_tiles = comparisons[members->front()].tiles.size();
   std::vector<int> num_found(num_tiles, 0);
+  std::vector<int> num_staying(num_tiles, 0);
   for (const int m : *members) {
-    for (size_t t = 0; t < num_tiles; ++t) num_found[t] += comparisons[m].tiles[t].is_found ? 1 : 0;
+    for (size_t t = 0; t < num_tiles; ++t) {
+      const TileMatch& tile = comparisons[m].tiles[t];
+      num_found[t] += tile.is_found ? 1 : 0;
+      num_staying[t] += tile.is_found && tile.agrees ? 1 : 0;
+    }
   }
   const double needed = kMinPersistence * static_cast<double>(members->size());
   const auto has_moved = [&](int m) {
@@ -33,7 +41,7 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
     int num = 0;
     for (size_t t = 0; t < num_tiles; ++t) {
       const TileMatch& tile = comparisons[m].tiles[t];
-      if (num_found[t] < needed || !tile.is_found) continue;
+      if (!tile.is_found || num_found[t] < needed || num_staying[t] < kMinStaying * num_found[t]) continue;
       ++num;
       num_moved += tile.agrees ? 0 : 1;
     }

@@ -3,7 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <string>
@@ -98,10 +100,10 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
       {"held back", Verdict::kFailed, [](ScanEvidence* e) { e->held_back.agreeing = 200; }},
       {"miss their lines", Verdict::kDoubtful, [](ScanEvidence* e) { e->held_back_noise_px = 1.1; }},
       {"1 degrees of the table apart", Verdict::kFailed, [](ScanEvidence* e) { e->median_step_deg = -1; }},
-      {"miss their lines by 1.3 px", Verdict::kDoubtful,
+      {"miss their lines by 2.1 px", Verdict::kDoubtful,
        [](ScanEvidence* e) {
-         e->match_noise_px = 1.3;
-         e->adjusted_noise_px = e->held_back_noise_px = 1.4;
+         e->match_noise_px = 2.1;
+         e->adjusted_noise_px = e->held_back_noise_px = 2.2;
        }},
       {"do not tell whether the table turned as the poses say, like that of q", Verdict::kDoubtful,
        [](ScanEvidence* e) { e->untold_stations = {"q"}; }},
@@ -116,8 +118,8 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
          e->camera_height_rel = 0.2;
        }},
       {"came back the same way", Verdict::kDoubtful, [](ScanEvidence* e) { e->turns_of_nothing = 1; }},
-      {"miss their lines by 1.2 px", Verdict::kDoubtful,
-       [](ScanEvidence* e) { e->adjusted_noise_px = e->held_back_noise_px = 1.2; }},
+      {"miss their lines by 2.3 px", Verdict::kDoubtful,
+       [](ScanEvidence* e) { e->adjusted_noise_px = e->held_back_noise_px = 2.3; }},
       {"94 degrees apart", Verdict::kDoubtful,
        [](ScanEvidence* e) {
          e->neighbour_apart_deg = 11;
@@ -164,6 +166,39 @@ TEST(Verdict, TheSmallerNoiseIsThatOfRightMatches) {
   std::swap(evidence.match_noise_px, evidence.adjusted_noise_px);
   evidence.held_back_noise_px = 0.3;
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+}
+
+// Photos far apart of what shines and looks alike all around prove what is wrong; a closed turn is proof.
+TEST(Verdict, AClosedTurnNeedsNoFarPairs) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.verified = {5000, 2300, 50};
+  evidence.held_back = {500, 220, 5};
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  const std::array<std::function<void(ScanEvidence*)>, 6> changes = {
+      [](ScanEvidence* e) { e->seam = {}; },
+      [](ScanEvidence* e) { e->seam.agreeing = 66; },
+      [](ScanEvidence* e) { e->neighbours.agreeing = 1700; },
+      [](ScanEvidence* e) { e->contradicted_seams = 1; },
+      [](ScanEvidence* e) { e->turns_of_nothing = 1; },
+      [](ScanEvidence* e) { e->held_back.agreeing = 100; },  // fewer than half of those that were adjusted
+  };
+  for (size_t k = 0; k < changes.size(); ++k) {
+    ScanEvidence changed = evidence;
+    changes[k](&changed);
+    EXPECT_EQ(JudgeScan(changed).verdict, Verdict::kFailed) << k;
+  }
+}
+
+TEST(Verdict, StationsThatNothingTiesWantATurnFromBetween) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.angle_sigma_max_deg = std::numeric_limits<double>::infinity();
+  const auto wants_between = [&] {
+    return JudgeScan(evidence).advice[0].find("between the camera places") != std::string::npos;
+  };
+  evidence.stations = 1;
+  EXPECT_FALSE(wants_between());
+  evidence.stations = 2;
+  EXPECT_TRUE(wants_between());
 }
 
 // A degree within three standard deviations.

@@ -39,6 +39,7 @@ struct Shot {
   double noise = 0;
   int quality = 95;
   bool has_hand = false;
+  bool has_checks = false;  // a cloth of a pattern that comes again every three pixels
   uint64_t seed = 1;
 };
 
@@ -57,6 +58,10 @@ GreyPicture Take(const Shot& shot) {
   const cv::Mat near = moved(things, shot.parallax * shot.shift);
   for (int x = 10; x < kWidth - 40; x += 80) {
     near(cv::Rect(x, 20 + x % 120, 48, 72)).copyTo(picture(cv::Rect(x, 20 + x % 120, 48, 72)));
+  }
+  for (int y = shot.has_checks ? kHeight * 2 / 3 : kHeight; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x)
+      picture.at<float>(y, x) = static_cast<float>(60 + (x % 3 == 0 ? 60 : 0) + (y % 3 == 0 ? 60 : 0));
   }
   const double c = std::cos(shot.turn_deg * CV_PI / 180);
   const double s = std::sin(shot.turn_deg * CV_PI / 180);
@@ -162,6 +167,19 @@ TEST(FindPictureStations, KeepsTripodsApartThatStandClose) {
   Reporter reporter;
   const PictureStations stations = FindPictureStations(pictures, {}, reporter);
   for (int i = 0; i < 12; ++i) EXPECT_EQ(stations.station_of_image[i], i < 6 ? 0 : 1) << i;
+}
+
+TEST(FindPictureStations, WhatLooksTheSameElsewhereTellsOfNoMove) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 12; ++i) {
+    Shot shot = Turned(30.0 * i, static_cast<uint64_t>(i));
+    shot.noise = 4;
+    shot.has_checks = true;
+    pictures.push_back(Take(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  for (int i = 0; i < 12; ++i) EXPECT_EQ(stations.station_of_image[i], 0) << i;
 }
 
 TEST(FindPictureStations, IsOneUnderJumpsOfExposureAndShake) {
