@@ -427,6 +427,42 @@ TEST(TsdfBadInput, MemoryIsBoundedBeforeItIsAllocated) {
   ExpectUserError([&] { Fuse(views, options); }, {"voxel_size"});
 }
 
+TEST(TsdfBadInput, MemoryThatIsMissingIsStatedWithWhatHelps) {
+  const std::vector<DepthView> views = AnalyticViews({SphereShape(0.8)}, SmallViews());
+  TsdfOptions options = CpuOptions();
+  options.voxel_size = 0.01;
+  options.max_memory_gib = 0.01;
+  std::string message;
+  const auto number_after = [&](const std::string& words) {
+    const size_t at = message.find(words);
+    return at == std::string::npos ? -1 : std::stod(message.substr(at + words.size()));
+  };
+  // Coarse voxels have a thicker shell of blocks than the square of the resolution says: a few steps.
+  int refusals = 0;
+  for (bool fits = false; !fits && refusals < 5;) {
+    try {
+      Fuse(views, options);
+      fits = true;
+    } catch (const UserError& error) {
+      message = error.what();
+      ++refusals;
+      EXPECT_NEAR(number_after("voxels of "), options.voxel_size, 1e-5) << message;
+      EXPECT_EQ(number_after("max_memory_gib is "), 0.01) << message;
+      // Two floats a voxel of 512, the key and the extraction's share for each block; and two megabytes of
+      // views.
+      const double needed = number_after(" needs ") * 1024 * 1024 * 1024;
+      const double blocks = number_after("of memory or more (");
+      EXPECT_NEAR(needed, blocks * (2 * 4 * 512 + 24 + 5200) + 2e6, 0.5e6) << message;
+      const double advised = number_after("Set voxel_size to ");
+      EXPECT_GT(advised, 1.04 * options.voxel_size) << message;
+      EXPECT_LT(advised, 1.5 * options.voxel_size) << message;
+      options.voxel_size = advised;
+    }
+  }
+  EXPECT_GT(refusals, 0);
+  EXPECT_LT(refusals, 5);
+}
+
 // A photo whose mask is empty: also where the object would lie across its corner.
 TEST(TsdfBadInput, ViewThatShowsNothing) {
   const std::vector<DepthView> views = AnalyticViews({SphereShape(0.8)}, SmallViews());

@@ -116,6 +116,33 @@ TEST(TableTop, WhatHangsOverTheRimStays) {
   EXPECT_NEAR(TopologyOf(hat).area, area, 1e-3 * area);
 }
 
+// Of the plane every triangle beyond the rim goes, though the plane goes on; of what stands above it, whole
+// parts by their centres of area.
+TEST(TableTop, ThePlaneEndsAtTheRimAndPartsStandOrFall) {
+  TableTop table;
+  table.disc.mean_edge = 0.02;
+  table.radius = 1;
+  TriangleMesh mesh;
+  Sweep({0, 0}, {0.01, 0}, {2, 0}, &mesh);
+  CutAtTable(table, &mesh);
+  EXPECT_NEAR(TopologyOf(mesh).area, kPi, 0.06 * kPi);  // rings are .05 wide
+  // Two boards above the plane: the centre of the first is over the table, that of the second is not.
+  for (const double middle : {0.9, 1.1}) {
+    TriangleMesh board;
+    Sweep({middle, 0}, {0.01, 0.5}, {0.5, 0.5}, &board);
+    const size_t count = board.triangles.size();
+    const int64_t dropped = CutAtTable(table, &board);
+    EXPECT_EQ(dropped, middle < 1 ? 0 : static_cast<int64_t>(count)) << middle;
+  }
+  // What lies below goes, what is within the tolerance of 1.5 edges stays.
+  for (const double height : {-0.025, -0.035}) {
+    TriangleMesh below;
+    Sweep({0, 0}, {0.01, height}, {0.5, height}, &below);
+    CutAtTable(table, &below);
+    EXPECT_EQ(below.triangles.empty(), height < -0.03) << height;
+  }
+}
+
 // Lids and ledges are no tables: cutting there would cost the object.
 TEST(TableTop, LidsAndLedgesAreNone) {
   TriangleMesh can;

@@ -298,6 +298,53 @@ TEST(TexturePhotos, FinePatternsAreNotBlurred) {
   EXPECT_LT(worst, 0.08);
 }
 
+// A square that faces the camera, in a part of the photo: away from outlines its weight is the area that a
+// unit of it has in the photo, (focal length / depth)^2, times the cosine over that of the steepest that
+// counts.
+TEST(TexturePhotos, WeightsAreEvenAwayFromOutlines) {
+  for (const auto& [low_x, low_y] :
+       {std::pair(0.1F, 0.2F), std::pair(-0.9F, 0.15F), std::pair(0.15F, -0.9F)}) {
+    TriangleMesh mesh;
+    mesh.vertices = {{0, low_x, low_y},
+                     {0, low_x + 0.8F, low_y},
+                     {0, low_x + 0.8F, low_y + 0.7F},
+                     {0, low_x, low_y + 0.7F}};
+    mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+    const ObjectView view = LookAtOrigin({kDistance, 0, 0}, kSide, kFocal);
+    const Image8 photo{kSide, kSide, 3, std::vector<uint8_t>(3 * kSide * kSide, 99)};
+    const Image8 mask{kSide / 2, kSide / 3, 1, std::vector<uint8_t>(kSide / 2 * (kSide / 3), 128)};
+    const TexturePhoto whole(view, photo, {}, mesh);
+    const TexturePhoto masked(view, photo, mask, mesh);  // 128 is inside
+    const auto expected = [&](const Eigen::Vector3f& x, double distance) {
+      const Eigen::Vector3d to_camera = Eigen::Vector3d(distance, 0, 0) - x.cast<double>();
+      return (to_camera.normalized().x() - 0.1) * kFocal * kFocal / (distance * distance);
+    };
+    for (int i = 0; i <= 20; ++i) {
+      for (int j = 0; j <= 20; ++j) {
+        // 10 pixels of .012 from its outline.
+        const Eigen::Vector3f x(0, low_x + 0.12F + 0.56F * static_cast<float>(i) / 20,
+                                low_y + 0.12F + 0.46F * static_cast<float>(j) / 20);
+        PhotoSample sample;
+        ASSERT_TRUE(whole.Sample(x, Eigen::Vector3f::UnitX(), &sample)) << x.transpose();
+        EXPECT_NEAR(sample.weight / expected(x, kDistance), 1, 1e-5) << x.transpose();
+        EXPECT_EQ(sample.color[0], 99);
+        EXPECT_EQ(sample.smooth[1], 99);
+        PhotoSample other;
+        ASSERT_TRUE(masked.Sample(x, Eigen::Vector3f::UnitX(), &other)) << x.transpose();
+        EXPECT_EQ(other.weight, sample.weight);
+      }
+    }
+    PhotoSample outside;
+    EXPECT_FALSE(whole.Sample({0, low_x - 0.1F, low_y}, Eigen::Vector3f::UnitX(), &outside));
+    // From twice as far the same square metre has a quarter of the area.
+    const TexturePhoto far(LookAtOrigin({2 * kDistance, 0, 0}, kSide, kFocal), photo, {}, mesh);
+    PhotoSample small;
+    const Eigen::Vector3f middle(0, low_x + 0.4F, low_y + 0.35F);
+    ASSERT_TRUE(far.Sample(middle, Eigen::Vector3f::UnitX(), &small));
+    EXPECT_NEAR(small.weight / expected(middle, 2 * kDistance), 1, 1e-5);
+  }
+}
+
 TEST(TextureMesh, LargeTexturesTakeSeveralPages) {
   const BoxPhotos photos(Scene(), Ring(4));
   Reporter reporter;
