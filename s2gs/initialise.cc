@@ -9,6 +9,7 @@
 #include "s2gs/core/knn.h"
 #include "s2gs/core/rng.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 
 namespace s2gs {
 namespace {
@@ -134,17 +135,16 @@ OptionCheck InitialiseOptions::Check() const {
   if (min_points < 1) return OptionFault{"min_points", std::to_string(min_points), "min_points >= 1"};
   if (max_points < 1) return OptionFault{"max_points", std::to_string(max_points), "max_points >= 1"};
   if (!(opacity > 0 && opacity < 1)) {
-    return OptionFault{"opacity", std::to_string(opacity), "0 < opacity < 1"};
+    return OptionFault{"opacity", NumberText(opacity), "0 < opacity < 1"};
   }
   if (!(random_foreground > 0 && random_foreground < 1)) {
-    return OptionFault{"random_foreground", std::to_string(random_foreground), "0 < random_foreground < 1"};
+    return OptionFault{"random_foreground", NumberText(random_foreground), "0 < random_foreground < 1"};
   }
   if (!(sparse_foreground >= 0.5 && sparse_foreground < 1)) {
-    return OptionFault{"sparse_foreground", std::to_string(sparse_foreground),
-                       "0.5 <= sparse_foreground < 1"};
+    return OptionFault{"sparse_foreground", NumberText(sparse_foreground), "0.5 <= sparse_foreground < 1"};
   }
   if (!(background_radius_sides > 0)) {
-    return OptionFault{"background_radius_sides", std::to_string(background_radius_sides),
+    return OptionFault{"background_radius_sides", NumberText(background_radius_sides),
                        "background_radius_sides > 0"};
   }
   return std::nullopt;

@@ -190,19 +190,7 @@ std::set<std::string> HeldOutNames(const TrainingSceneOptions& options,
     for (size_t i = 0; i < photos.size(); i += options.test_every) names.insert(photos[i].name);
   }
   if (options.test_list.empty()) return names;
-  std::set<std::string> known;
-  for (const ScenePhoto& photo : photos) known.insert(photo.name);
-  std::istringstream lines(ReadWholeFile(options.test_list, kMaxListBytes, "Check --test_list"));
-  std::string line;
-  while (std::getline(lines, line)) {
-    while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.pop_back();
-    if (line.empty()) continue;
-    if (known.count(line) == 0) {
-      throw UserError(options.test_list, "names " + line + ", which is no image of the scene",
-                      "Give names as in the COLMAP model, one a line");
-    }
-    names.insert(line);
-  }
+  names.merge(ReadPhotoList(options.test_list, photos, "--test_list"));
   return names;
 }
 
@@ -396,6 +384,25 @@ SceneBodies TrainingScene::bodies() const {
     default:
       return SceneBodies::kBoth;
   }
+}
+
+std::set<std::string> ReadPhotoList(const fs::path& path, const std::vector<ScenePhoto>& photos,
+                                    const std::string& option) {
+  std::set<std::string> known;
+  for (const ScenePhoto& photo : photos) known.insert(photo.name);
+  std::set<std::string> names;
+  std::istringstream lines(ReadWholeFile(path, kMaxListBytes, "Check " + option));
+  std::string line;
+  while (std::getline(lines, line)) {
+    while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) line.pop_back();
+    if (line.empty()) continue;
+    if (known.count(line) == 0) {
+      throw UserError(path, "names " + line + ", which is no image of the scene",
+                      "Give names as in sparse/0, one a line");
+    }
+    names.insert(line);
+  }
+  return names;
 }
 
 void NormaliseScene(TrainingScene* scene) {

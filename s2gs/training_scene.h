@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -94,6 +95,11 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
 
 /// The same without photos: poses and points only. For rendering.
 TrainingScene ReadScenePoses(const TrainingScenePaths& paths, TrainMode mode, Reporter& reporter);
+
+/// The names in a list of photos, one a line; white space behind a name does not count, nor do empty lines.
+/// Throws UserError for names that are no photo's. \param option  that names the list, as "--test_list".
+std::set<std::string> ReadPhotoList(const std::filesystem::path& path, const std::vector<ScenePhoto>& photos,
+                                    const std::string& option);
 
 /// Moves a scene into normalised lengths. Called by the readers; poses, points and region change.
 void NormaliseScene(TrainingScene* scene);

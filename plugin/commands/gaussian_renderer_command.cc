@@ -13,7 +13,6 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <sstream>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -45,7 +44,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
 constexpr char kMapSuffix[] = ".geometric.bin";
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
@@ -124,25 +122,12 @@ void AddOptions(Options* options, Arguments* a) {
 }
 
 std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene) {
-  std::set<std::string> names;
   if (path.empty()) {
+    std::set<std::string> names;
     for (const ScenePhoto& photo : scene.photos) names.insert(photo.name);
     return names;
   }
-  std::set<std::string> known;
-  for (const ScenePhoto& photo : scene.photos) known.insert(photo.name);
-  std::istringstream lines(ReadWholeFile(path, kMaxListBytes, "Check --image_list"));
-  std::string line;
-  while (std::getline(lines, line)) {
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (line.empty()) continue;
-    if (known.count(line) == 0) {
-      throw UserError(path, "names " + line + ", which is no image of the scene",
-                      "Give names as in sparse/0, one a line");
-    }
-    names.insert(line);
-  }
-  return names;
+  return ReadPhotoList(path, scene.photos, "--image_list");
 }
 
 std::vector<std::string> NamesOf(const TrainingScene& scene) {

@@ -15,6 +15,7 @@
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/scene/projection_jacobians.h"
@@ -127,7 +128,7 @@ std::optional<double> AnglePriorShare(const JointReport& report) {
 
 OptionCheck JointOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (!(loss_scale_px >= 0)) return fault("loss_scale_px", loss_scale_px, "loss_scale_px >= 0");
   if (!(max_reprojection_error_px > 0)) {

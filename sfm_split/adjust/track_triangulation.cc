@@ -10,6 +10,7 @@
 #include <random>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/sampson_error.h"
 #include "sfm_split/base/union_find.h"
@@ -297,7 +298,7 @@ class Triangulator {
 
 OptionCheck TrackOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (!(max_error_px > 0)) return fault("max_error_px", max_error_px, "max_error_px > 0");
   if (!(min_triangulation_deg > 0 && min_triangulation_deg < 90)) {

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/circular_likelihood.h"
@@ -580,7 +581,7 @@ CircularMotion Fitter::Fit() {
 
 OptionCheck CircularOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (!(noise_px > 0)) return fault("noise_px", noise_px, "noise_px > 0");
   if (max_matches < 3) return fault("max_matches", max_matches, "max_matches >= 3");

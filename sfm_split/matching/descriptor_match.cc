@@ -8,6 +8,7 @@
 #include <cstring>
 #include <string>
 
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/matching/descriptor_kernel.h"
 
@@ -129,10 +130,10 @@ void ReadRows(const PackedDescriptors::Group* groups, int num_groups, RowBlock* 
 
 OptionCheck DescriptorMatchOptions::Check() const {
   if (!(max_ratio > 0.0 && max_ratio <= 1.0)) {
-    return OptionFault{"max_ratio", std::to_string(max_ratio), "0 < max_ratio <= 1"};
+    return OptionFault{"max_ratio", NumberText(max_ratio), "0 < max_ratio <= 1"};
   }
   if (!(max_distance > 0.0) || !std::isfinite(max_distance)) {
-    return OptionFault{"max_distance", std::to_string(max_distance), "max_distance > 0"};
+    return OptionFault{"max_distance", NumberText(max_distance), "max_distance > 0"};
   }
   return std::nullopt;
 }

@@ -6,6 +6,8 @@
 #include <tuple>
 #include <unordered_map>
 
+#include "sfm_split/base/number_text.h"
+
 namespace s2gs {
 namespace {
 
@@ -74,7 +76,7 @@ OptionCheck MatchImagesOptions::Check() const {
   if (OptionCheck fault = match.Check()) return fault;
   if (num_threads < 0) return OptionFault{"num_threads", std::to_string(num_threads), "num_threads >= 0"};
   if (!(cache_size_gb > 0.0 && cache_size_gb <= 1e6)) {
-    return OptionFault{"cache_size_gb", std::to_string(cache_size_gb), "0 < cache_size_gb <= 1e6"};
+    return OptionFault{"cache_size_gb", NumberText(cache_size_gb), "0 < cache_size_gb <= 1e6"};
   }
   return std::nullopt;
 }

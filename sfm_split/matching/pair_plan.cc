@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/union_find.h"
 
 namespace s2gs {
@@ -223,8 +224,7 @@ std::vector<ImagePair> RepresentativePairs(const std::vector<uint32_t>& represen
 
 OptionCheck ObjectPairOptions::Check() const {
   if (!(max_view_angle_deg > 0.0 && max_view_angle_deg <= 180.0)) {
-    return OptionFault{"max_view_angle_deg", std::to_string(max_view_angle_deg),
-                       "0 < max_view_angle_deg <= 180"};
+    return OptionFault{"max_view_angle_deg", NumberText(max_view_angle_deg), "0 < max_view_angle_deg <= 180"};
   }
   if (max_partners < 1) return OptionFault{"max_partners", std::to_string(max_partners), "max_partners >= 1"};
   if (max_nearby_stations < 0) {

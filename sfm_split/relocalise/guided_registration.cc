@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/descriptor_match.h"
@@ -206,7 +207,7 @@ std::vector<GuidedPlacement::Match> MatchAt(const ObjectAppearance& looks, const
 
 OptionCheck GuidedOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (max_looks < 1) return fault("max_looks", max_looks, "max_looks >= 1");
   if (num_candidates < 1) return fault("num_candidates", num_candidates, "num_candidates >= 1");

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/circular_motion/circular_scene.h"
 #include "sfm_split/circular_motion/rigged_circle_scene.h"
@@ -438,7 +439,7 @@ ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
 
 OptionCheck PlacementOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (!(enough_share >= 0 && enough_share <= 1)) {
     return fault("enough_share", enough_share, "0 <= enough_share <= 1");

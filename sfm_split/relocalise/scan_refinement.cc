@@ -11,6 +11,7 @@
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/evidence/match_noise.h"
@@ -620,7 +621,7 @@ RefineReport ScanRefiner::Run() {
 
 OptionCheck RefineOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (!(noise_px >= 0)) return fault("noise_px", noise_px, "noise_px >= 0");
   if (max_rounds < 1) return fault("max_rounds", max_rounds, "max_rounds >= 1");

@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/scale/aruco_dictionary.h"
 
 namespace s2gs {
@@ -57,10 +58,10 @@ OptionCheck CharucoBoard::Check() const {
     }
   }
   if (!(square_mm > 0 && square_mm <= 1e5)) {
-    return OptionFault{"charuco_square_mm", std::to_string(square_mm), "0 < charuco_square_mm <= 100000"};
+    return OptionFault{"charuco_square_mm", NumberText(square_mm), "0 < charuco_square_mm <= 100000"};
   }
   if (!(marker_mm > 0 && marker_mm < square_mm)) {
-    return OptionFault{"marker_size_mm", std::to_string(marker_mm), "0 < marker_size_mm < charuco_square_mm"};
+    return OptionFault{"marker_size_mm", NumberText(marker_mm), "0 < marker_size_mm < charuco_square_mm"};
   }
   return std::nullopt;
 }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/scene/axis_turn.h"
@@ -221,7 +222,7 @@ SingleAxisSolution Solver::Solve() {
 
 OptionCheck SingleAxisOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (!(noise_px > 0)) return fault("noise_px", noise_px, "noise_px > 0");
   if (min_matches < 3) return fault("min_matches", min_matches, "min_matches >= 3");

@@ -7,6 +7,7 @@
 #include <sstream>
 #include <utility>
 
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/image_similarity.h"
 #include "sfm_split/split/hand_held_split.h"
@@ -203,7 +204,7 @@ OptionCheck MotionSplitOptions::Check() const {
   for (const auto& [name, value] : positive) {
     if (value < 1) return OptionFault{name, std::to_string(value), ">= 1"};
   }
-  if (!(min_moved_px > 0)) return OptionFault{"min_moved_px", std::to_string(min_moved_px), "> 0"};
+  if (!(min_moved_px > 0)) return OptionFault{"min_moved_px", NumberText(min_moved_px), "> 0"};
   return std::nullopt;
 }
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -89,15 +90,15 @@ class ShiftedGroups {
 }  // namespace
 
 OptionCheck StationOptions::Check() const {
-  if (!(max_unmoved_px > 0)) return OptionFault{"max_unmoved_px", std::to_string(max_unmoved_px), "> 0"};
+  if (!(max_unmoved_px > 0)) return OptionFault{"max_unmoved_px", NumberText(max_unmoved_px), "> 0"};
   if (!(max_shake_px >= 0 && max_shake_px <= kMaxShakePx)) {
-    return OptionFault{"max_shake_px", std::to_string(max_shake_px), "0 <= max_shake_px <= 100"};
+    return OptionFault{"max_shake_px", NumberText(max_shake_px), "0 <= max_shake_px <= 100"};
   }
   if (min_unmoved_matches < 4) {
     return OptionFault{"min_unmoved_matches", std::to_string(min_unmoved_matches), ">= 4"};
   }
   if (!(min_unmoved_share >= 0 && min_unmoved_share <= 1)) {
-    return OptionFault{"min_unmoved_share", std::to_string(min_unmoved_share), "0 <= min_unmoved_share <= 1"};
+    return OptionFault{"min_unmoved_share", NumberText(min_unmoved_share), "0 <= min_unmoved_share <= 1"};
   }
   if (min_cells < 1 || min_cells > kGridSize * kGridSize) {
     return OptionFault{"min_cells", std::to_string(min_cells), "1 <= min_cells <= 64"};

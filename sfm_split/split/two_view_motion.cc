@@ -7,6 +7,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/sampson_error.h"
 
 namespace s2gs {
@@ -42,9 +43,9 @@ cv::Mat FitOrNothing(const Fit& fit) {
 }  // namespace
 
 OptionCheck TwoViewMotionOptions::Check() const {
-  if (!(max_error_px > 0)) return OptionFault{"max_error_px", std::to_string(max_error_px), "> 0"};
+  if (!(max_error_px > 0)) return OptionFault{"max_error_px", NumberText(max_error_px), "> 0"};
   if (!(confidence > 0 && confidence < 1)) {
-    return OptionFault{"confidence", std::to_string(confidence), "0 < confidence < 1"};
+    return OptionFault{"confidence", NumberText(confidence), "0 < confidence < 1"};
   }
   if (max_iterations < 1) return OptionFault{"max_iterations", std::to_string(max_iterations), ">= 1"};
   if (min_inliers < 8) return OptionFault{"min_inliers", std::to_string(min_inliers), ">= 8"};

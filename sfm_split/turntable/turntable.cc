@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/turntable/axis_sense.h"
@@ -269,7 +270,7 @@ void MeasureSteps(const std::vector<TurntablePose>& poses, TurntableSolution* so
 
 OptionCheck TurntableOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, std::to_string(value), bound};
+    return OptionFault{field, NumberText(value), bound};
   };
   if (max_seeds < 1) return fault("max_seeds", max_seeds, "max_seeds >= 1");
   if (!(max_seed_error_deg > 0))

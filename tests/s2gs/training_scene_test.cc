@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -92,6 +93,12 @@ TEST_F(TrainingSceneFiles, HoldsOutEveryNthOrAList) {
   for (size_t i = 0; i < 6; ++i) EXPECT_EQ(scene.photos[i].held_out, i == 4);
   folder_.Write("list.txt", "nobody.jpg\n");
   ExpectUserError([&] { ReadTrainingScene(paths_, options, silent_); }, {"list.txt", "nobody.jpg"});
+  // The same reader for each list: blanks and tabs behind a name are no part of it.
+  folder_.Write("list.txt", scene.photos[4].name + " \t\n" + scene.photos[1].name + "  ");
+  EXPECT_EQ(ReadPhotoList(options.test_list, scene.photos, "--image_list"),
+            std::set<std::string>({scene.photos[1].name, scene.photos[4].name}));
+  ExpectUserError([&] { ReadPhotoList(folder_ / "none", scene.photos, "--image_list"); },
+                  {"none", "--image_list"});
 }
 
 TEST_F(TrainingSceneFiles, SizesAreToldBeforeTheFirstPhotoIsRead) {
