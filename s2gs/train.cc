@@ -76,11 +76,11 @@ class PhotoOrder {
  public:
   PhotoOrder(size_t count, uint64_t seed) : order_(count), seed_(seed) {}
 
+  int64_t RoundOf(int64_t iteration) const { return (iteration - 1) / static_cast<int64_t>(order_.size()); }
   int At(int64_t iteration) {
-    const auto count = static_cast<int64_t>(order_.size());
-    const int64_t epoch = (iteration - 1) / count;
+    const int64_t epoch = RoundOf(iteration);
     if (epoch != epoch_) Shuffle(epoch);
-    return order_[(iteration - 1) % count];
+    return order_[(iteration - 1) % static_cast<int64_t>(order_.size())];
   }
 
  private:
@@ -325,6 +325,9 @@ class Trainer {
     step.weights = moment.weights;
     step.freeze_foreground = cursor_.foreground_frozen;
     step.collect_statistics = moment.grows;
+    step.only_rotating_tiles = scene_.bodies() == SceneBodies::kBoth && cursor_.foreground_frozen &&
+                               cursor_.progress >= options_.densify_until &&
+                               order_.RoundOf(cursor_.iteration) % options_.whole_every != 0;
     if (scene_.mode == TrainMode::kMasks) {
       // A background of any colour at all: what is transparent in truth is then never cheaper to paint.
       step.cut_out_mask = true;

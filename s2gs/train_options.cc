@@ -91,6 +91,7 @@ OptionCheck CheckCourse(const TrainOptions& o) {
       {"coarse_levels", static_cast<double>(o.coarse_levels), 0, 6, "0 <= coarse_levels <= 6"},
       {"coarse_until", o.coarse_until, 0, 1, "0 <= coarse_until <= 1"},
       {"min_coarse_size", static_cast<double>(o.min_coarse_size), 16, kNoBound, "min_coarse_size >= 16"},
+      {"whole_every", static_cast<double>(o.whole_every), 1, 1e9, "1 <= whole_every <= 1000000000"},
       {"checkpoint_every", o.checkpoint_every, 0, 1, "0 <= checkpoint_every <= 1"},
       {"num_measurements", static_cast<double>(o.num_measurements), 0, 1000, "0 <= num_measurements <= 1000"},
   });

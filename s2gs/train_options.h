@@ -83,6 +83,11 @@ struct TrainOptions {
   /// The same for what stands still: less than half a grey level of 8 bits, which no photo shows.
   double unseen_static_weight = 0.5 / 255;
 
+  // Whole frames.
+  /// Once p is frozen and growth is over: in one of so many rounds through the photos whole frames are drawn
+  /// and learnt from, in the others only the tiles that the rotating part reaches. 1: whole frames always.
+  int whole_every = 1;
+
   // Resolution.
   int coarse_levels = 2;      ///< training starts at 1 / 2^n of the photos' size.
   double coarse_until = 0.2;  ///< when the full size is reached.

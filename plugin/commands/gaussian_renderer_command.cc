@@ -1,7 +1,6 @@
 #include "plugin/commands/gaussian_renderer_command.h"
 
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -35,6 +34,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/task_queue.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/scene/io/colmap_maps.h"
@@ -137,6 +137,18 @@ std::vector<std::string> NamesOf(const TrainingScene& scene) {
   return names;
 }
 
+// Of each thread that writes: a picture with all its maps, what is made of them, and the next one that waits.
+constexpr uint64_t kWritingBytesPerPixel = uint64_t{2} * (10 + 4) * sizeof(float);
+
+uint64_t LargestView(const TrainingScene& scene) {
+  uint64_t largest = 1;
+  for (const ScenePhoto& photo : scene.photos) {
+    largest =
+        std::max(largest, static_cast<uint64_t>(photo.view.width) * static_cast<uint64_t>(photo.view.height));
+  }
+  return largest;
+}
+
 RenderRequest WholeScene(const PinholeView& view) {
   RenderRequest request;
   request.view = view;
@@ -173,7 +185,7 @@ class Renderer {
         output_(a_.output_path.empty() ? workspace.Own() / "renders" : a_.output_path),
         in_workspace_(workspace.root, a_.image_path, NamesOf(scene_)),
         in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)),
-        writers_(omp_get_max_threads()) {
+        writers_(ThreadsThatFit(kWritingBytesPerPixel * LargestView(scene_))) {
     if (scene_.mode == TrainMode::kS2gs) {
       shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
       table_ = FindTableRim(scene_, backend_);

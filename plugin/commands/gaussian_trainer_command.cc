@@ -195,6 +195,10 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
       "Gaussians of the rotating part that no photo shows with more weight than this are removed; 0: none");
   group.Add("unseen_static_weight", &T::unseen_static_weight,
             "the same for Gaussians that stand still; half a grey level is what no photo shows");
+  group.Add(
+      "whole_every", &T::whole_every,
+      "with p frozen and growth over, whole frames are learnt from in one of so many rounds through the "
+      "photos, in the others only tiles that the rotating part reaches; 1: always");
   group.Add("coarse_levels", &T::coarse_levels, "training starts at 1 / 2^n of the photo size");
   group.Add("coarse_until", &T::coarse_until, "when the full size is reached, as share of the run");
   group.Add("min_coarse_size", &T::min_coarse_size, "no photo is reduced below this longer side").Unit("px");

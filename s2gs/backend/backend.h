@@ -98,6 +98,9 @@ struct TrainStep {
   /// Pixels outside the photo's mask are replaced by the background colour (2DGS with masks).
   bool cut_out_mask = false;
   bool freeze_foreground = false;  ///< p is settled: 0 or 1, not learnt, and its soft path left out.
+  /// Only tiles that Gaussians of the rotating part reach are drawn; elsewhere the photo counts as met.
+  /// Gaussians that reach none of these tiles stay as they are, with their moments. With settled p alone.
+  bool only_rotating_tiles = false;
   int sh_degree = 0;
   LearningRates rates;
   LossWeights weights;

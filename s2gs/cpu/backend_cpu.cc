@@ -85,7 +85,8 @@ class CpuBackend : public Backend {
     const bool has_hint = step.weights.mask > 0 && !photo.mask.empty();
     const bool foreground = learns_p && (step.weights.entropy_2d > 0 || has_hint);
     view_.Prepare(photo.view.width, photo.view.height, geometry, foreground, true);
-    Forward(setup, geometry, foreground, nullptr, sizeof(SplatGradient));
+    S2GS_INVARIANT(!step.only_rotating_tiles || !learns_p);
+    Forward(setup, geometry, foreground, nullptr, sizeof(SplatGradient), {}, step.only_rotating_tiles);
 
     LossTerms terms;
     CompareToPhoto(step, photo, &terms);
@@ -176,14 +177,20 @@ class CpuBackend : public Backend {
   // Projects, sorts and composites. \param peaks  when given, gets the largest weight of every slot.
   // \param bytes_per_slot  of gradients or peaks that are kept for every slot.
   // \param stop_requested  RenderRequest's.
+  // \param only_rotating_tiles  TrainStep's.
   void Forward(const ViewSetup& setup, bool geometry, bool foreground, std::vector<float>* peaks,
-               size_t bytes_per_slot, const std::function<bool()>& stop_requested = {}) {
+               size_t bytes_per_slot, const std::function<bool()>& stop_requested = {},
+               bool only_rotating_tiles = false) {
     const auto count = static_cast<int64_t>(state_.gaussians.size());
     rows_.resize(state_.gaussians.size());
     threads_.For(count, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) ProjectGaussian(state_.gaussians, i, setup, &rows_[i]);
     });
-    lists_.Build(rows_, setup.camera.width, setup.camera.height, &threads_, bytes_per_slot);
+    is_rotating_.clear();
+    for (int64_t i = 0; i < count && only_rotating_tiles; ++i)
+      is_rotating_.push_back(IsForeground(state_.gaussians.foreground_logit[i], setup.rule) ? 1 : 0);
+    lists_.Build(rows_, setup.camera.width, setup.camera.height, &threads_, bytes_per_slot,
+                 only_rotating_tiles ? &is_rotating_ : nullptr);
     if (peaks != nullptr) peaks->assign(lists_.num_slots(), 0.0F);
     near_depth_ = setup.camera.near_depth;
     threads_.For(lists_.num_tiles(), 1, [&](int64_t tile, int64_t) {
@@ -264,10 +271,15 @@ class CpuBackend : public Backend {
           image[x] = color[x] + transmittance[x] * step.background_color[c];
           real[x] = static_cast<float>(bytes[3 * x]) * (1.0F / 255);
         }
-        if (!cuts_out) continue;
-        const uint8_t* mask = photo.mask.data() + static_cast<size_t>(y) * width;
+        if (cuts_out) {
+          const uint8_t* mask = photo.mask.data() + static_cast<size_t>(y) * width;
+          for (int x = 0; x < width; ++x) {
+            if (mask[x] < 128) real[x] = step.background_color[c];
+          }
+        }
+        if (!step.only_rotating_tiles) continue;
         for (int x = 0; x < width; ++x) {
-          if (mask[x] < 128) real[x] = step.background_color[c];
+          if (!lists_.IsListed(y / kTileSize * lists_.tiles_x() + x / kTileSize)) image[x] = real[x];
         }
       }
     });
@@ -369,7 +381,16 @@ class CpuBackend : public Backend {
         if (!d_logit_.empty()) {
           for (int64_t i = begin; i < end; ++i) gradients.foreground_logit[i - begin] += d_logit_[i];
         }
-        Update(adam, step, begin, end - begin, gradients);
+        if (!step.only_rotating_tiles) {
+          Update(adam, step, begin, end - begin, 0, gradients);
+          continue;
+        }
+        for (int64_t i = begin; i < end;) {
+          const int64_t first = i;
+          while (i < end && lists_.SlotBegin(i) < lists_.SlotBegin(i + 1)) ++i;
+          if (i > first) Update(adam, step, first, i - first, first - begin, gradients);
+          while (i < end && lists_.SlotBegin(i) == lists_.SlotBegin(i + 1)) ++i;
+        }
       }
     });
   }
@@ -385,14 +406,15 @@ class CpuBackend : public Backend {
     return sum;
   }
 
-  void Update(const AdamStep<float>& adam, const TrainStep& step, size_t begin, size_t count,
+  // Moves `count` Gaussians from `begin` on, whose gradients stand from `from` on.
+  void Update(const AdamStep<float>& adam, const TrainStep& step, size_t begin, size_t count, size_t from,
               const GaussianGradients& gradients) {
     const auto update = [&](float rate, const std::vector<float>& gradient, size_t width,
                             std::vector<float> Gaussians::*field) {
       const size_t at = width * begin;
-      kernels_.adam(rate, adam.first_correction, adam.second_correction, gradient.data(), width * count,
-                    (state_.gaussians.*field).data() + at, (state_.first_moment.*field).data() + at,
-                    (state_.second_moment.*field).data() + at);
+      kernels_.adam(rate, adam.first_correction, adam.second_correction, gradient.data() + width * from,
+                    width * count, (state_.gaussians.*field).data() + at,
+                    (state_.first_moment.*field).data() + at, (state_.second_moment.*field).data() + at);
     };
     update(step.rates.centre, gradients.centre, 3, &Gaussians::centre);
     update(step.rates.log_scale, gradients.log_scale, 2, &Gaussians::log_scale);
@@ -433,6 +455,7 @@ class CpuBackend : public Backend {
   // Of the view at hand.
   ViewBuffers view_;
   std::vector<SplatRow> rows_;
+  std::vector<uint8_t> is_rotating_;  // by row, where only their tiles are drawn
   TileLists lists_;
   std::vector<SplatGradient> by_slot_;
   std::vector<float> d_logit_;

@@ -83,24 +83,78 @@ void TileLists::SortByDepth(const std::vector<SplatRow>& rows) {
   }
 }
 
+void TileLists::ListReached(const std::vector<SplatRow>& rows, const std::vector<uint8_t>& wanted) {
+  is_listed_.assign(tiles_.size(), 0);
+  for (size_t i = 0; i < rows.size(); ++i) {
+    if (wanted[i] == 0 || !IsDrawn(rows[i])) continue;
+    const TileRect tiles = TilesOf(rows[i]);
+    const bool has_bits = tiles.Count() <= 64;
+    int bit = 0;
+    for (int y = tiles.y_begin; y < tiles.y_end; ++y) {
+      for (int x = tiles.x_begin; x < tiles.x_end; ++x, ++bit) {
+        if (!has_bits || (reached_[i] >> bit & 1U) != 0)
+          is_listed_[static_cast<size_t>(y) * tiles_x_ + x] = 1;
+      }
+    }
+  }
+  const auto tiles_y = static_cast<int>(tiles_.size()) / tiles_x_;
+  listed_before_.clear();
+  for (int y = 0; y < tiles_y; ++y) {
+    uint32_t count = 0;
+    for (int x = 0; x < tiles_x_; ++x) {
+      listed_before_.push_back(count);
+      count += is_listed_[static_cast<size_t>(y) * tiles_x_ + x];
+    }
+    listed_before_.push_back(count);
+  }
+}
+
+int TileLists::CountListed(int x_begin, int x_end, int y) const {
+  if (is_listed_.empty()) return x_end - x_begin;
+  const uint32_t* row = listed_before_.data() + static_cast<size_t>(y) * (tiles_x_ + 1);
+  return static_cast<int>(row[x_end] - row[x_begin]);
+}
+
 void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads,
-                      size_t bytes_per_slot) {
+                      size_t bytes_per_slot, const std::vector<uint8_t>* wanted) {
   tiles_x_ = (width + kTileSize - 1) / kTileSize;
   const int tiles_y = (height + kTileSize - 1) / kTileSize;
   tiles_.resize(static_cast<size_t>(tiles_x_) * tiles_y);
   reached_.resize(rows.size());
   tile_count_.resize(rows.size());
-  threads->For(static_cast<int64_t>(rows.size()), [&](int64_t begin, int64_t end) {
-    for (int64_t i = begin; i < end; ++i) {
-      tile_count_[i] = 0;
-      if (!IsDrawn(rows[i])) continue;
-      const TileRect tiles = TilesOf(rows[i]);
-      reached_[i] = Reached(rows[i], tiles, width, height);
-      tile_count_[i] = tiles.Count() == 1 || tiles.Count() > 64
-                           ? static_cast<uint32_t>(tiles.Count())
-                           : static_cast<uint32_t>(__builtin_popcountll(reached_[i]));
+  const auto for_drawn = [&](const auto& body) {
+    threads->For(static_cast<int64_t>(rows.size()), [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) {
+        tile_count_[i] = 0;
+        if (IsDrawn(rows[i])) body(i, TilesOf(rows[i]));
+      }
+    });
+  };
+  const auto count_reached = [&](int64_t i, const TileRect& tiles) {
+    if (tiles.Count() > 1 && tiles.Count() <= 64) {
+      tile_count_[i] = static_cast<uint32_t>(__builtin_popcountll(reached_[i]));
+      return;
     }
+    for (int y = tiles.y_begin; y < tiles.y_end; ++y)
+      tile_count_[i] += static_cast<uint32_t>(CountListed(tiles.x_begin, tiles.x_end, y));
+  };
+  is_listed_.clear();
+  for_drawn([&](int64_t i, const TileRect& tiles) {
+    reached_[i] = Reached(rows[i], tiles, width, height);
+    if (wanted == nullptr) count_reached(i, tiles);
   });
+  if (wanted != nullptr) {
+    ListReached(rows, *wanted);
+    for_drawn([&](int64_t i, const TileRect& tiles) {
+      int bit = 0;
+      for (int y = tiles.y_begin; y < tiles.y_end && tiles.Count() <= 64; ++y) {
+        for (int x = tiles.x_begin; x < tiles.x_end; ++x, ++bit) {
+          if (is_listed_[static_cast<size_t>(y) * tiles_x_ + x] == 0) reached_[i] &= ~(uint64_t{1} << bit);
+        }
+      }
+      count_reached(i, tiles);
+    });
+  }
   slot_begin_.resize(rows.size() + 1);
   slot_begin_[0] = 0;
   for (size_t i = 0; i < rows.size(); ++i) slot_begin_[i + 1] = slot_begin_[i] + tile_count_[i];
@@ -120,15 +174,18 @@ void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, 
       if (tile_y < tiles.y_begin || tile_y >= tiles.y_end) continue;
       const int across = tiles.x_end - tiles.x_begin;
       const bool has_bits = tiles.Count() <= 64 && tiles.Count() > 1;
+      size_t in_rows_above = 0;
+      for (int y = tiles.y_begin; y < tile_y && !has_bits; ++y)
+        in_rows_above += CountListed(tiles.x_begin, tiles.x_end, y);
       for (int x = tiles.x_begin; x < tiles.x_end; ++x) {
-        const int place = (tile_y - tiles.y_begin) * across + x - tiles.x_begin;
         size_t slot = slot_begin_[i];
         if (has_bits) {
-          const uint64_t bit = uint64_t{1} << place;
+          const uint64_t bit = uint64_t{1} << ((tile_y - tiles.y_begin) * across + x - tiles.x_begin);
           if ((reached_[i] & bit) == 0) continue;
           slot += __builtin_popcountll(reached_[i] & (bit - 1));
         } else {
-          slot += place;
+          if (!IsListed(tile_y * tiles_x_ + x)) continue;
+          slot += in_rows_above + CountListed(tiles.x_begin, x, tile_y);
         }
         tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].push_back({i, static_cast<uint32_t>(slot)});
       }

@@ -236,11 +236,16 @@ class CudaBackend : public Backend {
     reports_.Read(&sorter_);
     sorter_.Reserve(count_, photo.view.width, photo.view.height);
     Project(parameters(), count_, optimise.view, sorter_.splats(), stream_);
+    S2GS_INVARIANT(!step.only_rotating_tiles || !learns_foreground);
+    const uint8_t* is_listed = step.only_rotating_tiles
+                                   ? sorter_.ListTilesOf(parameters().At(kForeground), optimise.view.rule,
+                                                         count_, photo.view.width, photo.view.height, stream_)
+                                   : nullptr;
     sorter_.SortByDepth(count_, reports_.report(), stream_);
     if (reports_.room() == 0) reports_.MakeRoom(reports_.Count(stream_), &sorter_);
     const RenderInput input = {sorter_.splats(),
                                sorter_.SortByTile(count_, photo.view.width, photo.view.height,
-                                                  reports_.room(), reports_.report(), stream_),
+                                                  reports_.room(), reports_.report(), stream_, is_listed),
                                photo.view.width, photo.view.height, optimise.view.camera.near_depth};
     reports_.Send(stream_);
 
@@ -251,6 +256,7 @@ class CudaBackend : public Backend {
     loss.photo = photo.device;
     loss.background = {step.background_color[0], step.background_color[1], step.background_color[2]};
     loss.cut_out_mask = step.cut_out_mask;
+    loss.is_listed = is_listed;
     loss.weights = weights;
     loss.fx = optimise.view.camera.fx;
     loss.fy = optimise.view.camera.fy;
@@ -286,6 +292,7 @@ class CudaBackend : public Backend {
     optimise.gradients = {gradients_.get(), stride_};
     optimise.has_geometry = channels.geometry;
     optimise.learns_foreground = learns_foreground;
+    optimise.only_drawn = step.only_rotating_tiles;
     optimise.adam = MakeAdamStep<float>(step.iteration);
     optimise.rates = step.rates;
     if (step.collect_statistics) {

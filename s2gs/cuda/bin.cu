@@ -30,7 +30,37 @@ struct EmitInput {
   ProjectedSplats splats;
   int count, width, height;
   uint64_t bound;
+  const uint8_t* is_listed;
 };
+
+// Tiles that a wanted splat reaches.
+__global__ __launch_bounds__(kThreads) void ListTilesKernel(ProjectedSplats splats, const float* logits,
+                                                            ForegroundRule rule, int count, int width,
+                                                            int height, uint8_t* is_listed) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  TileReach reach{};
+  if (i < count && splats.tile_counts[i] > 0 && IsForeground(logits[i], rule)) {
+    reach = ReachOf(splats, static_cast<uint32_t>(i));
+    reach.end = ~uint64_t{0};
+  }
+  ForEachTile(reach, width, height, nullptr,
+              [&](uint32_t /*id*/, uint64_t /*position*/, int tile) { is_listed[tile] = 1; });
+}
+
+// Counts tiles anew; splats that reach no listed one are not drawn.
+__global__ __launch_bounds__(kThreads) void CountListedKernel(ProjectedSplats splats,
+                                                              const uint8_t* is_listed, int count, int width,
+                                                              int height) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  TileReach reach{};
+  const bool is_drawn = i < count && splats.tile_counts[i] > 0;
+  if (is_drawn) reach = ReachOf(splats, static_cast<uint32_t>(i));
+  const int tiles = ForEachTile(reach, width, height, is_listed,
+                                [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
+  if (!is_drawn) return;
+  splats.tile_counts[i] = static_cast<uint32_t>(tiles);
+  if (tiles == 0) splats.depth_keys[i] = kNotDrawn;
+}
 
 template <typename Key>
 __global__ __launch_bounds__(kThreads) void EmitKernel(EmitInput in, Key* keys, uint32_t* ids,
@@ -43,20 +73,12 @@ __global__ __launch_bounds__(kThreads) void EmitKernel(EmitInput in, Key* keys, 
     const uint64_t end = in.offsets[i];
     if (i == in.count - 1 && end > in.bound) report->overflow = 1;
     if (num_tiles > 0 && end - num_tiles < in.bound) {
-      const float4 a = in.splats.splats[id].a, b = in.splats.splats[id].b;
-      const ushort4 rect = in.splats.tile_rects[id];
-      reach.footprint.centre = {a.x, a.y};
-      reach.footprint.u = {a.z, a.w};
-      reach.footprint.v = {b.x, b.y};
-      reach.footprint.w = {b.z, b.w};
-      reach.cutoff2 = CutoffSquaredRadius(in.splats.splats[id].c.x);
-      reach.tiles = {rect.x, rect.y, rect.z, rect.w};
-      reach.id = id;
+      reach = ReachOf(in.splats, id);
       reach.offset = end - num_tiles;
       reach.end = end < in.bound ? end : in.bound;
     }
   }
-  ForEachTile(reach, in.width, in.height, [&](uint32_t id, uint64_t position, int tile) {
+  ForEachTile(reach, in.width, in.height, in.is_listed, [&](uint32_t id, uint64_t position, int tile) {
     keys[position] = static_cast<Key>(tile);
     ids[position] = id;
   });
@@ -145,6 +167,7 @@ TileSorter::TileSorter(DeviceMemoryCount* memory)
       tile_begin_(memory),
       tile_end_(memory),
       tile_order_(memory),
+      is_listed_(memory),
       scratch_(memory) {}
 
 void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
@@ -162,6 +185,7 @@ void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
   tile_begin_.Reserve(num_tiles);
   tile_end_.Reserve(num_tiles);
   tile_order_.Reserve(num_tiles);
+  is_listed_.Reserve(num_tiles);
 }
 
 void TileSorter::ReserveIntersections(int64_t num_intersections) {
@@ -176,6 +200,19 @@ void TileSorter::ReserveIntersections(int64_t num_intersections) {
   sorted_tile_keys_.Reserve(n);
   tile_ids_.Reserve(n);
   sorted_tile_ids_.Reserve(n);
+}
+
+const uint8_t* TileSorter::ListTilesOf(const float* logits, ForegroundRule rule, int64_t num_gaussians,
+                                       int width, int height, cudaStream_t stream) {
+  const int num_tiles = NumTiles(width) * NumTiles(height);
+  CheckCuda(cudaMemsetAsync(is_listed_.get(), 0, num_tiles, stream), "listed tiles");
+  const auto n = static_cast<int>(num_gaussians);
+  ListTilesKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(splats(), logits, rule, n, width, height,
+                                                                   is_listed_.get());
+  CountListedKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(splats(), is_listed_.get(), n, width,
+                                                                     height);
+  CheckCuda(cudaGetLastError(), "listed tiles");
+  return is_listed_.get();
 }
 
 void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStream_t stream) {
@@ -201,7 +238,7 @@ void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStre
 }
 
 TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, int64_t bound,
-                                 StepReport* report, cudaStream_t stream) {
+                                 StepReport* report, cudaStream_t stream, const uint8_t* is_listed) {
   const int num_tiles = NumTiles(width) * NumTiles(height);
   CheckCuda(cudaMemsetAsync(tile_begin_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
   CheckCuda(cudaMemsetAsync(tile_end_.get(), 0, sizeof(uint32_t) * num_tiles, stream), "tile ranges");
@@ -219,9 +256,14 @@ TileLists TileSorter::SortByTile(int64_t num_gaussians, int width, int height, i
     using Key = std::remove_pointer_t<decltype(keys)>;
     // Entries that no splat fills sort behind all tiles.
     CheckCuda(cudaMemsetAsync(keys, 0xFF, sizeof(Key) * bound, stream), "tile keys");
-    const EmitInput input = {
-        sorted_ids_.get(),           offsets_.get(), splats(), static_cast<int>(num_gaussians), width, height,
-        static_cast<uint64_t>(bound)};
+    const EmitInput input = {sorted_ids_.get(),
+                             offsets_.get(),
+                             splats(),
+                             static_cast<int>(num_gaussians),
+                             width,
+                             height,
+                             static_cast<uint64_t>(bound),
+                             is_listed};
     EmitKernel<<<NumBlocks(num_gaussians, kThreads), kThreads, 0, stream>>>(input, keys, tile_ids_.get(),
                                                                             report);
     CheckCuda(cudaGetLastError(), "tile keys");

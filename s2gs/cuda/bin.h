@@ -20,12 +20,18 @@ class TileSorter {
             ids_.get(),    tile_counts_.get(), tile_rects_.get()};
   }
 
+  /// After the projection, before the sorts: only tiles that splats of the rotating part reach are listed,
+  /// and splats that reach none of these are no longer drawn. Returns by tile whether it is listed.
+  const uint8_t* ListTilesOf(const float* foreground_logits, ForegroundRule rule, int64_t num_gaussians,
+                             int width, int height, cudaStream_t stream);
+
   /// Depth order and the number of intersections; report->num_intersections is then on its way.
   void SortByDepth(int64_t num_gaussians, StepReport* report, cudaStream_t stream);
   /// The lists of all tiles. \param bound  room for intersections, at most what was reserved; if there are
   /// more, the rest is left out and report->overflow is set.
+  /// \param is_listed  as ListTilesOf() gave it; null: all tiles.
   TileLists SortByTile(int64_t num_gaussians, int width, int height, int64_t bound, StepReport* report,
-                       cudaStream_t stream);
+                       cudaStream_t stream, const uint8_t* is_listed = nullptr);
 
  private:
   DeviceBuffer<PackedSplat> splats_;
@@ -37,6 +43,7 @@ class TileSorter {
   DeviceBuffer<uint32_t> tile_keys_, sorted_tile_keys_;  ///< of 16 bits where these suffice.
   DeviceBuffer<uint32_t> tile_ids_, sorted_tile_ids_;
   DeviceBuffer<uint32_t> tile_begin_, tile_end_, tile_order_;
+  DeviceBuffer<uint8_t> is_listed_;
   DeviceBuffer<char> scratch_;
 };
 

@@ -124,6 +124,8 @@ struct MapGradients {
 };
 
 /// Splats of each tile, from front to back: tile t owns [begin[t], end[t]) of `ids`.
+constexpr uint32_t kNotDrawn = 0xFFFFFFFFU;  ///< the depth key of splats that are not drawn.
+
 struct TileLists {
   const uint32_t* begin;
   const uint32_t* end;

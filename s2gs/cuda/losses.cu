@@ -35,10 +35,12 @@ __device__ ColorPair LoadColors(const ImageLossInput& in, const Maps& maps, size
                                 int channel) {
   const size_t i = static_cast<size_t>(y) * in.photo.width + x;
   const float background = channel == 0 ? in.background.x : channel == 1 ? in.background.y : in.background.z;
-  const float rendered = maps.color[channel * size + i] + maps.transmittance[i] * background;
   const bool is_cut_out = in.cut_out_mask && in.photo.mask != nullptr && in.photo.mask[i] <= 127;
   const float real =
       is_cut_out ? background : static_cast<float>(in.photo.rgb[3 * i + channel]) * (1 / 255.0F);
+  const bool is_met =
+      in.is_listed != nullptr && in.is_listed[y / kTile * NumTiles(in.photo.width) + x / kTile] == 0;
+  const float rendered = is_met ? real : maps.color[channel * size + i] + maps.transmittance[i] * background;
   return {rendered, real};
 }
 

@@ -16,6 +16,7 @@ struct ImageLossInput {
   DevicePhoto photo;
   Vec3<float> background;
   bool cut_out_mask = false;
+  const uint8_t* is_listed = nullptr;  ///< by tile: in the others the photo counts as met. Null: none is met.
   LossWeights weights;
   float fx = 0, fy = 0, cx = 0, cy = 0;
   const StepReport* report = nullptr;  ///< sums are left alone when it says overflow.

@@ -73,6 +73,7 @@ __global__ __launch_bounds__(kThreads) void GradientKernel(OptimiseInput in) {
     if (in.gradient_sum != nullptr) CountGradient(in, i, surfel, d_surfel.centre);
     gradient = TransformSurfelAdjoint(g, in.view.camera, in.view.rule, surfel, d_surfel);
   }
+  if (!is_drawn && in.only_drawn) return;
   if (in.learns_foreground && in.d_logits != nullptr) gradient.foreground_logit += in.d_logits[i];
 
   static_assert(kCentre == 0 && kLogScale == 3 && kRotation == 5 && kOpacity == 9 && kForeground == 10,
@@ -111,10 +112,18 @@ __device__ void StoreFour(float* plane, int i, const Four& values) {
   *reinterpret_cast<float4*>(plane + i) = {values.v[0], values.v[1], values.v[2], values.v[3]};
 }
 
+// Which of the Gaussians from i on are moved: a bit each.
+__device__ unsigned MovedOf(const OptimiseInput& in, int i) {
+  if (!in.only_drawn) return 15;
+  const uint4 counts = *reinterpret_cast<const uint4*>(in.splats.tile_counts + i);
+  return (counts.x > 0 ? 1U : 0U) | (counts.y > 0 ? 2U : 0U) | (counts.z > 0 ? 4U : 0U) |
+         (counts.w > 0 ? 8U : 0U);
+}
+
 // Planes from `plane` on, of Gaussians from i on. All is loaded before anything is stored.
 template <int kCount>
-__device__ void UpdatePlanes(const OptimiseInput& in, int plane, int i, const Four (&gradient)[kCount],
-                             const float (&rate)[kCount]) {
+__device__ void UpdatePlanes(const OptimiseInput& in, int plane, int i, unsigned moved,
+                             const Four (&gradient)[kCount], const float (&rate)[kCount]) {
   Four x[kCount], m[kCount], v[kCount];
 #pragma unroll
   for (int k = 0; k < kCount; ++k) {
@@ -126,7 +135,8 @@ __device__ void UpdatePlanes(const OptimiseInput& in, int plane, int i, const Fo
   for (int k = 0; k < kCount; ++k) {
 #pragma unroll
     for (int j = 0; j < 4; ++j) {
-      UpdateByAdam(in.adam, rate[k], gradient[k].v[j], &x[k].v[j], &m[k].v[j], &v[k].v[j]);
+      if ((moved >> j & 1U) != 0)
+        UpdateByAdam(in.adam, rate[k], gradient[k].v[j], &x[k].v[j], &m[k].v[j], &v[k].v[j]);
     }
     StoreFour(in.parameters.At(plane + k), i, x[k]);
     StoreFour(in.first_moments.At(plane + k), i, m[k]);
@@ -160,6 +170,8 @@ __global__ __launch_bounds__(kThreads) void AdamKernel(OptimiseInput in) {
   const int i = 4 * static_cast<int>(blockIdx.y * blockDim.x + threadIdx.x);
   // Planes are padded, so that the last four may reach beyond the last Gaussian.
   if (i >= in.count || in.report->overflow != 0) return;
+  const unsigned moved = MovedOf(in, i);
+  if (moved == 0) return;
   const auto row = static_cast<int>(blockIdx.x);
   if (row < kGeometryRows) {
     const int plane = 3 * row;
@@ -170,15 +182,15 @@ __global__ __launch_bounds__(kThreads) void AdamKernel(OptimiseInput in) {
       gradient[k] = LoadFour(in.gradients.At(plane + k), i);
       rate[k] = RateOf(in.rates, plane + k);
     }
-    UpdatePlanes(in, plane, i, gradient, rate);
+    UpdatePlanes(in, plane, i, moved, gradient, rate);
     return;
   }
   if (row == kGeometryRows) {
     const Four opacity[1] = {LoadFour(in.gradients.At(kOpacity), i)};
-    UpdatePlanes(in, kOpacity, i, opacity, {in.rates.opacity});
+    UpdatePlanes(in, kOpacity, i, moved, opacity, {in.rates.opacity});
     if (!in.learns_foreground) return;
     const Four foreground[1] = {LoadFour(in.gradients.At(kForeground), i)};
-    UpdatePlanes(in, kForeground, i, foreground, {in.rates.foreground});
+    UpdatePlanes(in, kForeground, i, moved, foreground, {in.rates.foreground});
     return;
   }
   const int k = row - kGeometryRows - 2;  // -1: band 0.
@@ -199,7 +211,7 @@ __global__ __launch_bounds__(kThreads) void AdamKernel(OptimiseInput in) {
     for (int j = 0; j < 4; ++j) gradient[channel].v[j] *= basis.v[j];
   }
   static_assert(kShRest == kShDc + 3, "band 0 is the coefficient before the first of the others");
-  UpdatePlanes(in, kShRest + 3 * k, i, gradient, {rate, rate, rate});
+  UpdatePlanes(in, kShRest + 3 * k, i, moved, gradient, {rate, rate, rate});
 }
 
 template <int kDegree>

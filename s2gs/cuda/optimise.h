@@ -22,6 +22,7 @@ struct OptimiseInput {
   Planes gradients;                 ///< scratch: kGradientPlanes planes.
   bool has_geometry = false;
   bool learns_foreground = false;
+  bool only_drawn = false;  ///< the others stay as they are, with their moments.
   AdamStep<float> adam;
   LearningRates rates;
   float* gradient_sum = nullptr;  ///< null: no statistics.

@@ -7,7 +7,6 @@ namespace s2gs::cuda {
 namespace {
 
 constexpr int kThreads = 128;
-constexpr uint32_t kNotDrawn = 0xFFFFFFFFU;
 
 // Surfel, footprint, bounds and colour of one Gaussian. False when it is not drawn.
 __device__ bool ProjectOne(const Planes& parameters, int i, const ProjectOptions& options,
@@ -42,7 +41,7 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
     reach.cutoff2 = CutoffSquaredRadius(splat.opacity);
     reach.tiles = {rect.x_begin / kTile, rect.y_begin / kTile, NumTiles(rect.x_end), NumTiles(rect.y_end)};
   }
-  const int tiles = ForEachTile(reach, options.camera.width, options.camera.height,
+  const int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr,
                                 [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
   if (i >= count) return;
   out.ids[i] = static_cast<uint32_t>(i);

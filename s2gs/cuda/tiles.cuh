@@ -14,6 +14,21 @@ struct TileReach {
   uint64_t end;     ///< and one past its last.
 };
 
+/// Of a splat that was projected and is drawn.
+__device__ inline TileReach ReachOf(const ProjectedSplats& splats, uint32_t id) {
+  const float4 a = splats.splats[id].a, b = splats.splats[id].b;
+  const ushort4 rect = splats.tile_rects[id];
+  TileReach reach{};
+  reach.footprint.centre = {a.x, a.y};
+  reach.footprint.u = {a.z, a.w};
+  reach.footprint.v = {b.x, b.y};
+  reach.footprint.w = {b.z, b.w};
+  reach.cutoff2 = CutoffSquaredRadius(splats.splats[id].c.x);
+  reach.tiles = {rect.x, rect.y, rect.z, rect.w};
+  reach.id = id;
+  return reach;
+}
+
 __device__ inline bool ReachesTile(const TileReach& splat, int tile_x, int tile_y, int width, int height) {
   const float x0 = static_cast<float>(tile_x * kTile) + 0.5F;
   const float y0 = static_cast<float>(tile_y * kTile) + 0.5F;
@@ -27,8 +42,10 @@ __device__ inline bool ReachesTile(const TileReach& splat, int tile_x, int tile_
 /// splats are left to their lanes, large ones are shared by the whole warp. All lanes must call it.
 /// Positions from `end` on are left out: two kernels may round a tile on a splat's border to different sides,
 /// so the second to look may find one more tile than the first, or leave one place unfilled.
+/// \param is_listed  by tile: the others are passed over. Null: none is.
 template <typename Emit>
-__device__ int ForEachTile(const TileReach& splat, int width, int height, const Emit& emit) {
+__device__ int ForEachTile(const TileReach& splat, int width, int height, const uint8_t* is_listed,
+                           const Emit& emit) {
   constexpr int kAlone = 12;
   constexpr unsigned kAll = 0xFFFFFFFFU;
   const int lane = static_cast<int>(threadIdx.x % 32);
@@ -39,6 +56,7 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
   if (area <= kAlone) {
     for (int i = 0; i < area; ++i) {
       const int tile_x = splat.tiles.x_begin + i % columns, tile_y = splat.tiles.y_begin + i / columns;
+      if (is_listed != nullptr && is_listed[tile_y * tiles_in_row + tile_x] == 0) continue;
       if (area > 1 && !ReachesTile(splat, tile_x, tile_y, width, height)) continue;
       const uint64_t position = splat.offset + static_cast<uint64_t>(count);
       if (position < splat.end) emit(splat.id, position, tile_y * tiles_in_row + tile_x);
@@ -65,7 +83,9 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
     for (int base = 0; base < its_area; base += 32) {
       const int i = base + lane;
       const int tile_x = x_begin + i % its_columns, tile_y = y_begin + i / its_columns;
-      const bool reaches = i < its_area && ReachesTile(one, tile_x, tile_y, width, height);
+      const bool reaches = i < its_area &&
+                           (is_listed == nullptr || is_listed[tile_y * tiles_in_row + tile_x] != 0) &&
+                           ReachesTile(one, tile_x, tile_y, width, height);
       const unsigned hits = __ballot_sync(kAll, reaches);
       if (reaches) {
         const uint64_t position =

@@ -269,6 +269,85 @@ TEST_P(BackendTest, GradientsAndLossesEqualTheReference) {
                Name(), worst, 1e-3);
 }
 
+// Left a rotating disc that covers five columns of tiles and small splats of both kinds well inside, right of
+// it small ones that stand still. Where tiles are drawn a step does what it does with all of them, elsewhere
+// nothing.
+TEST_P(BackendTest, OnlyRotatingTilesAreLearntFrom) {
+  PinholeView view;
+  view.width = 160;
+  view.height = 64;
+  view.fx = view.fy = 160;
+  view.cx = 80;
+  view.cy = 32;
+  view.near_depth = 0.05;
+  RandomNumbers random(11);
+  const auto splat_at = [&](double pixel_x, double pixel_y, double z, bool rotates) {
+    ReferenceGaussian g{};
+    g[kRefCentre] = (pixel_x - view.cx) * z / view.fx;
+    g[kRefCentre + 1] = (pixel_y - view.cy) * z / view.fy;
+    g[kRefCentre + 2] = z;
+    for (int k = 0; k < 2; ++k) g[kRefLogScale + k] = std::log(2 * z / view.fx);
+    g[kRefRotation] = 1;
+    for (int k = 1; k < 4; ++k) g[kRefRotation + k] = 0.2 * random.Normal();
+    g[kRefOpacity] = 1;
+    g[kRefForeground] = rotates ? 12 : -12;
+    for (int k = 0; k < 3; ++k) g[kRefDc + k] = random.Uniform(-1, 1);
+    return g;
+  };
+  constexpr size_t kNumLeft = 41, kNumRight = 20;
+  std::vector<ReferenceGaussian> scene = {splat_at(32, 32, 6, true)};
+  scene[0][kRefLogScale] = scene[0][kRefLogScale + 1] = std::log(0.54);  // reaches 47 px
+  for (int k = 1; k < 4; ++k) scene[0][kRefRotation + k] = 0;
+  while (scene.size() < kNumLeft)
+    scene.push_back(splat_at(random.Uniform(14, 46), random.Uniform(10, 54), random.Uniform(3, 5),
+                             scene.size() % 2 == 0));
+  while (scene.size() < kNumLeft + kNumRight)
+    scene.push_back(splat_at(random.Uniform(122, 150), random.Uniform(10, 54), random.Uniform(3, 5), false));
+  TrainState state;
+  state.gaussians = FromReference(scene, 0);
+  TrainStep step = UsualStep();
+  step.iteration = 1;
+  step.freeze_foreground = true;
+  step.weights.normal = 0.05F;
+  const auto after = [&](bool only_rotating_tiles) {
+    backend_->SetPhotos({RandomPhoto(view, 5)});
+    backend_->SetState(state);
+    step.only_rotating_tiles = only_rotating_tiles;
+    backend_->Step(step);
+    const LossTerms loss = backend_->TakeLoss();
+    EXPECT_EQ(loss.steps, 1);
+    EXPECT_GT(loss.l1, 0);
+    return std::pair(backend_->GetState(), loss.l1);
+  };
+  after(false);  // the first step on a GPU finds out how many pairs there are
+  const auto [whole, whole_l1] = after(false);
+  const auto [part, part_l1] = after(true);
+  // Five columns of ten, of a random photo.
+  EXPECT_NEAR(part_l1 / whole_l1, 0.5, 0.1);
+  const auto changed = [](const std::vector<float>& a, const std::vector<float>& b, size_t begin,
+                          size_t end) {
+    double most = 0;
+    for (size_t i = begin; i < end; ++i) most = std::max(most, std::abs(static_cast<double>(a[i]) - b[i]));
+    return most;
+  };
+  // Gradients, which the first step's moments are, of centres: sums of floats in another order on a GPU.
+  EXPECT_LT(changed(part.first_moment.centre, whole.first_moment.centre, 3, 3 * kNumLeft), 1e-8);
+  EXPECT_LT(changed(part.first_moment.sh_dc, whole.first_moment.sh_dc, 3, 3 * kNumLeft), 1e-9);
+  const std::vector<float> zeros(whole.first_moment.centre.size());
+  EXPECT_GT(changed(whole.first_moment.centre, zeros, 3, 3 * kNumLeft), 1e-5);
+  EXPECT_EQ(changed(part.gaussians.centre, state.gaussians.centre, 3 * kNumLeft, 3 * scene.size()), 0);
+  EXPECT_EQ(changed(part.gaussians.sh_dc, state.gaussians.sh_dc, 3 * kNumLeft, 3 * scene.size()), 0);
+  EXPECT_GT(changed(whole.gaussians.sh_dc, state.gaussians.sh_dc, 3 * kNumLeft, 3 * scene.size()), 1e-4);
+  // Nor by what is left of an earlier step.
+  backend_->SetState(whole);
+  step.iteration = 2;
+  backend_->Step(step);
+  const TrainState later = backend_->GetState();
+  EXPECT_GT(changed(later.gaussians.centre, whole.gaussians.centre, 3, 3 * kNumLeft), 1e-6);
+  EXPECT_EQ(changed(later.gaussians.centre, whole.gaussians.centre, 3 * kNumLeft, 3 * scene.size()), 0);
+  EXPECT_EQ(changed(later.first_moment.sh_dc, whole.first_moment.sh_dc, 3 * kNumLeft, 3 * scene.size()), 0);
+}
+
 TEST_P(BackendTest, HostileNumbersAreCulled) {
   const float kHostile[] = {std::numeric_limits<float>::quiet_NaN(),
                             std::numeric_limits<float>::infinity(),

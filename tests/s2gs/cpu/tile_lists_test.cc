@@ -3,11 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <vector>
 
 #include "sfm_split/base/error.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/measured_bound.h"
+#include "tests/support/random_numbers.h"
 
 namespace s2gs {
 namespace {
@@ -71,6 +73,66 @@ TEST(TileLists, ListsGoFromNearToFar) {
     for (const TileEntry& entry : lists.Entries(tile)) splats.push_back(entry.splat);
     const bool first_column = tile % kTiles == 0;
     EXPECT_EQ(splats, first_column ? std::vector<uint32_t>({1, 0, 2}) : std::vector<uint32_t>({0, 2}));
+  }
+}
+
+// Against the lists of all tiles, thinned out.
+TEST(TileLists, TilesOfWantedSplatsAlone) {
+  constexpr int kWidth = 19 * kTileSize - 5, kHeight = 11 * kTileSize;
+  RandomNumbers random(7);
+  std::vector<SplatRow> rows;
+  std::vector<uint8_t> wanted;
+  for (int i = 0; i < 300; ++i) {
+    // Discs of one pixel to some tiles across, each tenth too large for the bits of its tiles.
+    const double radius = i % 10 == 0 ? 100 : random.Uniform(1, 25);
+    const double x = random.Uniform(0, kWidth), y = random.Uniform(0, kHeight);
+    SplatRow row{};
+    row.x = static_cast<float>(x);
+    row.y = static_cast<float>(y);
+    row.ux = row.vy = static_cast<float>(radius);
+    row.depth = static_cast<float>(random.Uniform(1, 2));
+    row.nz = -1;
+    row.opacity = 1;
+    row.cutoff2 = 1;
+    row.x_begin = std::max(0, static_cast<int>(x - radius));
+    row.y_begin = std::max(0, static_cast<int>(y - radius));
+    row.x_end = std::min(kWidth, static_cast<int>(x + radius) + 1);
+    row.y_end = std::min(kHeight, static_cast<int>(y + radius) + 1);
+    if (i % 17 == 3) row.x_end = row.x_begin;  // not drawn
+    rows.push_back(row);
+    wanted.push_back(i % 10 != 0 && x < kWidth / 3.0 ? 1 : 0);
+  }
+  ThreadPool threads(2);
+  TileLists all, some;
+  all.Build(rows, kWidth, kHeight, &threads);
+  some.Build(rows, kWidth, kHeight, &threads, 0, &wanted);
+  const auto splats_of = [](const TileLists& lists, int tile) {
+    std::vector<uint32_t> splats;
+    for (const TileEntry& entry : lists.Entries(tile)) splats.push_back(entry.splat);
+    return splats;
+  };
+  std::vector<int> splat_of_slot(some.num_slots(), -1);
+  int num_listed = 0;
+  for (int tile = 0; tile < all.num_tiles(); ++tile) {
+    const std::vector<uint32_t> expected = splats_of(all, tile);
+    const bool is_listed =
+        std::any_of(expected.begin(), expected.end(), [&](uint32_t i) { return wanted[i] != 0; });
+    EXPECT_EQ(some.IsListed(tile), is_listed) << tile;
+    EXPECT_TRUE(all.IsListed(tile));
+    EXPECT_EQ(splats_of(some, tile), is_listed ? expected : std::vector<uint32_t>()) << tile;
+    num_listed += is_listed ? 1 : 0;
+    for (const TileEntry& entry : some.Entries(tile)) {
+      ASSERT_LT(entry.slot, splat_of_slot.size());
+      EXPECT_EQ(splat_of_slot[entry.slot], -1);
+      splat_of_slot[entry.slot] = static_cast<int>(entry.splat);
+    }
+  }
+  EXPECT_GT(num_listed, 40);
+  EXPECT_LT(num_listed, all.num_tiles() - 40);
+  // Each slot is taken, and by the splat whose it is.
+  for (size_t i = 0; i < rows.size(); ++i) {
+    for (size_t slot = some.SlotBegin(i); slot < some.SlotBegin(i + 1); ++slot)
+      EXPECT_EQ(splat_of_slot[slot], static_cast<int>(i));
   }
 }
 
