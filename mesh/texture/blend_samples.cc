@@ -26,6 +26,29 @@ float Median(Weights values, int count) {
   return count % 2 != 0 ? values[count / 2] : (values[count / 2 - 1] + values[count / 2]) / 2;
 }
 
+using Colors = std::array<Eigen::Array3f, kMaxCandidates>;
+
+// Weights by how far photos' smooth colours are from their median; as they were where no photo would count.
+Weights Judged(const Weights& weights, const Colors& smooth, int count) {
+  Eigen::Array3f middle;
+  for (int c = 0; c < 3; ++c) {
+    Weights values{};
+    for (int i = 0; i < count; ++i) values[i] = smooth[i][c];
+    middle[c] = Median(values, count);
+  }
+  Weights distances{};
+  for (int i = 0; i < count; ++i) distances[i] = (smooth[i] - middle).abs().maxCoeff();
+  const float reach = kTukey * std::max(kAgreement, kSigmaOfMad * Median(distances, count));
+  Weights judged{};
+  float sum = 0;
+  for (int i = 0; i < count; ++i) {
+    const float share = std::min(1.0F, distances[i] / reach);
+    judged[i] = weights[i] * (1 - share * share) * (1 - share * share);
+    sum += judged[i];
+  }
+  return sum > 0 ? judged : weights;
+}
+
 }  // namespace
 
 void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, uint8_t* count) {
@@ -58,8 +81,8 @@ Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array
   // Grey values go about with the root of light. What a photo shows in the dark is made brighter by so much,
   // and its noise with it.
   largest = 0;
-  std::array<Eigen::Array3f, kMaxCandidates> smooth;
-  std::array<Eigen::Array3f, kMaxCandidates> sharp;
+  Colors smooth;
+  Colors sharp;
   for (int i = 0; i < count; ++i) {
     weights[i] *= shades[i].mean();
     largest = std::max(largest, weights[i]);
@@ -68,25 +91,7 @@ Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array
     smooth[i] = UnderLight(gain * ColorOf(candidates[i].sample.smooth), unshade);
     sharp[i] = UnderLight(gain * ColorOf(candidates[i].sample.color), unshade);
   }
-  if (count >= kMinJudges) {
-    Eigen::Array3f middle;
-    for (int c = 0; c < 3; ++c) {
-      Weights values{};
-      for (int i = 0; i < count; ++i) values[i] = smooth[i][c];
-      middle[c] = Median(values, count);
-    }
-    Weights distances{};
-    for (int i = 0; i < count; ++i) distances[i] = (smooth[i] - middle).abs().maxCoeff();
-    const float reach = kTukey * std::max(kAgreement, kSigmaOfMad * Median(distances, count));
-    Weights judged{};
-    float sum = 0;
-    for (int i = 0; i < count; ++i) {
-      const float share = std::min(1.0F, distances[i] / reach);
-      judged[i] = weights[i] * (1 - share * share) * (1 - share * share);
-      sum += judged[i];
-    }
-    if (sum > 0) weights = judged;
-  }
+  if (count >= kMinJudges) weights = Judged(weights, smooth, count);
   Eigen::Array3f smooth_sum = Eigen::Array3f::Zero();
   Eigen::Array3f detail_sum = Eigen::Array3f::Zero();
   float smooth_weight = 0;

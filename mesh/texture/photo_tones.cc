@@ -20,59 +20,67 @@ constexpr int kRounds = 30;
 // A photo without any detail is not better than nothing.
 constexpr float kLeastSharpness = 0.1F;
 
-}  // namespace
+// A channel's value of a sample, without the place's light.
+struct Value {
+  uint32_t place;
+  uint16_t photo;
+  float log;
+};
 
-std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos) {
-  std::vector<PhotoTone> tones(num_photos);
-  if (samples.empty()) return tones;
-  const size_t num_places = samples.back().place + size_t{1};
-  std::vector<int> num_seen(num_places, 0);
-  for (const ToneSample& s : samples) ++num_seen[s.place];
-  for (int c = 0; c < 3; ++c) {
-    struct Value {
-      uint32_t place;
-      uint16_t photo;
-      float log;
-    };
-    std::vector<Value> values;
-    for (const ToneSample& s : samples) {
-      const uint8_t value = s.sample.smooth[c];
-      if (num_seen[s.place] < 2 || value < kDarkest || value > kBrightest) continue;
-      const Eigen::Array3f unshaded = UnderLight(ColorOf(s.sample.smooth), s.shade.inverse());
-      values.push_back({s.place, s.photo, std::log(unshaded[c])});
-    }
-    std::vector<float> gains(num_photos, 0);
-    std::vector<std::vector<float>> of_photo(num_photos);
-    for (int round = 0; round < kRounds; ++round) {
-      for (auto& list : of_photo) list.clear();
-      for (size_t begin = 0; begin < values.size();) {
-        size_t end = begin;
-        std::vector<float> here;
-        while (end < values.size() && values[end].place == values[begin].place) {
-          here.push_back(values[end].log + gains[values[end].photo]);
-          ++end;
-        }
-        std::sort(here.begin(), here.end());
-        const float middle = (here[(here.size() - 1) / 2] + here[here.size() / 2]) / 2;
-        for (size_t i = begin; i < end; ++i) of_photo[values[i].photo].push_back(middle - values[i].log);
-        begin = end;
-      }
-      double sum = 0;
-      int64_t count = 0;
-      for (int i = 0; i < num_photos; ++i) {
-        if (of_photo[i].size() < kMinPlaces) continue;
-        gains[i] = UpperMedian(of_photo[i]);
-        sum += gains[i];
-        ++count;
-      }
-      for (int i = 0; i < num_photos && count > 0; ++i) {
-        if (of_photo[i].size() >= kMinPlaces)
-          gains[i] -= static_cast<float>(sum / static_cast<double>(count));
-      }
-    }
-    for (int i = 0; i < num_photos; ++i) tones[i].gain[c] = std::exp(gains[i]);
+// Of one channel, in the order of the samples: those of places that two photos see, neither dark nor clipped.
+std::vector<Value> ChannelValues(const std::vector<ToneSample>& samples, const std::vector<int>& num_seen,
+                                 int channel) {
+  std::vector<Value> values;
+  for (const ToneSample& s : samples) {
+    const uint8_t value = s.sample.smooth[channel];
+    if (num_seen[s.place] < 2 || value < kDarkest || value > kBrightest) continue;
+    const Eigen::Array3f unshaded = UnderLight(ColorOf(s.sample.smooth), s.shade.inverse());
+    values.push_back({s.place, s.photo, std::log(unshaded[channel])});
   }
-  // Strength of the detail beside that of the place's other photos.
+  return values;
+}
+
+// By photo, what each of its values lacks of its place's median under these gains.
+void CollectLacks(const std::vector<Value>& values, const std::vector<float>& gains,
+                  std::vector<std::vector<float>>* of_photo) {
+  for (auto& list : *of_photo) list.clear();
+  for (size_t begin = 0; begin < values.size();) {
+    size_t end = begin;
+    std::vector<float> here;
+    while (end < values.size() && values[end].place == values[begin].place) {
+      here.push_back(values[end].log + gains[values[end].photo]);
+      ++end;
+    }
+    std::sort(here.begin(), here.end());
+    const float middle = (here[(here.size() - 1) / 2] + here[here.size() / 2]) / 2;
+    for (size_t i = begin; i < end; ++i) (*of_photo)[values[i].photo].push_back(middle - values[i].log);
+    begin = end;
+  }
+}
+
+// Logarithms of the photos' gains in one channel.
+std::vector<float> FindGains(const std::vector<Value>& values, int num_photos) {
+  std::vector<float> gains(num_photos, 0);
+  std::vector<std::vector<float>> of_photo(num_photos);
+  for (int round = 0; round < kRounds; ++round) {
+    CollectLacks(values, gains, &of_photo);
+    double sum = 0;
+    int64_t count = 0;
+    for (int i = 0; i < num_photos; ++i) {
+      if (of_photo[i].size() < kMinPlaces) continue;
+      gains[i] = UpperMedian(of_photo[i]);
+      sum += gains[i];
+      ++count;
+    }
+    for (int i = 0; i < num_photos && count > 0; ++i) {
+      if (of_photo[i].size() >= kMinPlaces) gains[i] -= static_cast<float>(sum / static_cast<double>(count));
+    }
+  }
+  return gains;
+}
+
+// The strength of each photo's detail beside that of its places' photos; empty lists have none.
+std::vector<std::vector<float>> DetailRatios(const std::vector<ToneSample>& samples, int num_photos) {
   std::vector<std::vector<float>> ratios(num_photos);
   for (size_t begin = 0; begin < samples.size();) {
     size_t end = begin;
@@ -92,6 +100,22 @@ std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int
     }
     begin = end;
   }
+  return ratios;
+}
+
+}  // namespace
+
+std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos) {
+  std::vector<PhotoTone> tones(num_photos);
+  if (samples.empty()) return tones;
+  const size_t num_places = samples.back().place + size_t{1};
+  std::vector<int> num_seen(num_places, 0);
+  for (const ToneSample& s : samples) ++num_seen[s.place];
+  for (int c = 0; c < 3; ++c) {
+    const std::vector<float> gains = FindGains(ChannelValues(samples, num_seen, c), num_photos);
+    for (int i = 0; i < num_photos; ++i) tones[i].gain[c] = std::exp(gains[i]);
+  }
+  const std::vector<std::vector<float>> ratios = DetailRatios(samples, num_photos);
   for (int i = 0; i < num_photos; ++i) {
     if (ratios[i].size() >= kMinPlaces)
       tones[i].sharpness = std::max(kLeastSharpness, UpperMedian(ratios[i]));

@@ -83,6 +83,44 @@ void LookAt(const ReportInput& input, int side, Photo* photo) {
   photo->thumbnail = JpegDataUri(TurnUpright(Thumbnail(image, side), orientation), kThumbnailQuality);
 }
 
+// Thumbnails, and what stands out among the photos; those that cannot be read are warned about.
+void LookAtAll(const ReportInput& input, Reporter& reporter, std::vector<Photo>* photos) {
+  std::vector<std::string> problems(photos->size());
+  const int side = ThumbnailSide(photos->size());
+  const int threads = std::clamp(omp_get_max_threads(), 1, 8);
+  // In parts, so that progress and Ctrl-C come from this thread.
+  const size_t part = 8 * static_cast<size_t>(threads);
+  for (size_t first = 0; first < photos->size(); first += part) {
+    if (reporter.StopRequested()) throw Interrupted();
+    reporter.Progress("look at photos", static_cast<int64_t>(first), static_cast<int64_t>(photos->size()));
+    const size_t count = std::min(part, photos->size() - first);
+    ParallelFor(static_cast<int64_t>(count), threads, [&](int64_t i) {
+      const size_t at = first + static_cast<size_t>(i);
+      try {
+        LookAt(input, side, &(*photos)[at]);
+      } catch (const UserError& error) {
+        problems[at] = error.what();
+      }
+    });
+  }
+  if (!photos->empty()) {
+    const auto total = static_cast<int64_t>(photos->size());
+    reporter.Progress("look at photos", total, total);
+  }
+  for (const std::string& problem : problems) {
+    if (!problem.empty()) reporter.Warn("no thumbnail: " + problem);
+  }
+  std::vector<PhotoQuality> qualities;
+  std::vector<int> stations;
+  for (const Photo& photo : *photos) {
+    qualities.push_back(photo.quality);
+    stations.push_back(photo.station);
+  }
+  for (const PhotoWarning& warning : FindPhotoWarnings(qualities, stations)) {
+    (*photos)[warning.photo].warnings.push_back(warning.text);
+  }
+}
+
 std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {
   const std::set<std::string> untied = Names(input.mapper, "untied");
   const std::set<std::string> doubted = Names(input.mapper, "doubted");
@@ -124,42 +162,7 @@ std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {
       if (found != photos.end() && found->name == name) found->mended = mended.value("how", "");
     }
   }
-  if (input.image_path.empty()) return photos;
-
-  std::vector<std::string> problems(photos.size());
-  const int side = ThumbnailSide(photos.size());
-  const int threads = std::clamp(omp_get_max_threads(), 1, 8);
-  // In parts, so that progress and Ctrl-C come from this thread.
-  const size_t part = 8 * static_cast<size_t>(threads);
-  for (size_t first = 0; first < photos.size(); first += part) {
-    if (reporter.StopRequested()) throw Interrupted();
-    reporter.Progress("look at photos", static_cast<int64_t>(first), static_cast<int64_t>(photos.size()));
-    const size_t count = std::min(part, photos.size() - first);
-    ParallelFor(static_cast<int64_t>(count), threads, [&](int64_t i) {
-      const size_t at = first + static_cast<size_t>(i);
-      try {
-        LookAt(input, side, &photos[at]);
-      } catch (const UserError& error) {
-        problems[at] = error.what();
-      }
-    });
-  }
-  if (!photos.empty()) {
-    const auto total = static_cast<int64_t>(photos.size());
-    reporter.Progress("look at photos", total, total);
-  }
-  for (const std::string& problem : problems) {
-    if (!problem.empty()) reporter.Warn("no thumbnail: " + problem);
-  }
-  std::vector<PhotoQuality> qualities;
-  std::vector<int> stations;
-  for (const Photo& photo : photos) {
-    qualities.push_back(photo.quality);
-    stations.push_back(photo.station);
-  }
-  for (const PhotoWarning& warning : FindPhotoWarnings(qualities, stations)) {
-    photos[warning.photo].warnings.push_back(warning.text);
-  }
+  if (!input.image_path.empty()) LookAtAll(input, reporter, &photos);
   return photos;
 }
 

@@ -118,6 +118,31 @@ void WriteTracks(const std::vector<Body>& bodies, ReportSection* section) {
   WritePlot(plot, &section->html);
 }
 
+// An arrow for each cell's mean residual, a dot where too few points were seen.
+// \param scale  of the drawing. \param arrow  of the residuals in it.
+void WriteCells(const ResidualField& field, double scale, double arrow, HtmlWriter* out) {
+  for (const ResidualField::Cell& cell : field.cells) {
+    const Eigen::Vector2d from = scale * cell.middle;
+    if (cell.count < 10) {
+      out->Void("circle", {{"class", "faint"},
+                           {"cx", ShortNumber(from.x(), 1)},
+                           {"cy", ShortNumber(from.y(), 1)},
+                           {"r", "1.2"}});
+      continue;
+    }
+    const Eigen::Vector2d to = from + arrow * cell.mean;
+    out->Open("g", {{"class", cell.is_systematic ? "systematic" : "chance"}});
+    out->Void("line", {{"x1", ShortNumber(from.x(), 1)},
+                       {"y1", ShortNumber(from.y(), 1)},
+                       {"x2", ShortNumber(to.x(), 1)},
+                       {"y2", ShortNumber(to.y(), 1)}});
+    out->Void("circle", {{"cx", ShortNumber(from.x(), 1)}, {"cy", ShortNumber(from.y(), 1)}, {"r", "1.8"}});
+    out->Element("title",
+                 fmt::format("{} px from {}", Significant(cell.mean.norm(), 2), Count(cell.count, "point")));
+    out->Close();
+  }
+}
+
 void WriteField(const std::vector<Body>& bodies, ReportSection* section) {
   std::vector<const ColmapModel*> models;
   std::vector<const ModelResiduals*> residuals;
@@ -146,26 +171,7 @@ void WriteField(const std::vector<Body>& bodies, ReportSection* section) {
                                       ShortNumber(static_cast<double>(camera.height) * scale))},
               {"role", "img"},
               {"aria-label", "Mean residual over the frame"}});
-    for (const ResidualField::Cell& cell : field.cells) {
-      const Eigen::Vector2d from = scale * cell.middle;
-      if (cell.count < 10) {
-        out.Void("circle", {{"class", "faint"},
-                            {"cx", ShortNumber(from.x(), 1)},
-                            {"cy", ShortNumber(from.y(), 1)},
-                            {"r", "1.2"}});
-        continue;
-      }
-      const Eigen::Vector2d to = from + arrow * cell.mean;
-      out.Open("g", {{"class", cell.is_systematic ? "systematic" : "chance"}});
-      out.Void("line", {{"x1", ShortNumber(from.x(), 1)},
-                        {"y1", ShortNumber(from.y(), 1)},
-                        {"x2", ShortNumber(to.x(), 1)},
-                        {"y2", ShortNumber(to.y(), 1)}});
-      out.Void("circle", {{"cx", ShortNumber(from.x(), 1)}, {"cy", ShortNumber(from.y(), 1)}, {"r", "1.8"}});
-      out.Element("title",
-                  fmt::format("{} px from {}", Significant(cell.mean.norm(), 2), Count(cell.count, "point")));
-      out.Close();
-    }
+    WriteCells(field, scale, arrow, &out);
     out.Close();
     out.Element(
         "p",

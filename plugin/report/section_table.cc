@@ -159,6 +159,35 @@ void WriteScene(const ReportInput& input, HtmlWriter* out) {
   WriteView(input, {input.turntable->axis.point, right, up, scale}, reach, "From the side", out);
 }
 
+// Of each station's angles, beside each other where several stations have a photo of that number.
+Plot PlotOfSteps(const std::vector<StationSteps>& stations, const std::map<std::string, double>& sigmas) {
+  Plot plot{"How far the steps are from equal ones",
+            {"photo of its station", false},
+            {"deviation [degrees]", false},
+            {},
+            false};
+  for (const StationSteps& station : stations) {
+    if (station.deviations_deg.empty()) continue;
+    PlotSeries series;
+    series.name = fmt::format("station {}", station.station);
+    series.color = station.station;
+    series.mark = PlotMark::kDots;
+    const double beside = kBeside * (static_cast<double>(&station - stations.data()) -
+                                     0.5 * static_cast<double>(stations.size() - 1));
+    for (size_t i = 0; i < station.photos.size(); ++i) {
+      series.points.emplace_back(static_cast<double>(i) + beside, station.deviations_deg[i]);
+      const auto sigma = sigmas.find(station.photos[i]);
+      if (!sigmas.empty()) {
+        series.sigmas.push_back(sigma == sigmas.end() ? std::nan("") : sigma->second);
+      }
+      series.titles.push_back(
+          fmt::format("{}: {}°", station.photos[i], ShortNumber(station.deviations_deg[i], 3)));
+    }
+    plot.series.push_back(std::move(series));
+  }
+  return plot;
+}
+
 }  // namespace
 
 ReportSection TableSection(const ReportInput& input) {
@@ -175,31 +204,7 @@ ReportSection TableSection(const ReportInput& input) {
   out.Open("div", {{"class", "figures"}});
   if (input.ShowsATurn()) WriteDial(input, sigmas, &out);
   WriteScene(input, &out);
-  Plot plot{"How far the steps are from equal ones",
-            {"photo of its station", false},
-            {"deviation [degrees]", false},
-            {},
-            false};
-  for (const StationSteps& station : stations) {
-    if (station.deviations_deg.empty()) continue;
-    PlotSeries series;
-    series.name = fmt::format("station {}", station.station);
-    series.color = station.station;
-    series.mark = PlotMark::kDots;
-    for (size_t i = 0; i < station.photos.size(); ++i) {
-      // Beside each other where several stations have a photo of that number.
-      const double beside = kBeside * (static_cast<double>(&station - stations.data()) -
-                                       0.5 * static_cast<double>(stations.size() - 1));
-      series.points.emplace_back(static_cast<double>(i) + beside, station.deviations_deg[i]);
-      const auto sigma = sigmas.find(station.photos[i]);
-      if (!sigmas.empty()) {
-        series.sigmas.push_back(sigma == sigmas.end() ? std::nan("") : sigma->second);
-      }
-      series.titles.push_back(
-          fmt::format("{}: {}°", station.photos[i], ShortNumber(station.deviations_deg[i], 3)));
-    }
-    plot.series.push_back(std::move(series));
-  }
+  const Plot plot = PlotOfSteps(stations, sigmas);
   if (!plot.series.empty()) WritePlot(plot, &out);
   out.Close();
   if (!input.ShowsATurn()) {
