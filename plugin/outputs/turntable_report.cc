@@ -54,6 +54,84 @@ json PriorShareOfAngles(const JointReport& joint) {
   return share ? json(*share) : json(nullptr);
 }
 
+json MendedToJson(const std::vector<RelocalisedImage>& images) {
+  json list = json::array();
+  for (const RelocalisedImage& image : images) {
+    list.push_back({{"name", image.name},
+                    {"how", image.how},
+                    {"inliers", image.inliers},
+                    {"candidates", image.candidates},
+                    {"margin", image.margin}});
+  }
+  return list;
+}
+
+json PlacedStationsToJson(const std::vector<RelocalisedImage>& images) {
+  json list = json::array();
+  for (const RelocalisedImage& image : images) {
+    list.push_back({{"image", image.name},
+                    {"inliers", image.inliers},
+                    {"candidates", image.candidates},
+                    {"margin", image.margin}});
+  }
+  return list;
+}
+
+json SigmasToJson(const JointReport& joint) {
+  std::vector<double> angles;
+  for (const double sigma : joint.angle_sigma_deg) {
+    if (sigma > 0) angles.push_back(sigma);
+  }
+  const double none = -1;
+  json focals = json::array();
+  for (const double sigma : joint.focal_sigma_px) focals.push_back(SigmaToJson(sigma));
+  json not_computed = json::array();
+  if (joint.axis_direction_sigma_deg < 0) not_computed.push_back("axis_direction_deg");
+  if (joint.axis_point_sigma < 0) not_computed.push_back("axis_point");
+  if (angles.empty()) not_computed.push_back("angle_deg");
+  if (joint.focal_sigma_px.empty()) not_computed.push_back("focal_px");
+  if (joint.scale_sigma_rel < 0) not_computed.push_back("scale_rel");
+  return {
+      {"pixel", joint.sigma_px},
+      {"axis_direction_deg", SigmaToJson(joint.axis_direction_sigma_deg)},
+      {"axis_point", SigmaToJson(joint.axis_point_sigma)},
+      {"angle_median_deg", SigmaToJson(angles.empty() ? none : UpperMedian(angles))},
+      {"angle_max_deg", SigmaToJson(angles.empty() ? none : *std::max_element(angles.begin(), angles.end()))},
+      {"focal_px", std::move(focals)},
+      {"focal_prior_share", joint.focal_prior_share},
+      {"angle_prior_share", PriorShareOfAngles(joint)},
+      {"scale_rel", SigmaToJson(joint.scale_sigma_rel)},
+      {"not_computed", std::move(not_computed)}};
+}
+
+json StatedAnglesToJson(const RefineReport& refined) {
+  json stations = json::array();
+  for (const KnownAngles& stated : refined.known_angles) {
+    stations.push_back({{"station", stated.station},
+                        {"believed", stated.is_believed},
+                        {"photos", stated.prior.places.size()},
+                        {"contradict", stated.contradicts.size()},
+                        {"scatter_deg", stated.scatter_rad / kDegree},
+                        {"prior_sigma_deg", stated.prior.sigma_rad / kDegree},
+                        {"factor", stated.factor},
+                        {"factor_sigma", stated.factor_sigma}});
+  }
+  return {{"contradictions", refined.angle_contradictions}, {"stations", std::move(stations)}};
+}
+
+json RoundsToJson(const std::vector<RefineRound>& rounds) {
+  json list = json::array();
+  for (const RefineRound& round : rounds) {
+    list.push_back({{"images", round.images},
+                    {"object_points", round.object_points},
+                    {"background_points", round.background_points},
+                    {"object_rms_px", round.object_rms_px},
+                    {"background_rms_px", round.background_rms_px},
+                    {"seconds", round.seconds}});
+  }
+  return list;
+}
+
 // A standard deviation for people.
 std::string Number(const json& value, bool is_computed = true, const char* format = "{:.4g}") {
   if (!is_computed) return "not computed";
@@ -96,22 +174,9 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   json report;
   report["registered"] = aligned.scene.views.size();
   report["missing"] = refined.missing;
-  report["mended"] = json::array();
-  for (const RelocalisedImage& image : refined.mended) {
-    report["mended"].push_back({{"name", image.name},
-                                {"how", image.how},
-                                {"inliers", image.inliers},
-                                {"candidates", image.candidates},
-                                {"margin", image.margin}});
-  }
+  report["mended"] = MendedToJson(refined.mended);
   report["doubted"] = refined.doubted;
-  report["placed_stations"] = json::array();
-  for (const RelocalisedImage& image : refined.placed_stations) {
-    report["placed_stations"].push_back({{"image", image.name},
-                                         {"inliers", image.inliers},
-                                         {"candidates", image.candidates},
-                                         {"margin", image.margin}});
-  }
+  report["placed_stations"] = PlacedStationsToJson(refined.placed_stations);
   report["untied"] = refined.untied;
   report["stations"] = aligned.scene.num_stations;
   report["scale_observable"] = aligned.scene.scale_observable;
@@ -121,30 +186,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   report["object"] = BodyToJson(aligned.object, joint.object_rms_px, joint.object_observations);
   report["background"] =
       BodyToJson(aligned.background, joint.background_rms_px, joint.background_observations);
-  std::vector<double> angles;
-  for (const double sigma : joint.angle_sigma_deg) {
-    if (sigma > 0) angles.push_back(sigma);
-  }
-  const double none = -1;
-  json focals = json::array();
-  for (const double sigma : joint.focal_sigma_px) focals.push_back(SigmaToJson(sigma));
-  json not_computed = json::array();
-  if (joint.axis_direction_sigma_deg < 0) not_computed.push_back("axis_direction_deg");
-  if (joint.axis_point_sigma < 0) not_computed.push_back("axis_point");
-  if (angles.empty()) not_computed.push_back("angle_deg");
-  if (joint.focal_sigma_px.empty()) not_computed.push_back("focal_px");
-  if (joint.scale_sigma_rel < 0) not_computed.push_back("scale_rel");
-  report["sigma"] = {
-      {"pixel", joint.sigma_px},
-      {"axis_direction_deg", SigmaToJson(joint.axis_direction_sigma_deg)},
-      {"axis_point", SigmaToJson(joint.axis_point_sigma)},
-      {"angle_median_deg", SigmaToJson(angles.empty() ? none : UpperMedian(angles))},
-      {"angle_max_deg", SigmaToJson(angles.empty() ? none : *std::max_element(angles.begin(), angles.end()))},
-      {"focal_px", std::move(focals)},
-      {"focal_prior_share", joint.focal_prior_share},
-      {"angle_prior_share", PriorShareOfAngles(joint)},
-      {"scale_rel", SigmaToJson(joint.scale_sigma_rel)},
-      {"not_computed", std::move(not_computed)}};
+  report["sigma"] = SigmasToJson(joint);
   if (joint.angle_sigma_deg.size() == aligned.scene.views.size()) {
     for (size_t i = 0; i < aligned.scene.views.size(); ++i)
       report["angle_sigma_deg"][aligned.scene.views[i].name] = SigmaToJson(joint.angle_sigma_deg[i]);
@@ -163,28 +205,8 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
                              {"null_directions", observability.null_directions}};
   report["joint_model"] = {{"chosen", JointModelName(refined.model)}, {"tests", json::array()}};
   for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
-  if (!refined.known_angles.empty()) {
-    report["stated_angles"] = {{"contradictions", refined.angle_contradictions}, {"stations", json::array()}};
-    for (const KnownAngles& stated : refined.known_angles) {
-      report["stated_angles"]["stations"].push_back({{"station", stated.station},
-                                                     {"believed", stated.is_believed},
-                                                     {"photos", stated.prior.places.size()},
-                                                     {"contradict", stated.contradicts.size()},
-                                                     {"scatter_deg", stated.scatter_rad / kDegree},
-                                                     {"prior_sigma_deg", stated.prior.sigma_rad / kDegree},
-                                                     {"factor", stated.factor},
-                                                     {"factor_sigma", stated.factor_sigma}});
-    }
-  }
-  report["rounds"] = json::array();
-  for (const RefineRound& round : refined.rounds) {
-    report["rounds"].push_back({{"images", round.images},
-                                {"object_points", round.object_points},
-                                {"background_points", round.background_points},
-                                {"object_rms_px", round.object_rms_px},
-                                {"background_rms_px", round.background_rms_px},
-                                {"seconds", round.seconds}});
-  }
+  if (!refined.known_angles.empty()) report["stated_angles"] = StatedAnglesToJson(refined);
+  report["rounds"] = RoundsToJson(refined.rounds);
   report["stable"] = refined.is_stable;
   report["relabelled_keypoints"] = refined.relabelled_keypoints;
   return report;
@@ -193,115 +215,157 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
 namespace {
 
 // Numbers are read by reference: a number with a fraction, or of 1e300, is then no count, but a fault.
-void PrintSummary(const json& report, std::ostream& out) {
-  const auto row = [&](const std::string& what, const std::string& value) {
-    out << fmt::format("{:<24}{}\n", what, value);
-  };
-  row("case", report.at("case").get<std::string>());
-  row("path", report.at("path").get<std::string>() + ": " + report.at("path_reason").get<std::string>());
-  row("images registered", fmt::format("{} of {}", report.at("registered").get_ref<const int64_t&>(),
-                                       report.at("images").get_ref<const int64_t&>()));
-  for (const auto& name : report.at("missing")) row("  missing", name.get<std::string>());
-  if (report.contains("untied") && !report.at("untied").empty()) {
-    row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
-                                report.at("untied").size()));
-  }
-  PrintVerdict(report.value("verdict", json()), out);
-  if (!report.contains("sigma")) return;
-  std::map<std::string, std::vector<std::string>> mended;
-  for (const auto& image : report.at("mended")) {
-    mended[image.at("how").get<std::string>()].push_back(fmt::format(
-        "{} ({} of {} keypoints)", image.at("name").get<std::string>(),
-        image.at("inliers").get_ref<const int64_t&>(), image.at("candidates").get_ref<const int64_t&>()));
-  }
-  for (const auto& [how, images] : mended) {
-    row("  mended", fmt::format("{} images: {}", images.size(), how));
-    for (size_t k = 0; k < std::min(images.size(), kMaxNamed); ++k) row("", images[k]);
-    if (images.size() > kMaxNamed) row("", fmt::format("and {} more", images.size() - kMaxNamed));
-  }
-  row("stations", std::to_string(report.at("stations").get_ref<const int64_t&>()));
-  for (const auto& placed : report.at("placed_stations")) {
-    row("  placed",
-        fmt::format("{}: by {} of {} matches on the background", placed.at("image").get<std::string>(),
-                    placed.at("inliers").get_ref<const int64_t&>(),
-                    placed.at("candidates").get_ref<const int64_t&>()));
-  }
-  if (report.at("object_placements").size() > 1) {
-    row("object moved", fmt::format("it lay in {} ways on the table, so its pose is free in every image",
-                                    report.at("object_placements").size()));
-  }
-  for (const char* body : {"object", "background"}) {
-    const json& figures = report.at(body);
-    if (figures.at("points").get_ref<const int64_t&>() == 0) {
-      row(body, "none");
-      continue;
+int64_t CountAt(const json& object, const char* key) { return object.at(key).get_ref<const int64_t&>(); }
+
+// The summary's rows, one part of the report after the other.
+class SummaryPrinter {
+ public:
+  SummaryPrinter(const json& report, std::ostream& out) : report_(report), out_(out) {}
+
+  void Print() {
+    Row("case", report_.at("case").get<std::string>());
+    Row("path", report_.at("path").get<std::string>() + ": " + report_.at("path_reason").get<std::string>());
+    Row("images registered",
+        fmt::format("{} of {}", CountAt(report_, "registered"), CountAt(report_, "images")));
+    for (const auto& name : report_.at("missing")) Row("  missing", name.get<std::string>());
+    if (report_.contains("untied") && !report_.at("untied").empty()) {
+      Row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
+                                  report_.at("untied").size()));
     }
-    row(body, fmt::format("{} points, {} observations, mean reprojection error {:.3f} px over points",
-                          figures.at("points").get_ref<const int64_t&>(),
-                          figures.at("observations").get_ref<const int64_t&>(),
-                          figures.at("mean_reprojection_error_px").get<double>()));
+    PrintVerdict(report_.value("verdict", json()), out_);
+    if (!report_.contains("sigma")) return;
+    PrintMended();
+    PrintStations();
+    PrintBodies();
+    PrintJointModel();
+    PrintSigmas();
+    PrintScale();
+    PrintObservability();
+    std::string seconds;
+    for (const auto& [step, value] : report_.at("seconds").items()) {
+      seconds += fmt::format("{}{} {:.1f}", seconds.empty() ? "" : ", ", step, value.get<double>());
+    }
+    Row("seconds", seconds);
   }
-  const json& joint = report.at("joint_model");
-  std::string why;
-  for (const json& test : joint.at("tests")) {
-    why += fmt::format("{}{}: score {:.2f}{}", why.empty() ? " (" : "; ",
-                       test.at("general").get<std::string>(), test.at("score").get<double>(),
-                       test.at("fitted").get<bool>()
-                           ? fmt::format(", F {:.2f}, {}", test.at("f_statistic").get<double>(),
-                                         test.at("accepted").get<bool>() ? "taken" : "not taken")
-                           : "");
+
+ private:
+  void Row(const std::string& what, const std::string& value) {
+    out_ << fmt::format("{:<24}{}\n", what, value);
   }
-  row("joint model", joint.at("chosen").get<std::string>() + why + (why.empty() ? "" : ")"));
-  const json& sigma = report.at("sigma");
-  const json left = sigma.value("not_computed", json::array());
-  const auto is_computed = [&](const char* name) {
+
+  void PrintMended() {
+    std::map<std::string, std::vector<std::string>> mended;
+    for (const auto& image : report_.at("mended")) {
+      mended[image.at("how").get<std::string>()].push_back(
+          fmt::format("{} ({} of {} keypoints)", image.at("name").get<std::string>(),
+                      CountAt(image, "inliers"), CountAt(image, "candidates")));
+    }
+    for (const auto& [how, images] : mended) {
+      Row("  mended", fmt::format("{} images: {}", images.size(), how));
+      for (size_t k = 0; k < std::min(images.size(), kMaxNamed); ++k) Row("", images[k]);
+      if (images.size() > kMaxNamed) Row("", fmt::format("and {} more", images.size() - kMaxNamed));
+    }
+  }
+
+  void PrintStations() {
+    Row("stations", std::to_string(CountAt(report_, "stations")));
+    for (const auto& placed : report_.at("placed_stations")) {
+      Row("  placed",
+          fmt::format("{}: by {} of {} matches on the background", placed.at("image").get<std::string>(),
+                      CountAt(placed, "inliers"), CountAt(placed, "candidates")));
+    }
+    if (report_.at("object_placements").size() > 1) {
+      Row("object moved", fmt::format("it lay in {} ways on the table, so its pose is free in every image",
+                                      report_.at("object_placements").size()));
+    }
+  }
+
+  void PrintBodies() {
+    for (const char* body : {"object", "background"}) {
+      const json& figures = report_.at(body);
+      if (CountAt(figures, "points") == 0) {
+        Row(body, "none");
+        continue;
+      }
+      Row(body, fmt::format("{} points, {} observations, mean reprojection error {:.3f} px over points",
+                            CountAt(figures, "points"), CountAt(figures, "observations"),
+                            figures.at("mean_reprojection_error_px").get<double>()));
+    }
+  }
+
+  void PrintJointModel() {
+    const json& joint = report_.at("joint_model");
+    std::string why;
+    for (const json& test : joint.at("tests")) {
+      why += fmt::format("{}{}: score {:.2f}{}", why.empty() ? " (" : "; ",
+                         test.at("general").get<std::string>(), test.at("score").get<double>(),
+                         test.at("fitted").get<bool>()
+                             ? fmt::format(", F {:.2f}, {}", test.at("f_statistic").get<double>(),
+                                           test.at("accepted").get<bool>() ? "taken" : "not taken")
+                             : "");
+    }
+    Row("joint model", joint.at("chosen").get<std::string>() + why + (why.empty() ? "" : ")"));
+  }
+
+  bool IsComputed(const char* name) const {
+    const json left = report_.at("sigma").value("not_computed", json::array());
     return std::find(left.begin(), left.end(), name) == left.end();
-  };
-  const auto degrees = [&](const char* name, const char* of) {
-    const std::string number = Number(sigma.at(name), is_computed(of));
-    return sigma.at(name).is_number() ? "+- " + number + " degrees" : "standard deviation " + number;
-  };
-  row("axis direction", degrees("axis_direction_deg", "axis_direction_deg"));
-  row("table angles", degrees("angle_median_deg", "angle_deg") + " (worst " +
-                          Number(sigma.at("angle_max_deg"), is_computed("angle_deg")) + ")");
-  const json angle_share = sigma.value("angle_prior_share", json());
-  if (angle_share.is_number() && angle_share.get<double>() >= kWorthSaying) {
-    row("", fmt::format("{:.0f} % of the variance is that of equal steps", 100 * angle_share.get<double>()));
   }
-  const json focal_shares = sigma.value("focal_prior_share", json::array());
-  for (size_t c = 0; c < sigma.at("focal_px").size(); ++c) {
-    const double share = c < focal_shares.size() ? focal_shares.at(c).get<double>() : 0;
-    row("focal length",
-        fmt::format(
-            "{:.2f} +- {} px{}", report.at("cameras").at(c).at("params").at(0).get<double>(),
-            Number(sigma.at("focal_px").at(c)),
-            share >= kWorthSaying
-                ? fmt::format(", of whose variance {:.0f} % is that of what was known before", 100 * share)
-                : ""));
+
+  // \param of  the name under which it is among those that were not computed.
+  std::string Degrees(const char* name, const char* of) const {
+    const json& sigma = report_.at("sigma").at(name);
+    const std::string number = Number(sigma, IsComputed(of));
+    return sigma.is_number() ? "+- " + number + " degrees" : "standard deviation " + number;
   }
-  if (report.at("scale_observable").get<bool>()) {
-    const json& scale = sigma.at("scale_rel");
-    row("object / background", scale.is_number()
+
+  void PrintSigmas() {
+    const json& sigma = report_.at("sigma");
+    Row("axis direction", Degrees("axis_direction_deg", "axis_direction_deg"));
+    Row("table angles", Degrees("angle_median_deg", "angle_deg") + " (worst " +
+                            Number(sigma.at("angle_max_deg"), IsComputed("angle_deg")) + ")");
+    const json angle_share = sigma.value("angle_prior_share", json());
+    if (angle_share.is_number() && angle_share.get<double>() >= kWorthSaying) {
+      Row("",
+          fmt::format("{:.0f} % of the variance is that of equal steps", 100 * angle_share.get<double>()));
+    }
+    const json focal_shares = sigma.value("focal_prior_share", json::array());
+    for (size_t c = 0; c < sigma.at("focal_px").size(); ++c) {
+      const double share = c < focal_shares.size() ? focal_shares.at(c).get<double>() : 0;
+      Row("focal length",
+          fmt::format(
+              "{:.2f} +- {} px{}", report_.at("cameras").at(c).at("params").at(0).get<double>(),
+              Number(sigma.at("focal_px").at(c)),
+              share >= kWorthSaying
+                  ? fmt::format(", of whose variance {:.0f} % is that of what was known before", 100 * share)
+                  : ""));
+    }
+  }
+
+  void PrintScale() {
+    if (!report_.at("scale_observable").get<bool>()) {
+      Row("object / background", "scale cannot be observed from one station");
+      return;
+    }
+    const json& scale = report_.at("sigma").at("scale_rel");
+    Row("object / background", scale.is_number()
                                    ? fmt::format("+- {:.3g} % of scale", 100 * scale.get<double>())
-                                   : "scale " + Number(scale, is_computed("scale_rel")));
-  } else {
-    row("object / background", "scale cannot be observed from one station");
+                                   : "scale " + Number(scale, IsComputed("scale_rel")));
   }
-  const json& observability = report.at("observability");
-  if (observability.at("computed").get<bool>()) {
-    row("observability", fmt::format("nullity {} of {} parameters, gap {}",
-                                     observability.at("nullity").get_ref<const int64_t&>(),
-                                     observability.at("parameters").get_ref<const int64_t&>(),
+
+  void PrintObservability() {
+    const json& observability = report_.at("observability");
+    if (!observability.at("computed").get<bool>()) return;
+    Row("observability", fmt::format("nullity {} of {} parameters, gap {}", CountAt(observability, "nullity"),
+                                     CountAt(observability, "parameters"),
                                      Number(observability.at("singular_value_gap"), true, "{:.2g}")));
     for (const auto& direction : observability.at("null_directions"))
-      row("  free", direction.get<std::string>());
+      Row("  free", direction.get<std::string>());
   }
-  std::string seconds;
-  for (const auto& [step, value] : report.at("seconds").items()) {
-    seconds += fmt::format("{}{} {:.1f}", seconds.empty() ? "" : ", ", step, value.get<double>());
-  }
-  row("seconds", seconds);
-}
+
+  const json& report_;
+  std::ostream& out_;
+};
 
 }  // namespace
 
@@ -309,7 +373,8 @@ void PrintTurntableSummary(const std::filesystem::path& path, std::ostream& out)
   constexpr const char* kRemedy = "Delete it and run turntable_mapper again";
   std::ostringstream summary;
   try {
-    PrintSummary(json::parse(ReadWholeFile(path, kMaxReportBytes, kRemedy)), summary);
+    const json report = json::parse(ReadWholeFile(path, kMaxReportBytes, kRemedy));
+    SummaryPrinter(report, summary).Print();
   } catch (const json::exception& error) {
     throw UserError(path, std::string("is damaged: ") + error.what(), kRemedy);
   }

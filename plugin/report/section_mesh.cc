@@ -89,6 +89,41 @@ void WriteCoverage(const std::vector<int>& views, size_t num_photos, ReportSecti
       {"median", median}, {"fewer_than_3_pct", few_pct}, {"photos", num_photos}};
 }
 
+// Sizes, counts and holes as numbers; returns them for people. \param num_shown  triangles in the viewer.
+std::vector<Tile> WriteFigures(const ReportInput& input, const MeshFigures& figures, size_t num_shown,
+                               ReportSection* section) {
+  const Eigen::Vector3d size = figures.high - figures.low;
+  double rim = 0;
+  for (const MeshFigures::Hole& hole : figures.holes) rim += hole.length;
+  std::vector<Tile> tiles = {
+      {"Size",
+       fmt::format("{} × {} × {}", Length(size.x(), input), Length(size.y(), input), Length(size.z(), input)),
+       input.turntable && input.turntable->units == LengthUnit::kMetre
+           ? "width, depth, height"
+           : "width, depth, height in the scene's own unit: no length is known"},
+      {"Triangles", std::to_string(figures.num_triangles),
+       fmt::format("{} vertices, {}; {} in the viewer", figures.num_vertices,
+                   Count(figures.num_clusters, "part"), num_shown)},
+      {"Holes", std::to_string(figures.holes.size()),
+       figures.holes.empty()
+           ? "the mesh is closed"
+           : fmt::format("the longest rim is {} (of what stood on the table, its underside), all together {}",
+                         Length(figures.holes.front().length, input), Length(rim, input))}};
+  section->numbers["vertices"] = figures.num_vertices;
+  section->numbers["triangles"] = figures.num_triangles;
+  section->numbers["parts"] = figures.num_clusters;
+  section->numbers["size"] = {size.x(), size.y(), size.z()};
+  section->numbers["unit"] = input.turntable && input.turntable->units == LengthUnit::kMetre ? "m" : "sfm";
+  section->numbers["area"] = figures.area;
+  section->numbers["holes"] = {{"count", figures.holes.size()},
+                               {"rim_length", rim},
+                               {"longest_rim", figures.holes.empty() ? 0 : figures.holes.front().length}};
+  if (figures.holes.empty()) {
+    section->numbers["volume"] = figures.volume;
+  }
+  return tiles;
+}
+
 }  // namespace
 
 ReportSection MeshSection(const ReportInput& input, Reporter& reporter) {
@@ -122,35 +157,7 @@ ReportSection MeshSection(const ReportInput& input, Reporter& reporter) {
   }
   const std::vector<int> views = CountViewsOfVertices(mesh, cameras);
 
-  const Eigen::Vector3d size = figures.high - figures.low;
-  double rim = 0;
-  for (const MeshFigures::Hole& hole : figures.holes) rim += hole.length;
-  std::vector<Tile> tiles = {
-      {"Size",
-       fmt::format("{} × {} × {}", Length(size.x(), input), Length(size.y(), input), Length(size.z(), input)),
-       input.turntable && input.turntable->units == LengthUnit::kMetre
-           ? "width, depth, height"
-           : "width, depth, height in the scene's own unit: no length is known"},
-      {"Triangles", std::to_string(figures.num_triangles),
-       fmt::format("{} vertices, {}; {} in the viewer", figures.num_vertices,
-                   Count(figures.num_clusters, "part"), mesh.triangles.size())},
-      {"Holes", std::to_string(figures.holes.size()),
-       figures.holes.empty()
-           ? "the mesh is closed"
-           : fmt::format("the longest rim is {} (of what stood on the table, its underside), all together {}",
-                         Length(figures.holes.front().length, input), Length(rim, input))}};
-  section.numbers["vertices"] = figures.num_vertices;
-  section.numbers["triangles"] = figures.num_triangles;
-  section.numbers["parts"] = figures.num_clusters;
-  section.numbers["size"] = {size.x(), size.y(), size.z()};
-  section.numbers["unit"] = input.turntable && input.turntable->units == LengthUnit::kMetre ? "m" : "sfm";
-  section.numbers["area"] = figures.area;
-  section.numbers["holes"] = {{"count", figures.holes.size()},
-                              {"rim_length", rim},
-                              {"longest_rim", figures.holes.empty() ? 0 : figures.holes.front().length}};
-  if (figures.holes.empty()) {
-    section.numbers["volume"] = figures.volume;
-  }
+  std::vector<Tile> tiles = WriteFigures(input, figures, mesh.triangles.size(), &section);
   if (!cameras.empty() && !views.empty()) WriteCoverage(views, cameras.size(), &section, &tiles);
   WriteTiles(tiles, &out);
   WriteViewer(mesh, cameras.empty() ? std::vector<int>() : views, &out);

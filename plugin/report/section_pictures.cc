@@ -97,6 +97,26 @@ std::vector<std::string> ComparedPhotos(const ReportInput& input) {
   return compared;
 }
 
+// Each panel of each photo, upright; the script shows two of them over each other.
+void WritePanels(const ReportInput& input, const std::vector<Image8>& panels,
+                 const std::vector<std::string>& names, HtmlWriter* out) {
+  for (size_t i = 0; i < panels.size(); ++i) {
+    const size_t row = i / kNumPanels;
+    const size_t panel = i % kNumPanels;
+    static constexpr const char* kNames[kNumPanels] = {"photo", "rendering", "error", "mask"};
+    const Image8 small = Thumbnail(panels[i], kPanelSide);
+    const int orientation = ReadOrientation(input.image_path / names[row]);
+    HtmlAttributes attributes = {{"src", JpegDataUri(TurnUpright(small, orientation), kQuality)},
+                                 {"alt", fmt::format("{}: {}", names[row], kNames[panel])},
+                                 {"data-row", std::to_string(row)},
+                                 {"data-panel", std::to_string(panel)}};
+    // Without the script the first photo and its rendering show.
+    if (row != 0 || panel > 1) attributes.emplace_back("hidden", "");
+    if (panel != 0) attributes.emplace_back("class", "over");
+    out->Void("img", attributes);
+  }
+}
+
 void WriteComparison(const ReportInput& input, Reporter& reporter, ReportSection* section) {
   HtmlWriter& out = section->html;
   out.Element("h3", "Photo against model");
@@ -136,21 +156,7 @@ void WriteComparison(const ReportInput& input, Reporter& reporter, ReportSection
   }
   out.Close().Close();
   out.Open("div", {{"class", "stage"}});
-  for (size_t i = 0; i < panels.size(); ++i) {
-    const size_t row = i / kNumPanels;
-    const size_t panel = i % kNumPanels;
-    static constexpr const char* kNames[kNumPanels] = {"photo", "rendering", "error", "mask"};
-    const Image8 small = Thumbnail(panels[i], kPanelSide);
-    const int orientation = ReadOrientation(input.image_path / names[row]);
-    HtmlAttributes attributes = {{"src", JpegDataUri(TurnUpright(small, orientation), kQuality)},
-                                 {"alt", fmt::format("{}: {}", names[row], kNames[panel])},
-                                 {"data-row", std::to_string(row)},
-                                 {"data-panel", std::to_string(panel)}};
-    // Without the script the first photo and its rendering show.
-    if (row != 0 || panel > 1) attributes.emplace_back("hidden", "");
-    if (panel != 0) attributes.emplace_back("class", "over");
-    out.Void("img", attributes);
-  }
+  WritePanels(input, panels, names, &out);
   out.Void("input", {{"type", "range"},
                      {"min", "0"},
                      {"max", "100"},
