@@ -6,6 +6,27 @@
 
 namespace s2gs {
 
+namespace {
+
+// What no photo and no gutter coloured takes the mean of what has a colour.
+void FillTheRest(const std::vector<uint8_t>& states, Image8* page) {
+  double sums[3] = {0, 0, 0};
+  int64_t count = 0;
+  for (size_t i = 0; i < states.size(); ++i) {
+    if (states[i] != kSeenTexel) continue;
+    for (int c = 0; c < 3; ++c) sums[c] += page->pixels[3 * i + c];
+    ++count;
+  }
+  for (size_t i = 0; i < states.size() && count > 0; ++i) {
+    if (states[i] == kSeenTexel) continue;
+    for (int c = 0; c < 3; ++c) {
+      page->pixels[3 * i + c] = static_cast<uint8_t>(std::lround(sums[c] / static_cast<double>(count)));
+    }
+  }
+}
+
+}  // namespace
+
 void FillGutters(int gutter, std::vector<uint8_t>* states, Image8* page) {
   const int width = page->width;
   const int height = page->height;
@@ -55,19 +76,7 @@ void FillGutters(int gutter, std::vector<uint8_t>* states, Image8* page) {
     }
     edge = std::move(next);
   }
-  double sums[3] = {0, 0, 0};
-  int64_t count = 0;
-  for (size_t i = 0; i < states->size(); ++i) {
-    if ((*states)[i] != kSeenTexel) continue;
-    for (int c = 0; c < 3; ++c) sums[c] += page->pixels[3 * i + c];
-    ++count;
-  }
-  for (size_t i = 0; i < states->size() && count > 0; ++i) {
-    if ((*states)[i] == kSeenTexel) continue;
-    for (int c = 0; c < 3; ++c) {
-      page->pixels[3 * i + c] = static_cast<uint8_t>(std::lround(sums[c] / static_cast<double>(count)));
-    }
-  }
+  FillTheRest(*states, page);
 }
 
 std::vector<Eigen::Array3f> SpreadVertexColors(const TriangleMesh& mesh,

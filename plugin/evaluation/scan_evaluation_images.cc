@@ -1,8 +1,11 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <system_error>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "plugin/evaluation/scan_evaluation.h"
@@ -85,6 +88,45 @@ std::string CountOf(size_t count, size_t total) {
   return std::to_string(count) + " of " + std::to_string(total);
 }
 
+// The mask of a rendered image, at its size: a file, or the truth's label; nothing where there is none.
+// \param key  the image's name without extension.
+std::optional<PixelMask> MaskOfPair(const ImagePaths& paths, const SceneTruth* truth,
+                                    const TruthFiles& truth_files, const std::string& key,
+                                    const fs::path& photo, const Image8& image, Reporter& reporter) {
+  PixelMask mask;
+  const std::string photo_name = paths.reference.empty() ? photo.filename().string()
+                                                         : photo.lexically_relative(paths.reference).string();
+  const auto label = truth_files.labels.find(key);
+  try {
+    if (!paths.masks.empty()) {
+      const fs::path mask_path =
+          FirstExisting({paths.masks / (photo_name + ".png"), paths.masks / (key + ".png")});
+      if (mask_path.empty()) return std::nullopt;
+      mask = MaskFromImage(ReadImage(mask_path, 1));
+    } else if (label != truth_files.labels.end()) {
+      mask = RotatingPixels(ReadImage(label->second, 1), truth->static_label);
+    } else {
+      return std::nullopt;
+    }
+  } catch (const UserError& error) {
+    reporter.Warn(error.what());
+    return std::nullopt;
+  }
+  if (mask.width != image.width || mask.height != image.height) {
+    mask = ResizeNearest(mask, image.width, image.height);
+  }
+  return mask;
+}
+
+// Rendering and photo of a pair. Throws UserError when one cannot be read or their sizes differ.
+std::pair<Image8, Image8> ReadPair(const fs::path& rendered, const fs::path& photo) {
+  std::pair<Image8, Image8> pair = {ReadImage(rendered, 3), ReadImage(photo, 3)};
+  if (pair.first.width != pair.second.width || pair.first.height != pair.second.height) {
+    throw UserError(rendered, "is not of the size of " + photo.string(), "Render at the photo's size");
+  }
+  return pair;
+}
+
 }  // namespace
 
 void EvaluateMasks(const Workspace& workspace, const SceneTruth& truth, Reporter& reporter,
@@ -165,12 +207,7 @@ void EvaluateImages(const ImagePaths& paths, const SceneTruth* truth, Reporter& 
     if (photo == photos.end()) continue;
     Image8 image, reference;
     try {
-      image = ReadImage(path, 3);
-      reference = ReadImage(photo->second, 3);
-      if (image.width != reference.width || image.height != reference.height) {
-        throw UserError(path, "is not of the size of " + photo->second.string(),
-                        "Render at the photo's size");
-      }
+      std::tie(image, reference) = ReadPair(path, photo->second);
     } catch (const UserError& error) {
       reporter.Warn(error.what());
       problem = error.what();
@@ -182,33 +219,12 @@ void EvaluateImages(const ImagePaths& paths, const SceneTruth* truth, Reporter& 
     ssims.push_back(map.Mean());
     valid_ssims.push_back(map.MeanOfValid());
 
-    PixelMask mask;
-    const std::string photo_name = paths.reference.empty()
-                                       ? photo->second.filename().string()
-                                       : photo->second.lexically_relative(paths.reference).string();
-    const auto label = truth_files.labels.find(key);
-    try {
-      if (!paths.masks.empty()) {
-        const fs::path mask_path =
-            FirstExisting({paths.masks / (photo_name + ".png"), paths.masks / (key + ".png")});
-        if (mask_path.empty()) continue;
-        mask = MaskFromImage(ReadImage(mask_path, 1));
-      } else if (label != truth_files.labels.end()) {
-        mask = RotatingPixels(ReadImage(label->second, 1), truth->static_label);
-      } else {
-        continue;
-      }
-    } catch (const UserError& error) {
-      reporter.Warn(error.what());
-      continue;
-    }
-    if (mask.width != image.width || mask.height != image.height) {
-      mask = ResizeNearest(mask, image.width, image.height);
-    }
-    if (mask.Count() == 0) continue;
+    const std::optional<PixelMask> mask =
+        MaskOfPair(paths, truth, truth_files, key, photo->second, image, reporter);
+    if (!mask || mask->Count() == 0) continue;
     ++num_masked;
-    masked_psnrs.push_back(Psnr(image, reference, &mask));
-    masked_ssims.push_back(map.Mean(mask));
+    masked_psnrs.push_back(Psnr(image, reference, &*mask));
+    masked_ssims.push_back(map.Mean(*mask));
   }
   if (!rendered.empty()) Step(reporter, "compare images", rendered.size(), rendered.size());
   if (num_pairs > 0) {

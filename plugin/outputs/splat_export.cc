@@ -38,6 +38,33 @@ std::string WithPng(const std::string& name) {
   return fs::path(name).replace_extension(".png").generic_string();
 }
 
+// {"min": [x, y, z], "max": [x, y, z]} of the centres. \param object  one Gaussian at least.
+json BoundsOf(const Gaussians& object) {
+  json bounds;
+  for (const bool is_max : {false, true}) {
+    for (size_t c = 0; c < 3; ++c) {
+      float bound = object.centre[c];
+      for (size_t i = 0; i < object.size(); ++i) {
+        bound =
+            is_max ? std::max(bound, object.centre[3 * i + c]) : std::min(bound, object.centre[3 * i + c]);
+      }
+      bounds[is_max ? "max" : "min"].push_back(bound);
+    }
+  }
+  return bounds;
+}
+
+// The k-th coefficient above degree 0 of all Gaussians, red, green and blue.
+std::vector<float> ShBand(const Gaussians& object, size_t k) {
+  std::vector<float> values;
+  values.reserve(3 * object.size());
+  for (size_t i = 0; i < object.size(); ++i) {
+    const float* rest = object.sh_rest.data() + 3 * (kShRestPerChannel * i + k);
+    values.insert(values.end(), rest, rest + 3);
+  }
+  return values;
+}
+
 }  // namespace
 
 void WriteGaussianGlb(const Gaussians& gaussians, const fs::path& path, std::ostream& stream) {
@@ -60,18 +87,7 @@ void WriteGaussianGlb(const Gaussians& gaussians, const fs::path& path, std::ost
         glb.AddAccessor(count, bytes, kGlbArrayBuffer, std::move(extra),
                         [values = std::move(values)](std::ostream& out) { WriteFloats(values, out); });
   };
-  json bounds;
-  for (const bool is_max : {false, true}) {
-    for (size_t c = 0; c < 3; ++c) {
-      float bound = object.centre[c];
-      for (size_t i = 0; i < count; ++i) {
-        bound =
-            is_max ? std::max(bound, object.centre[3 * i + c]) : std::min(bound, object.centre[3 * i + c]);
-      }
-      bounds[is_max ? "max" : "min"].push_back(bound);
-    }
-  }
-  add("POSITION", "VEC3", object.centre, bounds);
+  add("POSITION", "VEC3", object.centre, BoundsOf(object));
   std::vector<float> rotations;
   std::vector<float> scales;
   std::vector<float> opacities;
@@ -91,14 +107,8 @@ void WriteGaussianGlb(const Gaussians& gaussians, const fs::path& path, std::ost
   size_t k = 0;
   for (int degree = 1; degree <= object.sh_degree; ++degree) {
     for (int coefficient = 0; coefficient < 2 * degree + 1; ++coefficient, ++k) {
-      std::vector<float> values;
-      values.reserve(3 * count);
-      for (size_t i = 0; i < count; ++i) {
-        const float* rest = object.sh_rest.data() + 3 * (kShRestPerChannel * i + k);
-        values.insert(values.end(), rest, rest + 3);
-      }
       add(prefix + "SH_DEGREE_" + std::to_string(degree) + "_COEF_" + std::to_string(coefficient), "VEC3",
-          std::move(values), json::object());
+          ShBand(object, k), json::object());
     }
   }
   primitive["extensions"]["KHR_gaussian_splatting"] = {{"kernel", "ellipse"},
