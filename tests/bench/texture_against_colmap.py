@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Textures one mesh by `s2gs mesh_texturer` and by COLMAP's, and compares both with photos that neither was made from.
 
-usage: texture_against_colmap.py S2GS COLMAP WORKSPACE WORK [--test_every N] [--mesh MESH]
+usage: texture_against_colmap.py S2GS COLMAP WORKSPACE WORK [--test_every N] [--mesh MESH] [--masks FOLDER]
 
 WORKSPACE is a finished scan, COLMAP an executable of 4.2 or newer (older ones have no `mesh_texturer`). Every n-th photo by name is
 taken out of the scene that COLMAP gets. Both textured meshes are drawn by the same rays (Embree) with linear interpolation, and compared
@@ -99,6 +99,7 @@ def main():
     parser.add_argument("work", type=pathlib.Path)
     parser.add_argument("--test_every", type=int, default=10)
     parser.add_argument("--mesh", type=pathlib.Path, help="default: the workspace's")
+    parser.add_argument("--masks", type=pathlib.Path, help="compare over these, PHOTO.png; default: the object's")
     arguments = parser.parse_args()
     dense = arguments.workspace / "dense" / "0"
     mesh = arguments.mesh or dense / "meshed-tsdf.ply"
@@ -114,7 +115,8 @@ def main():
                     theirs / "out"], check=True)
     print("| | object [dB] | where the mesh is [dB] | of the object [%] |\n|---|---|---|---|")
     for name, path in (("s2gs", ours / "textured.obj"), ("COLMAP", theirs / "out" / "mesh.ply")):
-        all_of_it, covered, share = compare(TexturedMesh(path), dense, dense / "masks", model, held, arguments.work / name / "photos")
+        all_of_it, covered, share = compare(TexturedMesh(path), dense, arguments.masks or dense / "masks", model, held,
+                                             arguments.work / name / "photos")
         print(f"| {name} | {all_of_it:.2f} | {covered:.2f} | {100 * share:.1f} |")
 
 

@@ -133,6 +133,12 @@ std::vector<std::string> FuzzSeeds() {
   const std::string tiff = std::string("II*\0\x08\0\0\0", 8) + std::string("\2\0", 2) +
                            std::string("\x11\1\4\0\1\0\0\0\x08\0\0\0", 12) +
                            std::string("\x17\1\4\0\2\0\0\0\x26\0\0\0", 12) + std::string(16, '\1');
+  // A folder below and one after the first, Panasonic's places, Fujifilm's parts.
+  const std::string raw = std::string("II*\0\x08\0\0\0", 8) +
+                          std::string("\1\0\x4A\1\4\0\1\0\0\0\x1A\0\0\0\x1A\0\0\0", 18) + tiff.substr(8);
+  const std::string panasonic =
+      "IIU" + tiff.substr(3, 7) + std::string("\x18\1\4\0\1\0\0\0\x08\0\0\0", 12) + tiff.substr(22);
+  const std::string fujifilm = "FUJIFILMCCD-RAW " + std::string(92, '\0');
   const std::string heic = std::string(
                                "\0\0\0\x10"
                                "ftypheic\0\0\0\0",
@@ -142,6 +148,9 @@ std::vector<std::string> FuzzSeeds() {
   const std::string webp = std::string("RIFF\x28\0\0\0WEBPEXIF\x20\0\0\0", 20) + s2gs::MakeExif({});
   const std::string attributes("\0\0\0\0\x80\x40\1\1\x1A\0\0\0\3\3\1\0\0\0\2\0\0\0\7\2\6\0", 26);
   return {std::string(1, '\0') + tiff,
+          std::string(1, '\0') + raw,
+          std::string(1, '\0') + panasonic,
+          std::string(1, '\0') + fujifilm,
           std::string(1, '\0') + heic,
           std::string(1, '\0') + webp,
           std::string(1, '\1') + heic,
