@@ -146,8 +146,9 @@ void DecideWeakFeatures(const PlanRequest& /*request*/, const Evidence& e, PlanD
                     "matching and adjusting what it finds");
   }
   d->measured = Text(e.labels, "reason");
+  const std::string took = e.Took("feature_extractor");
   LeaveOut(d, "nothing is seen to change at a place of the camera",
-           "a search at lower thresholds; the first one took " + e.Took("feature_extractor"));
+           "a search at lower thresholds" + (took.empty() ? "" : "; the first one took " + took));
 }
 
 void DecidePairs(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {

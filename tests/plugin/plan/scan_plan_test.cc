@@ -9,7 +9,10 @@
 
 #include "plugin/cli/options.h"
 #include "plugin/plan/plan_parts.h"
+#include "sfm_split/base/angles.h"
+#include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
+#include "tests/support/expected_text.h"
 #include "tests/support/temporary_folder.h"
 
 namespace s2gs {
@@ -178,6 +181,91 @@ TEST_F(ScanPlanTest, IsReadAsWrittenAndPrintsOnlyWhatIsNew) {
   for (const PlanPart& part : PlanParts()) EXPECT_THAT(all.str(), HasSubstr(part.name));
   folder_.Write("plan.json", "{\"decisions\": [{\"part\": 3}]}");
   EXPECT_TRUE(ReadPlannedDecisions(path).empty());
+}
+
+// Every decision of scans of several kinds, in words and as JSON, from what their stages measured.
+TEST_F(ScanPlanTest, SaysWhatEachKindOfScanNeeds) {
+  const Workspace& w = request_.workspace;
+  std::ostringstream said;
+  const auto say = [&](const char* title) {
+    said << "== " << title << "\n";
+    const ScanPlan plan = MakeScanPlan(request_, silent_);
+    PrintScanPlan(plan, said);
+  };
+  const auto write_mapping = [&](const std::string& report, int stations, bool observable,
+                                 double turned_deg) {
+    WriteAll(w.TurntableMapper(), report);
+    TurntableFile turntable;
+    turntable.num_stations = stations;
+    turntable.scale_observable = observable;
+    ColmapModel model;
+    for (uint32_t i = 0; i < 4; ++i) {
+      TurntableImage image;
+      image.name = "p" + std::to_string(i);
+      image.station = static_cast<int>(i) % stations;
+      image.angle_deg = i * turned_deg;
+      image.world_from_object.rotation =
+          Eigen::Quaterniond(Eigen::AngleAxisd(i * turned_deg * kPi / 180, Eigen::Vector3d::UnitZ()));
+      turntable.images.push_back(image);
+      model.images[i + 1] = {i + 1, image.name, 1 + i % 2, {}, {}};
+    }
+    Camera camera;
+    camera.camera_id = 1;
+    camera.model = CameraModelId::kPinhole;
+    camera.width = camera.height = 10;
+    camera.params = {10, 10, 5, 5};
+    model.cameras[1] = camera;
+    camera.camera_id = 2;
+    camera.model = CameraModelId::kSimpleRadial;
+    camera.params = {10, 5, 5, observable ? 0.1 : 0};
+    model.cameras[2] = camera;
+    std::filesystem::create_directories(w.ObjectModel());
+    WriteColmapModel(w.ObjectModel(), model, ColmapFormat::kText);
+    WriteTurntableFile(w.Turntable(), turntable);
+  };
+  const auto write_mesh = [&](const std::string& line) {
+    WriteAll(w.TsdfMesh(), "mesh");
+    WriteAll(w.MeshLog(), line);
+  };
+
+  WriteSplit("turntable", 4, 2);
+  WriteAll(w.StaticModel() / "images.txt", "");
+  write_mapping(
+      R"({"path": "both", "registered": 4, "verdict": {"verdict": "good"}, "joint_model": {"chosen": )"
+      R"("shared stations", "tests": [{"general": "free", "score": 1.25, "fitted": true, "bic_gain": -3.5},)"
+      R"({"general": "other", "score": 0.5}]}})",
+      2, true, 30);
+  WriteTraining(
+      R"({"event": "decision", "part": "sh_bands", "left_out": true, "measured": "m", "threshold": "t", )"
+      R"("reason": "r", "saving": "s"})"
+      "\n"
+      R"({"event": "decision", "part": "end_of_training", "left_out": false, "measured": "n", "threshold": "u", )"
+      R"("reason": "q"})"
+      "\n");
+  write_mesh(R"({"event": "refined", "photos": 4, "vertices": 200, "accepted": 50, "moved": true})");
+  say("two stations");
+
+  WriteSplit("single_station", 6, 1);
+  write_mapping(R"({"registered": 3, "verdict": {"verdict": "doubtful", "poses_hold": true}, "joint_model": )"
+                R"({"chosen": "free cameras", "tests": []}})",
+                1, false, 30);
+  write_mesh(R"({"event": "refined", "photos": 2, "vertices": 200, "accepted": 50, "moved": false})");
+  request_.has_masks = true;
+  say("one station, with masks");
+
+  WriteSplit("one_body", 6, 0);
+  write_mapping(R"({"path": "one body", "registered": 4, "verdict": {"verdict": "failed"}})", 4, false, 0);
+  WriteTraining("");
+  write_mesh(R"({"event": "refined", "photos": 9, "vertices": 200, "accepted": 1, "moved": false})");
+  request_.has_masks = false;
+  request_.forced = {"doubtful_poses", "distortion_channel"};
+  say("one body, forced");
+
+  write_mesh(R"({"event": "refined", "photos": 9, "vertices": 0, "moved": false, "enabled": false})");
+  request_.forced.clear();
+  say("one body, not refined");
+  said << PlanToJson(MakeScanPlan(request_, silent_)).dump(1) << "\n";
+  ExpectText(said.str(), "plugin/plan/expected/plans.txt");
 }
 
 TEST(PlanParts, ForceTakesPartsStagesAndTheOldNumbers) {
