@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "tests/s2gs/turntable_workspace.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
@@ -122,6 +123,17 @@ TEST_F(TrainingSceneFiles, SizesAreToldBeforeTheFirstPhotoIsRead) {
   EXPECT_EQ(size.largest_view_px, 16 * 12);
   EXPECT_EQ(size.longest_side_px, 16);
   EXPECT_GE(size.loading_bytes, 32 * 24 * 6);
+  // A mask takes a byte a pixel besides.
+  paths_.masks = folder_ / "masks";
+  for (const View& view : turntable_.scene.views) {
+    fs::create_directories(paths_.masks);
+    WriteImage(paths_.masks / (view.name + ".png"), {32, 24, 1, std::vector<uint8_t>(32 * 24, 255)});
+  }
+  options.masks_as_hint = true;
+  TrainingSize with_masks;
+  ReadTrainingScene(paths_, options, silent_, [&](const TrainingSize& told) { with_masks = told; });
+  EXPECT_EQ(with_masks.photo_bytes, all / 3 * 4);
+  EXPECT_EQ(with_masks.trained_bytes, trained / 3 * 4);
   // No photo is missed where that is refused.
   fs::remove_all(paths_.images);
   ExpectUserError(
@@ -220,6 +232,58 @@ TEST_F(TrainingSceneFiles, PhotosOfAnotherSizeAreRefusedWithTheirPath) {
   ExpectUserError([&] { ReadTrainingScene(paths_, {}, silent_); }, {name, "30 x 24"});
   fs::remove(folder_ / "images" / name);
   ExpectUserError([&] { ReadTrainingScene(paths_, {}, silent_); }, {name});
+}
+
+// Cameras on a ring that look at one place: what a photo shows there is a sphere of its distance times the
+// sine of half the longer side's angle of view.
+TEST(TrainingSceneFocus, IsWhereThePhotosLook) {
+  const Eigen::Vector3d place(3, -2, 1);
+  TrainingScene scene;
+  scene.mode = TrainMode::kStatic;
+  for (int i = 0; i < 8; ++i) {
+    const double angle = 0.7 * i;
+    const Eigen::Vector3d back(std::cos(angle) * 0.8, std::sin(angle) * 0.8, 0.6);
+    const double distance = 2 + 0.1 * i;
+    ScenePhoto photo;
+    photo.view.width = 60;
+    photo.view.height = 80;
+    photo.view.fx = 50;
+    photo.view.fy = 100;
+    photo.view.cx = 30;
+    photo.view.cy = 40;
+    Eigen::Matrix3d rotation;
+    rotation.row(2) = -back;
+    rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
+    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
+    photo.view.cam_from_object = {Eigen::Quaterniond(rotation), -(rotation * (place + distance * back))};
+    photo.view.cam_from_world = photo.view.cam_from_object;
+    scene.photos.push_back(photo);
+  }
+  NormaliseScene(&scene);
+  // Nothing else is known: the scene's middle is where the axes meet, its size the median distance.
+  EXPECT_LT((scene.origin - place).norm(), 1e-9);
+  EXPECT_NEAR(scene.size, 2.35, 0.051);
+  EXPECT_LT(scene.focus.norm(), 1e-9);
+  const double half_angle = std::atan(std::max(60 / 50.0, 80 / 100.0) / 2);
+  EXPECT_NEAR(scene.focus_radius, std::sin(half_angle), 0.03);
+  EXPECT_NEAR(scene.focus_radius * scene.size, 2.35 * std::sin(half_angle), 0.03);
+  // Cameras that all look the same way meet nowhere; those that look away from each other at nothing.
+  for (const bool outwards : {false, true}) {
+    TrainingScene other = scene;
+    for (size_t i = 0; i < other.photos.size(); ++i) {
+      Rigid3& pose = other.photos[i].view.cam_from_object;
+      if (outwards) {
+        const Eigen::AngleAxisd turned(kPi, Eigen::Vector3d::UnitY());
+        pose = Rigid3{Eigen::Quaterniond(turned), Eigen::Vector3d::Zero()} * pose;
+      } else {
+        pose = {Eigen::Quaterniond::Identity(), {0.1 * static_cast<double>(i), 0, 0}};
+      }
+      other.photos[i].view.cam_from_world = pose;
+    }
+    other.focus_radius = 0;
+    NormaliseScene(&other);
+    EXPECT_EQ(other.focus_radius, 0) << outwards;
+  }
 }
 
 TEST(TrainingSceneLengths, GaussiansGoThereAndBack) {
