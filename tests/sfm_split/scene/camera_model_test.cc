@@ -243,6 +243,42 @@ TEST(CameraProjection, PixelsAndRaysBeyondTheTurningPointAreRefused) {
 }
 
 // 1 - 2 s + 1.1 s^2 times r: falls between two turning points, then rises again past every pixel.
+// Rational lenses, whose slope has degree six in r^2: a ray is projected exactly when no nearer one turns
+// back, by the slope at a thousand places between.
+TEST(CameraProjection, RationalLensesEndAtTheirFirstTurningPoint) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  int refused = 0;
+  int accepted = 0;
+  for (int lens = 0; lens < 3000; ++lens) {
+    std::vector<double> params = {500, 500, 400, 300, 0, 0, 0, 0, 0, 0, 0, 0};
+    double k[6];
+    for (int i = 0; i < 6; ++i) k[i] = 0.6 * unit(random);
+    params[4] = k[0];
+    params[5] = k[1];
+    params[8] = k[2];
+    for (int i = 0; i < 3; ++i) params[9 + i] = k[3 + i];
+    const Camera camera = MakeCamera(Id::kFullOpenCV, params);
+    const double r = 0.2 + 1.3 * std::abs(unit(random));
+    // Of r N / D: (N + 2 s N') D - 2 s N D' over D^2, with s = r^2; and D itself.
+    double least = 1;
+    for (int i = 0; i <= 1000; ++i) {
+      const double s = std::pow(r * i / 1000, 2);
+      const double n = 1 + s * (k[0] + s * (k[1] + s * k[2]));
+      const double dn = k[0] + s * (2 * k[1] + s * 3 * k[2]);
+      const double d = 1 + s * (k[3] + s * (k[4] + s * k[5]));
+      const double dd = k[3] + s * (2 * k[4] + s * 3 * k[5]);
+      least = std::min({least, d, (n + 2 * s * dn) * d - 2 * s * n * dd});
+    }
+    if (std::abs(least) < 1e-3) continue;  // between two places it may still turn
+    const bool is_seen = ProjectToImage(camera, {0.6 * r, 0.8 * r, 1}).has_value();
+    EXPECT_EQ(is_seen, least > 0) << "lens " << lens << ": " << least;
+    ++(is_seen ? accepted : refused);
+  }
+  EXPECT_GT(refused, 500);
+  EXPECT_GT(accepted, 500);
+}
+
 TEST(CameraProjection, TheRisingBranchBehindTheTurningPointIsRefused) {
   const Camera camera = MakeCamera(Id::kRadial, {100, 0, 0, -2, 1.1});
   EXPECT_TRUE(ProjectToImage(camera, {0.3, 0, 1}));
