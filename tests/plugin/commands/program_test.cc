@@ -85,6 +85,54 @@ TEST(Program, ExitCodes) {
   EXPECT_EQ(S2gs({"workspace_info", "--workspace_path", folder.path().string()}).exit_code, 0);
 }
 
+// Options that do not go together, or lie beyond a bound that no single option's range says; and that their
+// neighbours are taken, which fail later with exit code 1.
+TEST(Program, RefusesOptionsThatDoNotGoTogether) {
+  const TemporaryFolder folder;
+  const std::string w = folder.path().string();
+  struct Line {
+    std::vector<std::string> words;
+    const char* message;
+  };
+  for (const Line& line : std::vector<Line>{
+           {{"work_precision", "--workspace_path", w, "--knob", "joint_tolerance", "--jobs", "0"},
+            "--jobs is below 1."},
+           {{"work_precision", "--workspace_path", w}, "give one of --knob, --forced and --curves."},
+           {{"work_precision", "--workspace_path", w, "--knob", "joint_tolerance", "--forced", "pairs"},
+            "give one of --knob, --forced and --curves."},
+           {{"work_precision", "--knob", "joint_tolerance"}, "--workspace_path is missing."},
+           {{"work_precision", "--workspace_path", w, "--curves", "a.json"},
+            "--curves needs no --workspace_path."},
+           {{"work_precision", "--curves", "a.json"}, "--output_path is missing."},
+           {{"scan_evaluator", "--workspace_path", w}, "needs --ground_truth_path"},
+           {{"scan_evaluator", "--ground_truth_path", w}, "nothing to measure"},
+           {{"scan_planner"}, "give --workspace_path, --image_path or both."},
+           {{"tsdf_mesher", "--workspace_path", w, "--max_error_voxels", "-0.1"},
+            "--max_error_voxels must not be negative"},
+           {{"gaussian_renderer", "--workspace_path", w, "--num_frames", "-1"},
+            "--num_frames must not be negative"},
+           {{"photo_importer", "--workspace_path", w, "--image_path", w, "--video_frames", "2"},
+            "video_frames"},
+           {{"mesh_texturer", "--workspace_path", w, "--test_every", "1"}, "test_every"},
+           {{"gaussian_trainer", "--workspace_path", w, "--gpu_index", "-1"}, "gpu_index"}}) {
+    const ProcessResult result = S2gs(line.words);
+    EXPECT_EQ(result.exit_code, 2) << line.words[0] << ": " << result.err;
+    EXPECT_THAT(result.err, HasSubstr(line.message));
+    EXPECT_THAT(result.out, IsEmpty());
+  }
+  for (const std::vector<std::string>& words :
+       {std::vector<std::string>{"work_precision", "--workspace_path", w, "--knob", "joint_tolerance",
+                                 "--jobs", "1"},
+        {"work_precision", "--curves", "none.json", "--output_path", w + "/curve"},
+        {"tsdf_mesher", "--workspace_path", w, "--max_error_voxels", "0"},
+        {"gaussian_renderer", "--workspace_path", w, "--num_frames", "0"},
+        {"mesh_texturer", "--workspace_path", w, "--test_every", "2"},
+        {"gaussian_trainer", "--workspace_path", w, "--gpu_index", "0"}}) {
+    const ProcessResult result = S2gs(words);
+    EXPECT_EQ(result.exit_code, 1) << words[0] << ": " << result.err;
+  }
+}
+
 TEST(Program, FailsWhenItsOutputCannotBeWritten) {
   const ProcessResult result = S2gs({"help"}, "/dev/full");
   EXPECT_EQ(result.exit_code, 1);
