@@ -79,6 +79,26 @@ bool ReportInput::ShowsATurn() const {
                                   [](const TurntableImage& image) { return image.angle_deg != 0; });
 }
 
+Eigen::Vector3d ReportInput::Up() const {
+  if (!turntable) return Eigen::Vector3d::UnitZ();
+  Eigen::Vector3d axis = turntable->axis.direction.normalized();
+  if (ShowsATurn()) return axis;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double count = 0;
+  for (const TurntableImage& image : turntable->images) {
+    const ColmapImage* pose = ObjectImage(image.name);
+    if (pose == nullptr) continue;
+    // Cameras have y downwards.
+    sum -= image.world_from_object.rotation *
+           (pose->cam_from_world.rotation.conjugate() * Eigen::Vector3d::UnitY());
+    count += 1;
+  }
+  // The sum of unit vectors in directions of chance has a root mean square of sqrt(count), twice of which one
+  // set in a hundred passes.
+  if (sum.norm() > 2 * std::sqrt(count)) axis = sum.normalized();
+  return axis;
+}
+
 const char* ReportInput::LengthUnitName() const {
   return turntable && turntable->units == LengthUnit::kMetre ? "m" : "units";
 }

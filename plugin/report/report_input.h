@@ -36,6 +36,12 @@ struct ReportInput {
   int StationOf(const std::string& photo) const;
   /// False where the turntable file knows one body alone, photographed from all around: all angles are 0.
   bool ShowsATurn() const;
+  /// One body alone, as a turntable file says that is there.
+  bool IsOneBody() const { return turntable && !ShowsATurn(); }
+  /// Upwards in the world's frame: the table's axis, or, where nothing turns and the frame is SfM's own, the
+  /// mean of the photos' own upward directions, should they agree by more than chance; z where nothing is
+  /// known.
+  Eigen::Vector3d Up() const;
   /// The unit of the scene's lengths: "m", or "units" of SfM.
   const char* LengthUnitName() const;
   const ColmapImage* ObjectImage(const std::string& photo) const;

@@ -35,6 +35,17 @@ std::vector<ObjectView> Views(const ReportInput& input) {
   return views;
 }
 
+// Turns mesh and cameras so that `up` becomes z, as the viewer and the size in the page take it.
+void TurnUpright(const Eigen::Vector3d& up, TriangleMesh* mesh, std::vector<ObjectView>* cameras) {
+  const Eigen::Quaterniond turn = Eigen::Quaterniond::FromTwoVectors(up, Eigen::Vector3d::UnitZ());
+  const Eigen::Matrix3f rotation = turn.toRotationMatrix().cast<float>();
+  for (Eigen::Vector3f& vertex : mesh->vertices) vertex = rotation * vertex;
+  for (Eigen::Vector3f& normal : mesh->normals) normal = rotation * normal;
+  for (ObjectView& camera : *cameras) {
+    camera.cam_from_object.rotation = camera.cam_from_object.rotation * turn.conjugate();
+  }
+}
+
 std::string Length(double length, const ReportInput& input) {
   if (input.turntable && input.turntable->units == LengthUnit::kMetre) {
     return Significant(1000 * length, 4) + " mm";
@@ -145,16 +156,17 @@ ReportSection MeshSection(const ReportInput& input, Reporter& reporter) {
     WriteMissing("The mesh cannot be read, or has no triangles.", &out);
     return section;
   }
-  const MeshFigures figures = MeasureMesh(mesh);
-  reporter.Info(fmt::format("simplifies {} triangles for the report's viewer", figures.num_triangles));
-  if (figures.num_triangles > static_cast<size_t>(kViewerTriangles)) DecimateMesh(kViewerTriangles, &mesh);
-  ComputeNormals(&mesh);
   std::vector<ObjectView> cameras;
   try {
     cameras = Views(input);
   } catch (const UserError& error) {
     reporter.Warn(std::string("no views per vertex: ") + error.what());
   }
+  if (input.IsOneBody()) TurnUpright(input.Up(), &mesh, &cameras);
+  const MeshFigures figures = MeasureMesh(mesh);
+  reporter.Info(fmt::format("simplifies {} triangles for the report's viewer", figures.num_triangles));
+  if (figures.num_triangles > static_cast<size_t>(kViewerTriangles)) DecimateMesh(kViewerTriangles, &mesh);
+  ComputeNormals(&mesh);
   const std::vector<int> views = CountViewsOfVertices(mesh, cameras);
 
   std::vector<Tile> tiles = WriteFigures(input, figures, mesh.triangles.size(), &section);

@@ -200,6 +200,7 @@ void WriteSights(const ReportInput& input, ReportSection* section) {
 
 // Whose a plain table is: nothing in the photos tells it.
 void WriteTable(const ReportInput& input, ReportSection* section) {
+  if (input.IsOneBody()) return;
   const nlohmann::json* table = nullptr;
   for (const nlohmann::json& line : input.log) {
     if (line.is_object() && line.value("event", nlohmann::json()) == "table") table = &line;

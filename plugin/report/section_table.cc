@@ -151,11 +151,11 @@ void WriteScene(const ReportInput& input, HtmlWriter* out) {
     reach = std::max(reach, (centre - input.turntable->axis.point).norm());
   }
   if (!(reach > 0)) return;
-  const Eigen::Vector3d up = input.turntable->axis.direction.normalized();
+  const Eigen::Vector3d up = input.Up();
   const Eigen::Vector3d right = up.unitOrthogonal();
   const double scale = kDial / (2 * 1.15 * reach);
   WriteView(input, {input.turntable->axis.point, right, up.cross(right), scale}, reach,
-            "From above, along the table's axis", out);
+            input.IsOneBody() ? "From above" : "From above, along the table's axis", out);
   WriteView(input, {input.turntable->axis.point, right, up, scale}, reach, "From the side", out);
 }
 

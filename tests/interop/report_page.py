@@ -157,7 +157,7 @@ def main():
 
             if numbers["report"]["mesh"]:
                 seen = browser.js(CANVAS)
-                expect(seen and seen["drawn"] > 0.05 and seen["colors"] > 50, f"{layout}: the viewer shows {seen}")
+                expect(seen and seen["drawn"] > 0.02 and seen["colors"] > 50, f"{layout}: the viewer shows {seen}")
                 box = browser.js("(() => { const c = document.querySelector('.viewer canvas'); c.scrollIntoView({block: 'center', behavior: 'instant'});"
                                  " const b = c.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })()")
                 browser.js(FRAME)

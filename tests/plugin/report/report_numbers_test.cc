@@ -6,6 +6,7 @@
 
 #include "plugin/report/mesh_figures.h"
 #include "plugin/report/photo_quality.h"
+#include "plugin/report/report_input.h"
 #include "plugin/report/residuals.h"
 #include "plugin/report/table_steps.h"
 #include "tests/support/synthetic_models.h"
@@ -167,6 +168,52 @@ TEST(TableSteps, AreFoundThroughGapsAndTheSeam) {
   EXPECT_NEAR(steps[0].spread_deg, 0, 1e-9);
   EXPECT_TRUE(std::isnan(steps[1].step_deg));
   EXPECT_NEAR(steps[1].largest_gap_deg, 360, 1e-9);
+}
+
+// Photos of one body from a ring around it, which looks at its middle from above; `up` is any direction.
+ReportInput OneBody(const Eigen::Vector3d& up, int count, bool upright) {
+  ReportInput input;
+  input.object.emplace();
+  input.turntable.emplace();
+  input.turntable->axis.direction = Eigen::Vector3d::UnitX();
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  const Eigen::Vector3d side = up.unitOrthogonal();
+  for (int i = 0; i < count; ++i) {
+    const double turn = 2 * 3.14159265358979323846 * i / count;
+    const Eigen::Vector3d out = std::cos(turn) * side + std::sin(turn) * up.cross(side);
+    const Eigen::Vector3d forward = -(out + 0.5 * up).normalized();
+    const Eigen::Vector3d above =
+        upright ? up : Eigen::Vector3d(normal(random), normal(random), normal(random));
+    Eigen::Matrix3d rows;  // right, down, forward
+    rows.row(0) = forward.cross(above).normalized();
+    rows.row(2) = forward;
+    rows.row(1) = forward.cross(Eigen::Vector3d(rows.row(0)));
+    ColmapImage image;
+    image.name = "p" + std::to_string(i);
+    image.cam_from_world.rotation = Eigen::Quaterniond(rows);
+    const auto id = static_cast<uint32_t>(i + 1);
+    input.object->images[id] = image;
+    input.object_ids[image.name] = id;
+    TurntableImage row;
+    row.name = image.name;
+    input.turntable->images.push_back(row);
+  }
+  return input;
+}
+
+TEST(ReportInput, OneBodysUpIsThePhotos) {
+  const Eigen::Vector3d up = Eigen::Vector3d(0.3, -0.9, 0.2).normalized();
+  const ReportInput upright = OneBody(up, 12, true);
+  EXPECT_TRUE(upright.IsOneBody());
+  EXPECT_NEAR((upright.Up() - up).norm(), 0, 1e-9);
+  // Photos that are turned any way about what they look at tell nothing but that they look from above.
+  EXPECT_NEAR((OneBody(up, 12, false).Up() - Eigen::Vector3d::UnitX()).norm(), 0, 1e-9);
+  // Where something turns, the axis is upright.
+  ReportInput turning = upright;
+  turning.turntable->images[1].angle_deg = 15;
+  EXPECT_FALSE(turning.IsOneBody());
+  EXPECT_NEAR((turning.Up() - Eigen::Vector3d::UnitX()).norm(), 0, 1e-9);
 }
 
 // A box without its lid, its normals outside.
