@@ -356,6 +356,7 @@ TEST(TextureMesh, LargeTexturesTakeSeveralPages) {
   uint64_t num_triangles = 0;
   for (const TexturePage& page : mesh.pages) {
     EXPECT_LE(std::max(page.image.width, page.image.height), 192);
+    EXPECT_EQ(page.image.pixels.size(), 3 * static_cast<size_t>(page.image.width) * page.image.height);
     EXPECT_EQ(page.first_triangle, num_triangles);
     num_triangles += page.num_triangles;
   }

@@ -198,11 +198,24 @@ class ScanEvaluator : public ::testing::Test {
     out_ = out.str();
   }
 
-  Json RunOnWorkspace() {
+  Json RunOnWorkspace(const std::vector<std::string>& more = {}) {
     const fs::path json = folder_ / "figures.json";
-    Run({"--workspace_path", workspace_.root.string(), "--ground_truth_path", Scene().string(), "--json_path",
-         json.string(), "--csv_path", (folder_ / "figures.csv").string(), "--Mesh.num_samples", "20000",
-         "--Mesh.num_truth_samples", "50000", "--log_level", "error"});
+    std::vector<std::string> arguments = {"--workspace_path",
+                                          workspace_.root.string(),
+                                          "--ground_truth_path",
+                                          Scene().string(),
+                                          "--json_path",
+                                          json.string(),
+                                          "--csv_path",
+                                          (folder_ / "figures.csv").string(),
+                                          "--Mesh.num_samples",
+                                          "20000",
+                                          "--Mesh.num_truth_samples",
+                                          "50000",
+                                          "--log_level",
+                                          "error"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    Run(std::move(arguments));
     return Json::parse(ReadAll(json));
   }
 
@@ -246,6 +259,42 @@ TEST_F(ScanEvaluator, PerfectWorkspace) {
   EXPECT_EQ(figures.at("f1_sampled_2pct").at("value"), 1);
   EXPECT_THAT(out_, HasSubstr("object_rot_deg"));
   EXPECT_THAT(ReadAll(folder_ / "figures.csv"), HasSubstr("mask_iou,mean,1,,\n"));
+}
+
+// A plate of the area of one side floats half a side above the cube: a seventh of the surface, at a distance
+// of 1/2; and cut off by a box it is nothing.
+TEST_F(ScanEvaluator, WhatFloatsIsMeasuredUnlessItIsCutOff) {
+  WriteEverything();
+  TriangleMesh mesh = Cube();
+  const auto first = static_cast<uint32_t>(mesh.vertices.size());
+  for (const auto& [x, y] :
+       {std::pair(-0.5F, -0.5F), std::pair(0.5F, -0.5F), std::pair(0.5F, 0.5F), std::pair(-0.5F, 0.5F)}) {
+    mesh.vertices.emplace_back(x, y, 1.0F);
+  }
+  mesh.triangles.emplace_back(first, first + 1, first + 2);
+  mesh.triangles.emplace_back(first, first + 2, first + 3);
+  mesh.triangles.emplace_back(first, first, first);  // without area
+  WriteMesh(mesh);
+  const auto value = [](const Json& result, const char* figure, const char* statistic = "value") {
+    return result.at("figures").at(figure).at(statistic).get<double>();
+  };
+  const double diameter = std::sqrt(3.0);
+  const Json all = RunOnWorkspace();
+  EXPECT_EQ(value(all, "faces"), 15);
+  EXPECT_EQ(value(all, "unusable_faces"), 1);
+  // Of 20,000 samples: a standard deviation of .25 %.
+  EXPECT_NEAR(value(all, "outside_box_pct"), 100 / 7.0, 1);
+  EXPECT_NEAR(value(all, "accuracy_pct"), 100 * 0.5 / 7 / diameter, 0.3);
+  EXPECT_LT(value(all, "completeness_pct"), 1e-5);
+  EXPECT_NEAR(value(all, "chamfer_pct"), (value(all, "accuracy_pct") + value(all, "completeness_pct")) / 2,
+              1e-12);
+  EXPECT_NEAR(value(all, "f1_2pct", "precision"), 6 / 7.0, 0.01);
+  EXPECT_EQ(value(all, "f1_2pct", "recall"), 1);
+  EXPECT_NEAR(value(all, "f1_2pct"), 2 * (6 / 7.0) / (1 + 6 / 7.0), 0.01);
+  const Json cut = RunOnWorkspace({"--Mesh.crop_min=-0.6,-0.6,-0.6", "--Mesh.crop_max=0.6,0.6,0.6"});
+  EXPECT_EQ(value(cut, "outside_box_pct"), 0);
+  EXPECT_LT(value(cut, "accuracy_pct"), 1e-5);
+  EXPECT_EQ(value(cut, "f1_2pct"), 1);
 }
 
 TEST_F(ScanEvaluator, TheSameSeedGivesTheSameFigures) {
