@@ -13,8 +13,9 @@
 namespace s2gs {
 
 struct MeshCleanupOptions {
-  /// Drop what lies below the table's top or beyond its rim and does not stand on it, where z is the axis.
-  bool cut_at_table = false;
+  /// Drop what lies below the table's top or beyond its rim, does not stand on it and is not the side of a
+  /// body below it, where z is the axis.
+  bool cut_at_table = true;
   bool remove_disc = false;  ///< cut the mesh just above the table's disc: the object alone stays.
   /// Whether z is the table's axis. Else the disc is the plane that the object stands on, whichever way it
   /// lies, and the largest cluster above it is the object: the others are its surroundings.

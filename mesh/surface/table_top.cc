@@ -8,16 +8,18 @@
 #include <vector>
 
 #include "mesh/surface/mesh_cleanup.h"
+#include "sfm_split/base/angles.h"
 
 namespace s2gs {
 namespace {
 
 constexpr int kBinsPerSide = 1000;
 constexpr double kMinCosine = 0.95;
-// What looks down by more than walls lean is an underside.
-constexpr double kUndersideCosine = -0.5;
+// What looks up or down by more than walls lean is ground, or an underside.
+constexpr double kGroundCosine = 0.5;
 constexpr double kMinAreaShare = 0.02;
 constexpr double kNearlyAsLarge = 0.3;
+constexpr int kDirections = 36;
 
 // A triangle.
 struct Patch {
@@ -26,6 +28,7 @@ struct Patch {
   double area;
   double edge;
   bool faces_up;
+  bool is_wall;
   bool faces_down;
 };
 
@@ -53,7 +56,8 @@ class HeightHistogram {
       Patch patch;
       patch.area = normal.norm() / 2;
       patch.faces_up = up.dot(normal) / 2 > kMinCosine * patch.area;
-      patch.faces_down = up.dot(normal) / 2 < kUndersideCosine * patch.area;
+      patch.faces_down = up.dot(normal) / 2 < -kGroundCosine * patch.area;
+      patch.is_wall = std::abs(up.dot(normal)) / 2 < kGroundCosine * patch.area;
       patch.middle = (corners[0] + corners[1] + corners[2]) / 3;
       patch.height = up.dot(corners[0] + corners[1] + corners[2]) / 3;
       patch.edge = (corners[1] - corners[0]).norm();
@@ -126,19 +130,94 @@ double FindRim(const std::vector<Patch>& patches, TableTop* table) {
   return best_score;
 }
 
-// The wall of a can begins where its lid ends, so it is looked for a little beyond the rim.
+// Whether the plane has more than what lies below it, and what stands on it more than the walls of a body
+// below and what a top that reaches so far in would hide. The wall of a can begins where its lid ends, so it
+// is looked for a little beyond the rim. \param patches  by their radius.
 bool IsBorneOut(const std::vector<Patch>& patches, const TableTop& table) {
-  double above = 0;
+  const double tolerance = table.disc.Tolerance();
+  const auto is_within = [&](const Patch& patch) { return Radius(patch.middle) <= table.radius + tolerance; };
+  const auto height = [&](const Patch& patch) { return patch.middle.z() - table.disc.height; };
   double on = 0;
-  double below = 0;
   for (const Patch& patch : patches) {
-    if (Radius(patch.middle) > table.radius + table.disc.Tolerance()) continue;
-    const double height = patch.middle.z() - table.disc.height;
-    if (height < -table.disc.Tolerance() && patch.faces_down) continue;
-    double& area = height > table.disc.Tolerance() ? above : height < -table.disc.Tolerance() ? below : on;
-    area += patch.area;
+    if (is_within(patch) && std::abs(height(patch)) <= tolerance) on += patch.area;
   }
-  return on > below && above > below;
+  double above = 0;
+  double below = 0;
+  double hidden_or_walls = 0;
+  double on_further_in = 0;
+  for (const Patch& patch : patches) {
+    if (!is_within(patch)) break;
+    if (height(patch) > tolerance) {
+      above += patch.area;
+    } else if (height(patch) >= -tolerance) {
+      on_further_in += patch.area;
+    } else if (!patch.faces_down) {
+      below += patch.area;
+      if (patch.is_wall || 2 * on_further_in < on) hidden_or_walls += patch.area;
+    }
+  }
+  return on > below && above > hidden_or_walls;
+}
+
+Eigen::Vector3d Middle(const TriangleMesh& mesh, const Triangle& triangle) {
+  const Eigen::Vector3f sum =
+      mesh.vertices[triangle[0]] + mesh.vertices[triangle[1]] + mesh.vertices[triangle[2]];
+  return sum.cast<double>() / 3;
+}
+
+// Connected triangles of a mesh.
+struct Part {
+  std::vector<size_t> triangles;
+  double area = 0;
+  Eigen::Vector3d moment = Eigen::Vector3d::Zero();  // of the area
+  double upwards = 0;                               // the area that it shows from above, less that from below
+  double outwards = 0;                              // the same from around the axis
+  std::array<bool, kDirections> is_seen_from = {};  // directions around the axis
+
+  Eigen::Vector3d Centre() const { return moment / area; }
+  // The side of a body that goes on below the plane: it stands upright all around it.
+  bool IsSide() const {
+    return outwards > std::abs(upwards) &&
+           2 * std::count(is_seen_from.begin(), is_seen_from.end(), true) >= kDirections;
+  }
+};
+
+std::vector<Part> PartsOf(const TriangleMesh& mesh, const std::vector<size_t>& triangles) {
+  TriangleMesh alone;
+  alone.vertices = mesh.vertices;
+  for (const size_t t : triangles) alone.triangles.push_back(mesh.triangles[t]);
+  const std::vector<int> numbers = ClusterOfTriangles(alone);
+  std::vector<Part> parts(numbers.empty() ? 0 : *std::max_element(numbers.begin(), numbers.end()) + 1);
+  for (size_t i = 0; i < triangles.size(); ++i) {
+    Part& part = parts[numbers[i]];
+    const Eigen::Vector3d a = mesh.vertices[alone.triangles[i][0]].cast<double>();
+    const Eigen::Vector3d b = mesh.vertices[alone.triangles[i][1]].cast<double>();
+    const Eigen::Vector3d c = mesh.vertices[alone.triangles[i][2]].cast<double>();
+    const Eigen::Vector3d normal = (b - a).cross(c - a) / 2;
+    const Eigen::Vector3d middle = (a + b + c) / 3;
+    part.triangles.push_back(triangles[i]);
+    part.area += normal.norm();
+    part.moment += normal.norm() * middle;
+    part.upwards += normal.z();
+    if (Radius(middle) > 0) part.outwards += normal.head<2>().dot(middle.head<2>()) / Radius(middle);
+    const double turn = std::atan2(middle.y(), middle.x()) / (2 * kPi) + 0.5;
+    part.is_seen_from[std::min(static_cast<int>(turn * kDirections), kDirections - 1)] = true;
+  }
+  return parts;
+}
+
+// Whether a side joins both planes.
+bool IsBaseOn(const TriangleMesh& mesh, const TableTop& base, const TableTop& table) {
+  std::vector<size_t> between;
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Eigen::Vector3d middle = Middle(mesh, mesh.triangles[t]);
+    if (middle.z() > table.disc.CutHeight() && middle.z() < base.disc.height - base.disc.Tolerance() &&
+        Radius(middle) < table.radius) {
+      between.push_back(t);
+    }
+  }
+  const std::vector<Part> parts = PartsOf(mesh, between);
+  return std::any_of(parts.begin(), parts.end(), [](const Part& part) { return part.IsSide(); });
 }
 
 }  // namespace
@@ -162,8 +241,8 @@ std::optional<TableTop> FindTableTop(const TriangleMesh& mesh) {
   std::vector<Patch> patches = heights.patches();
   std::stable_sort(patches.begin(), patches.end(),
                    [](const Patch& a, const Patch& b) { return Radius(a.middle) < Radius(b.middle); });
-  std::optional<TableTop> best;
-  double best_score = 0;
+  std::vector<TableTop> tables;  // from the lowest on
+  std::vector<double> scores;
   for (size_t i = 0; i < windows.size(); ++i) {
     const bool is_peak = windows[i] > 0 && windows[i] >= kMinAreaShare * heights.total_area() &&
                          (i == 0 || windows[i] > windows[i - 1]) &&
@@ -171,48 +250,43 @@ std::optional<TableTop> FindTableTop(const TriangleMesh& mesh) {
     if (!is_peak) continue;
     TableTop table;
     table.disc = heights.At(i);
-    const double table_score = FindRim(patches, &table);
-    if (table_score <= best_score || !IsBorneOut(patches, table)) continue;
-    best_score = table_score;
-    best = table;
+    const double score = FindRim(patches, &table);
+    if (!(score > 0) || !IsBorneOut(patches, table)) continue;
+    tables.push_back(table);
+    scores.push_back(score);
   }
-  return best;
+  if (tables.empty()) return std::nullopt;
+  const size_t best = std::max_element(scores.begin(), scores.end()) - scores.begin();
+  for (size_t i = 0; i < best; ++i) {
+    if (scores[i] >= kNearlyAsLarge * scores[best] && IsBaseOn(mesh, tables[best], tables[i]))
+      return tables[i];
+  }
+  return tables[best];
 }
 
 int64_t CutAtTable(const TableTop& table, TriangleMesh* mesh) {
   const auto before = static_cast<int64_t>(mesh->triangles.size());
-  CutBelow(table.disc.height - table.disc.Tolerance(), mesh);
   const double top = table.disc.CutHeight();
-  TriangleMesh standing;  // the triangles above the plane alone, to see which hang together
-  standing.vertices = mesh->vertices;
-  std::vector<size_t> places;
-  std::vector<bool> keep(mesh->triangles.size());
-  const auto middle = [&](const Triangle& triangle) -> Eigen::Vector3d {
-    return (mesh->vertices[triangle[0]] + mesh->vertices[triangle[1]] + mesh->vertices[triangle[2]])
-               .cast<double>() /
-           3;
-  };
+  const double bottom = table.disc.height - table.disc.Tolerance();
+  std::vector<size_t> standing;
+  std::vector<size_t> beside;
   for (size_t t = 0; t < mesh->triangles.size(); ++t) {
-    const Eigen::Vector3d x = middle(mesh->triangles[t]);
-    keep[t] = Radius(x) <= table.radius;
-    if (x.z() <= top) continue;
-    places.push_back(t);
-    standing.triangles.push_back(mesh->triangles[t]);
+    const Eigen::Vector3d middle = Middle(*mesh, mesh->triangles[t]);
+    if (middle.z() > top) {
+      standing.push_back(t);
+    } else if (middle.z() < bottom || Radius(middle) > table.radius) {
+      beside.push_back(t);
+    }
   }
-  const std::vector<int> parts = ClusterOfTriangles(standing);
-  const int num_parts = parts.empty() ? 0 : *std::max_element(parts.begin(), parts.end()) + 1;
-  std::vector<Eigen::Vector3d> sums(num_parts, Eigen::Vector3d::Zero());
-  std::vector<double> areas(num_parts);
-  for (size_t i = 0; i < places.size(); ++i) {
-    const Triangle& triangle = standing.triangles[i];
-    const Eigen::Vector3f a = mesh->vertices[triangle[0]];
-    const double area =
-        (mesh->vertices[triangle[1]] - a).cross(mesh->vertices[triangle[2]] - a).cast<double>().norm();
-    areas[parts[i]] += area;
-    sums[parts[i]] += area * middle(triangle);
+  std::vector<bool> keep(mesh->triangles.size(), true);
+  const auto drop = [&](const Part& part) {
+    for (const size_t t : part.triangles) keep[t] = false;
+  };
+  for (const Part& part : PartsOf(*mesh, standing)) {
+    if (part.area > 0 && Radius(part.Centre()) > table.radius) drop(part);
   }
-  for (size_t i = 0; i < places.size(); ++i) {
-    keep[places[i]] = Radius(sums[parts[i]]) <= table.radius * areas[parts[i]];
+  for (const Part& part : PartsOf(*mesh, beside)) {
+    if (!part.IsSide()) drop(part);
   }
   KeepTriangles(keep, mesh);
   return before - static_cast<int64_t>(mesh->triangles.size());

@@ -35,13 +35,16 @@ struct TableTop {
 /// radius therefore scores the area within it that lies on the plane, less that which lies below and is as
 /// level and as open to the top as a table is: undersides, and what hides inside the disc, are its own. The
 /// rim is where the score is greatest, and the plane the one whose score is greatest there. Ledges and lids
-/// have the body below them: within a table's rim more lies above the plane, and more on it, than below,
-/// undersides left out. Where that holds for no plane there is no table. \param mesh  z is the axis.
+/// have a body below them: within a table's rim more lies on the plane than below it, undersides left out,
+/// and more above it than there are walls below and what the plane would hide. Where that holds for no plane
+/// there is no table. A base that an upright side joins to a lower plane, which scores nearly as much, stands
+/// on that. \param mesh  z is the axis.
 std::optional<TableTop> FindTableTop(const TriangleMesh& mesh);
 
-/// Drops what belongs neither to the table's top nor to what stands on it: what lies below the plane; of the
-/// plane, what lies beyond the rim; above it, every connected part whose centre of area is not over the
-/// table, where it could not stand. \return  how many triangles.
+/// Drops what belongs neither to the table's top nor to what stands on it: of what lies below the plane, or
+/// on it beyond the rim, every connected part that is not the side of a body, upright all around the axis, so
+/// that a plinth that passes for a table loses nothing; above it, every connected part whose centre of area
+/// is not over the table, where it could not stand. \return  how many triangles.
 int64_t CutAtTable(const TableTop& table, TriangleMesh* mesh);
 
 }  // namespace s2gs

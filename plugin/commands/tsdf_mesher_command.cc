@@ -236,8 +236,8 @@ void RunTsdfMesher(CommandContext& context) {
   tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
   auto cleanup = options.Group("Cleanup", &mesher.cleanup);
   cleanup.Add("cut_at_table", &MeshCleanupOptions::cut_at_table,
-              "where a table turns: drop what lies below its top or beyond its rim and does not stand on it; "
-              "without a disc in the mesh, a plinth's top may be taken for it");
+              "where a table turns: drop what lies below its top or beyond its rim, does not stand on it and "
+              "is not the side of a body");
   cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
               "cut just above the table's disc, or what the object stands on where nothing turns");
   cleanup
