@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "mesh/texture/turn_light.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -105,16 +106,18 @@ std::vector<std::vector<float>> DetailRatios(const std::vector<ToneSample>& samp
 
 }  // namespace
 
-std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos) {
+std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos,
+                                     int num_threads) {
   std::vector<PhotoTone> tones(num_photos);
   if (samples.empty()) return tones;
   const size_t num_places = samples.back().place + size_t{1};
   std::vector<int> num_seen(num_places, 0);
   for (const ToneSample& s : samples) ++num_seen[s.place];
-  for (int c = 0; c < 3; ++c) {
+  ParallelFor(3, num_threads, [&](int64_t channel) {
+    const auto c = static_cast<int>(channel);
     const std::vector<float> gains = FindGains(ChannelValues(samples, num_seen, c), num_photos);
     for (int i = 0; i < num_photos; ++i) tones[i].gain[c] = std::exp(gains[i]);
-  }
+  });
   const std::vector<std::vector<float>> ratios = DetailRatios(samples, num_photos);
   for (int i = 0; i < num_photos; ++i) {
     if (ratios[i].size() >= kMinPlaces)

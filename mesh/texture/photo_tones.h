@@ -20,7 +20,10 @@ struct ToneSample {
 /// photo's smooth colours the others' median: exposure and white balance that changed from photo to photo.
 /// Their logarithms have the mean 0 in each channel. The sharpness is the median strength of a photo's detail
 /// beside the mean of all photos that show the place. Photos that share too few places keep gain and
-/// sharpness 1. \param samples  places in ascending order.
-std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos);
+/// sharpness 1.
+/// \param samples      places in ascending order.
+/// \param num_threads  0: one for each core. The result does not depend on it.
+std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int num_photos,
+                                     int num_threads = 0);
 
 }  // namespace s2gs

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -41,6 +42,7 @@ constexpr double kPageBytesPerTexel = 7;
 // Of the pages, before they are packed: what charts of a scanned mesh take of them at least.
 constexpr double kLeastPageUse = 0.3;
 constexpr int64_t kTexelsPerTurn = 4096;
+constexpr int64_t kPlacesPerTurn = 256;
 // Of light and exposures in turn.
 constexpr int kLightRounds = 2;
 
@@ -165,10 +167,15 @@ class Texturer {
   // Photos with each other: their tones, and the light in them.
   void Compare(const std::vector<SurfacePlace>& places) {
     std::vector<ToneSample> samples;
+    std::vector<std::optional<ToneSample>> of_place(places.size());
     ForEachPhoto([&](int index, const TexturePhoto& photo) {
-      for (size_t i = 0; i < places.size(); ++i) {
+      ParallelFor(static_cast<int64_t>(places.size()), num_threads_, kPlacesPerTurn, [&](int64_t i) {
         ToneSample sample{static_cast<uint32_t>(i), static_cast<uint16_t>(index), {}};
-        if (photo.Sample(places[i].x, places[i].normal, &sample.sample)) samples.push_back(sample);
+        const bool is_seen = photo.Sample(places[i].x, places[i].normal, &sample.sample);
+        of_place[i] = is_seen ? std::optional(sample) : std::nullopt;
+      });
+      for (const std::optional<ToneSample>& sample : of_place) {
+        if (sample) samples.push_back(*sample);
       }
     });
     if (samples.empty()) throw UserError("no photo shows the mesh: does it belong to these poses?");
@@ -184,7 +191,7 @@ class Texturer {
   }
 
   void EstimateAllTones(const std::vector<ToneSample>& samples) {
-    tones_ = EstimateTones(samples, source_.size());
+    tones_ = EstimateTones(samples, source_.size(), num_threads_);
   }
 
   // Exposures look different under uneven light, and light by wrong exposures: in turn.
@@ -206,7 +213,7 @@ class Texturer {
         const Eigen::Array3f gain = options_.equalise ? tones_[s.photo].gain : Eigen::Array3f::Ones();
         lit.push_back({s.place, s.photo, gain * ColorOf(s.sample.smooth)});
       }
-      const LightFinding found = FitTurnLight(lit, transfers, turns);
+      const LightFinding found = FitTurnLight(lit, transfers, turns, num_threads_);
       light_.light = found.light;
       summary_.error_even = found.error_even;
       summary_.error_lit = found.error_lit;

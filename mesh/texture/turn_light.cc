@@ -10,6 +10,7 @@
 #include "s2gs/image/srgb.h"
 #include "s2gs/kernel/wigner_d.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -57,7 +58,7 @@ class ChannelFit {
     float light;       // the same as light, 0 to 1
     LightTerms terms;  // of the world's light
   };
-  explicit ChannelFit(std::vector<Sample> samples) : samples_(std::move(samples)) {
+  explicit ChannelFit(const std::vector<Sample>& samples) : samples_(samples) {
     for (const Sample& s : samples_) num_places_ = std::max<size_t>(num_places_, s.place + size_t{1});
   }
 
@@ -156,7 +157,7 @@ class ChannelFit {
     }
   }
 
-  std::vector<Sample> samples_;
+  const std::vector<Sample>& samples_;
   size_t num_places_ = 0;
   bool with_judges_ = true;
   std::vector<double> colors_;
@@ -198,7 +199,7 @@ Eigen::Array3f TurnLight::Shade(const PhotoLight& light, const LightTerms& trans
 }
 
 LightFinding FitTurnLight(const std::vector<LitSample>& samples, const std::vector<LightTerms>& transfers,
-                          const std::vector<Eigen::Matrix3d>& world_from_object) {
+                          const std::vector<Eigen::Matrix3d>& world_from_object, int num_threads) {
   LightFinding finding;
   if (samples.empty() || !Turns(world_from_object)) return finding;
   std::vector<Turn> turns;
@@ -214,14 +215,25 @@ LightFinding FitTurnLight(const std::vector<LitSample>& samples, const std::vect
     }
   }
   if (of_channel[0].empty()) return finding;
+  // Of each channel: even light and light without the photos that judge, and light of all photos.
   Eigen::Matrix<double, kLightTerms, 3> in_world;
-  for (int c = 0; c < 3; ++c) {
-    ChannelFit fit(std::move(of_channel[c]));
-    fit.Fit(false, false);
-    finding.error_even += fit.JudgesError() / 3;
-    fit.Fit(false, true);
-    finding.error_lit += fit.JudgesError() / 3;
-    in_world.col(c) = fit.Fit(true, true);
+  std::array<double, 3> error_even{};
+  std::array<double, 3> error_lit{};
+  ParallelFor(9, num_threads, [&](int64_t job) {
+    const auto c = static_cast<size_t>(job % 3);
+    ChannelFit fit(of_channel[c]);
+    // The longest first.
+    if (job < 3) {
+      in_world.col(static_cast<int>(c)) = fit.Fit(true, true);
+      return;
+    }
+    const bool is_lit = job < 6;
+    fit.Fit(false, is_lit);
+    (is_lit ? error_lit : error_even)[c] = fit.JudgesError();
+  });
+  for (size_t c = 0; c < 3; ++c) {
+    finding.error_even += error_even[c] / 3;
+    finding.error_lit += error_lit[c] / 3;
   }
   if (finding.error_lit < finding.error_even) finding.light = TurnLight(in_world, world_from_object);
   return finding;

@@ -56,8 +56,9 @@ struct LightFinding {
 /// \param samples            places in ascending order.
 /// \param transfers          of the places.
 /// \param world_from_object  rotations of the photos.
+/// \param num_threads        0: one for each core. The result does not depend on it.
 LightFinding FitTurnLight(const std::vector<LitSample>& samples, const std::vector<LightTerms>& transfers,
-                          const std::vector<Eigen::Matrix3d>& world_from_object);
+                          const std::vector<Eigen::Matrix3d>& world_from_object, int num_threads = 0);
 
 /// An sRGB colour from 0 to 255 under light so many times as strong; by a shade of 1 unchanged to the bit.
 Eigen::Array3f UnderLight(const Eigen::Array3f& srgb, const Eigen::Array3f& shade);
