@@ -195,6 +195,49 @@ double LargestSeam(const TexturedMesh& mesh) {
   return largest;
 }
 
+// Texels of a given size on boxes of a known area, six photos above and six far above.
+TEST(TextureMesh, SummaryCountsWhatWasMade) {
+  const BoxPhotos photos(Scene(), Ring(6));
+  Reporter reporter;
+  TextureOptions options;
+  options.texel_size = 0.02;
+  TextureSummary summary;
+  const TexturedMesh mesh = TextureMesh(MeshOf(Scene()), photos, options, reporter, &summary);
+  double area = 0;
+  double underside = 0;
+  for (const PaintedBox& box : Scene()) {
+    const Eigen::Vector3d size = box.high - box.low;
+    area += 2 * (size.x() * size.y() + size.y() * size.z() + size.z() * size.x());
+    underside += size.x() * size.y();
+  }
+  EXPECT_EQ(summary.texel_size, 0.02);
+  // The best photo's pixels: some 4.5 away.
+  EXPECT_NEAR(summary.texel_pixels, 0.02 * kFocal / 4.5, 0.1);
+  // A chart looks at two sides that stand at right angles, each at 45 degrees.
+  const double texels = area / (0.02 * 0.02) / std::sqrt(2.0);
+  EXPECT_NEAR(static_cast<double>(summary.num_texels), texels, 0.03 * texels);
+  // No photo is from below; of the post's foot a little is hidden by the block.
+  const double seen = static_cast<double>(summary.num_seen) / static_cast<double>(summary.num_texels);
+  EXPECT_NEAR(seen, 1 - underside / area, 0.03);
+  double page_texels = 0;
+  for (const TexturePage& page : mesh.pages) {
+    page_texels += static_cast<double>(page.image.width) * page.image.height;
+  }
+  EXPECT_NEAR(summary.page_use, static_cast<double>(summary.num_texels) / page_texels, 1e-12);
+  EXPECT_EQ(summary.num_charts, 6);
+  // A side is seen by fewer than half of the photos, a top by six; measured 3.9.
+  EXPECT_NEAR(summary.mean_photos, 3.9, 0.2);
+  EXPECT_LT(summary.gain_spread, 0.01);  // all photos are exposed alike
+  EXPECT_EQ(summary.error_even, 0);      // and nothing turns
+  // By default a texel is as large as the best photo's pixel times what is asked for.
+  options.texel_size = 0;
+  options.texel_size_pixels = 2;
+  TextureSummary twice;
+  TextureMesh(MeshOf(Scene()), photos, options, reporter, &twice);
+  EXPECT_NEAR(twice.texel_pixels, 2, 1e-9);
+  EXPECT_NEAR(twice.texel_size, 2 * summary.texel_size / summary.texel_pixels, 1e-9);
+}
+
 TEST(TextureMesh, ExposuresLeaveNoSeams) {
   const std::vector<ObjectView> views = Ring(12);
   BoxPhotos photos(Scene(), views);
