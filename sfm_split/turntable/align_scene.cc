@@ -223,6 +223,142 @@ void RemoveImages(const std::vector<std::string>& names, ColmapModel* model) {
   }
 }
 
+namespace {
+
+// Without a background: which image each station is based on. One whose images contradict the one that it was
+// based on gets another. \param poses, solution  with the first image of each.
+std::vector<size_t> BasesOfStations(const ColmapModel& object, const ColmapModel* background,
+                                    const Stations& stations, const TurntableOptions& solver,
+                                    const std::vector<TurntablePose>& poses,
+                                    const TurntableSolution& solution) {
+  std::vector<size_t> base(static_cast<size_t>(stations.count), 0);
+  std::vector<double> best = InlierShares(poses, solution, stations.count);
+  for (size_t attempt = 1; attempt <= kMaxBases; ++attempt) {
+    std::vector<size_t> tried = base;
+    bool any = false;
+    for (size_t s = 0; s < tried.size(); ++s) {
+      if (best[s] >= kEnoughOfStation) continue;
+      tried[s] = attempt;
+      any = true;
+    }
+    if (!any) break;
+    const std::vector<TurntablePose> tried_poses = PairPoses(object, background, stations, tried);
+    const TurntableSolution found = SolveTurntable(tried_poses, solver);
+    if (found.motion != TurntableMotion::kRotates) continue;
+    const std::vector<double> shares = InlierShares(tried_poses, found, stations.count);
+    for (size_t s = 0; s < tried.size(); ++s) {
+      if (shares[s] <= best[s] || tried[s] != attempt) continue;
+      best[s] = shares[s];
+      base[s] = attempt;
+    }
+  }
+  return base;
+}
+
+// The frame of an aligned scene: origin where the axis meets the object's region, z along it.
+void FindAlignedFrame(const ColmapModel& object, AlignedScene* scene) {
+  const TurntableSolution& solution = scene->solution;
+  const TurntableGroup& group = solution.groups[0];
+  const Vector3d& n = group.axis_in_world;
+  const double scale = solution.scale;
+  // p and a lie on the axis at the same height: an axial step in the object is one in the world.
+  const double height = MeanHeight(object, group.point_in_object, group.axis_in_object);
+  const Vector3d origin = group.point_in_world + scale * height * n;
+  const Vector3d reference_camera = CameraCentre(scene->poses[solution.reference].cam_from_world);
+  Sim3& aligned_from_background = scene->aligned_from_background;
+  aligned_from_background.scale = 1 / scale;
+  aligned_from_background.rotation =
+      Eigen::Quaterniond(UprightFromWorld(n, reference_camera - origin)).normalized();
+  aligned_from_background.translation = -(aligned_from_background.rotation * origin) / scale;
+  scene->aligned_from_object = Compose(aligned_from_background, WorldFromObjectAtAngle(solution, 0, 0));
+}
+
+// The poses of each station's photos in the aligned frame.
+std::map<int, std::vector<Rigid3>> PosesOfStations(const AlignedScene& aligned, bool has_background,
+                                                   int num_stations) {
+  const TurntableSolution& solution = aligned.solution;
+  std::map<int, std::vector<Rigid3>> poses_of_station;
+  for (size_t t = 0; t < aligned.poses.size(); ++t) {
+    if (!solution.images[t].inlier) continue;
+    const TurntablePose& pose = aligned.poses[t];
+    Rigid3 cam_from_aligned = TransformPose(aligned.aligned_from_background, pose.cam_from_world);
+    if (!has_background && num_stations > 1 && solution.images[t].group == 0) {
+      // Each image's own: the object's pose there, turned back.
+      const Eigen::Quaterniond back(Eigen::AngleAxisd(-solution.images[t].angle_rad, Vector3d::UnitZ()));
+      cam_from_aligned =
+          TransformPose(aligned.aligned_from_object, pose.cam_from_object) * Rigid3{back, Vector3d::Zero()};
+    }
+    poses_of_station[pose.station].push_back(cam_from_aligned);
+  }
+  return poses_of_station;
+}
+
+// The scene's views by name, its cameras, and what is known of it.
+void MakeViews(const ColmapModel& object, bool has_background, int num_stations, CameraPoseSource pose_source,
+               AlignedScene* aligned) {
+  const TurntableSolution& solution = aligned->solution;
+  std::map<std::string, uint32_t> camera_of_image;
+  for (const auto& [id, image] : object.images) camera_of_image[image.name] = image.camera_id;
+  std::map<int, Rigid3> station_pose;
+  std::map<int, int> station_number;
+  for (const auto& [station, poses] : PosesOfStations(*aligned, has_background, num_stations)) {
+    station_pose[station] = MedianPose(poses);
+    station_number.emplace(station, static_cast<int>(station_number.size()));
+  }
+  const Sim3 object_from_aligned = aligned->aligned_from_object.Inverse();
+  for (size_t t = 0; t < aligned->poses.size(); ++t) {
+    const TurntablePose& pose = aligned->poses[t];
+    const TurntableImageFit& fit = solution.images[t];
+    if (!fit.inlier) continue;
+    View view;
+    view.name = pose.name;
+    view.camera_id = camera_of_image.at(pose.name);
+    view.station = station_number.at(pose.station);
+    view.angle_deg = fit.angle_rad * 180 / kPi;
+    view.cam_from_world = pose_source == CameraPoseSource::kSharedStations
+                              ? station_pose.at(pose.station)
+                              : TransformPose(aligned->aligned_from_background, pose.cam_from_world);
+    if (fit.group == 0) {
+      view.world_from_object.rotation =
+          Eigen::Quaterniond(Eigen::AngleAxisd(fit.angle_rad, Vector3d::UnitZ()));
+    } else {
+      const Sim3 moved = Compose(Compose(aligned->aligned_from_background,
+                                         WorldFromObjectAtAngle(solution, fit.group, fit.angle_rad)),
+                                 object_from_aligned);
+      view.world_from_object = {moved.rotation, moved.translation};
+    }
+    aligned->scene.views.push_back(view);
+  }
+  std::sort(aligned->scene.views.begin(), aligned->scene.views.end(),
+            [](const View& a, const View& b) { return a.name < b.name; });
+  aligned->scene.reference = aligned->poses[solution.reference].name;
+  for (const auto& [id, camera] : object.cameras) aligned->scene.cameras.push_back(camera);
+  aligned->scene.num_stations = static_cast<int>(station_number.size());
+  aligned->scene.scale_observable = solution.scale_observable;
+}
+
+// Leaves images without a view out of both models, and gives the others their view's pose.
+void PoseModels(AlignedScene* aligned) {
+  std::map<std::string, const View*> view_of_image;
+  for (const View& view : aligned->scene.views) view_of_image[view.name] = &view;
+  std::set<std::string> left_out;
+  for (const ColmapModel* model : {&aligned->object, &aligned->background}) {
+    for (const auto& [id, image] : model->images) {
+      if (view_of_image.count(image.name) == 0) left_out.insert(image.name);
+    }
+  }
+  aligned->left_out.assign(left_out.begin(), left_out.end());
+  RemoveImages(aligned->left_out, &aligned->object);
+  RemoveImages(aligned->left_out, &aligned->background);
+  for (auto& [id, image] : aligned->object.images)
+    image.cam_from_world = view_of_image.at(image.name)->CamFromObject();
+  for (auto& [id, image] : aligned->background.images) {
+    image.cam_from_world = view_of_image.at(image.name)->cam_from_world;
+  }
+}
+
+}  // namespace
+
 AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background,
                         const std::map<std::string, int>& station_of_image, const AlignOptions& options) {
   AlignedScene aligned;
@@ -234,27 +370,7 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
   if (!has_background) solver.known_scale = 1;
   aligned.solution = SolveTurntable(aligned.poses, solver);
   if (!has_background && stations.count > 1) {
-    // A station whose images contradict the one that it was based on gets another.
-    std::vector<double> best = InlierShares(aligned.poses, aligned.solution, stations.count);
-    for (size_t attempt = 1; attempt <= kMaxBases; ++attempt) {
-      std::vector<size_t> tried = base;
-      bool any = false;
-      for (size_t s = 0; s < tried.size(); ++s) {
-        if (best[s] >= kEnoughOfStation) continue;
-        tried[s] = attempt;
-        any = true;
-      }
-      if (!any) break;
-      const std::vector<TurntablePose> poses = PairPoses(object, background, stations, tried);
-      const TurntableSolution found = SolveTurntable(poses, solver);
-      if (found.motion != TurntableMotion::kRotates) continue;
-      const std::vector<double> shares = InlierShares(poses, found, stations.count);
-      for (size_t s = 0; s < tried.size(); ++s) {
-        if (shares[s] <= best[s] || tried[s] != attempt) continue;
-        best[s] = shares[s];
-        base[s] = attempt;
-      }
-    }
+    base = BasesOfStations(object, background, stations, solver, aligned.poses, aligned.solution);
     aligned.poses = PairPoses(object, background, stations, base);
     aligned.solution = SolveTurntable(aligned.poses, solver);
   }
@@ -265,99 +381,19 @@ AlignedScene AlignScene(const ColmapModel& object, const ColmapModel* background
   }
   if (solution.motion != TurntableMotion::kRotates) return aligned;
 
-  const TurntableGroup& group = solution.groups[0];
-  const Vector3d& n = group.axis_in_world;
-  const double scale = solution.scale;
-  // p and a lie on the axis at the same height: an axial step in the object is one in the world.
-  const double height = MeanHeight(object, group.point_in_object, group.axis_in_object);
-  const Vector3d origin = group.point_in_world + scale * height * n;
-  const Vector3d reference_camera = CameraCentre(aligned.poses[solution.reference].cam_from_world);
-  Sim3& aligned_from_background = aligned.aligned_from_background;
-  aligned_from_background.scale = 1 / scale;
-  aligned_from_background.rotation =
-      Eigen::Quaterniond(UprightFromWorld(n, reference_camera - origin)).normalized();
-  aligned_from_background.translation = -(aligned_from_background.rotation * origin) / scale;
-  aligned.aligned_from_object = Compose(aligned_from_background, WorldFromObjectAtAngle(solution, 0, 0));
-
+  FindAlignedFrame(object, &aligned);
   aligned.object = object;
   TransformModel(aligned.aligned_from_object, &aligned.object);
   if (has_background) {
     aligned.background = *background;
-    TransformModel(aligned_from_background, &aligned.background);
+    TransformModel(aligned.aligned_from_background, &aligned.background);
     for (const auto& [id, image] : background->images) {
       aligned.cam_from_background[image.name] = image.cam_from_world;
     }
   }
 
-  // The views.
-  std::map<std::string, uint32_t> camera_of_image;
-  for (const auto& [id, image] : object.images) camera_of_image[image.name] = image.camera_id;
-  std::map<int, std::vector<Rigid3>> poses_of_station;
-  for (size_t t = 0; t < aligned.poses.size(); ++t) {
-    if (!solution.images[t].inlier) continue;
-    const TurntablePose& pose = aligned.poses[t];
-    Rigid3 cam_from_aligned = TransformPose(aligned_from_background, pose.cam_from_world);
-    if (!has_background && stations.count > 1 && solution.images[t].group == 0) {
-      // Each image's own: the object's pose there, turned back.
-      const Eigen::Quaterniond back(Eigen::AngleAxisd(-solution.images[t].angle_rad, Vector3d::UnitZ()));
-      cam_from_aligned =
-          TransformPose(aligned.aligned_from_object, pose.cam_from_object) * Rigid3{back, Vector3d::Zero()};
-    }
-    poses_of_station[pose.station].push_back(cam_from_aligned);
-  }
-  std::map<int, Rigid3> station_pose;
-  std::map<int, int> station_number;
-  for (const auto& [station, poses] : poses_of_station) {
-    station_pose[station] = MedianPose(poses);
-    station_number.emplace(station, static_cast<int>(station_number.size()));
-  }
-  const Sim3 object_from_aligned = aligned.aligned_from_object.Inverse();
-  std::map<std::string, const View*> view_of_image;
-  for (size_t t = 0; t < aligned.poses.size(); ++t) {
-    const TurntablePose& pose = aligned.poses[t];
-    const TurntableImageFit& fit = solution.images[t];
-    if (!fit.inlier) continue;
-    View view;
-    view.name = pose.name;
-    view.camera_id = camera_of_image.at(pose.name);
-    view.station = station_number.at(pose.station);
-    view.angle_deg = fit.angle_rad * 180 / kPi;
-    view.cam_from_world = options.pose_source == CameraPoseSource::kSharedStations
-                              ? station_pose.at(pose.station)
-                              : TransformPose(aligned_from_background, pose.cam_from_world);
-    if (fit.group == 0) {
-      view.world_from_object.rotation =
-          Eigen::Quaterniond(Eigen::AngleAxisd(fit.angle_rad, Vector3d::UnitZ()));
-    } else {
-      const Sim3 moved = Compose(
-          Compose(aligned_from_background, WorldFromObjectAtAngle(solution, fit.group, fit.angle_rad)),
-          object_from_aligned);
-      view.world_from_object = {moved.rotation, moved.translation};
-    }
-    aligned.scene.views.push_back(view);
-  }
-  std::sort(aligned.scene.views.begin(), aligned.scene.views.end(),
-            [](const View& a, const View& b) { return a.name < b.name; });
-  aligned.scene.reference = aligned.poses[solution.reference].name;
-  for (const View& view : aligned.scene.views) view_of_image[view.name] = &view;
-  for (const auto& [id, camera] : object.cameras) aligned.scene.cameras.push_back(camera);
-  aligned.scene.num_stations = static_cast<int>(station_number.size());
-  aligned.scene.scale_observable = solution.scale_observable;
-
-  std::set<std::string> left_out;
-  for (const ColmapModel* model : {&aligned.object, &aligned.background}) {
-    for (const auto& [id, image] : model->images) {
-      if (view_of_image.count(image.name) == 0) left_out.insert(image.name);
-    }
-  }
-  aligned.left_out.assign(left_out.begin(), left_out.end());
-  RemoveImages(aligned.left_out, &aligned.object);
-  RemoveImages(aligned.left_out, &aligned.background);
-  for (auto& [id, image] : aligned.object.images)
-    image.cam_from_world = view_of_image.at(image.name)->CamFromObject();
-  for (auto& [id, image] : aligned.background.images) {
-    image.cam_from_world = view_of_image.at(image.name)->cam_from_world;
-  }
+  MakeViews(object, has_background, stations.count, options.pose_source, &aligned);
+  PoseModels(&aligned);
   return aligned;
 }
 
