@@ -317,6 +317,30 @@ TEST(Train, SaysHowFarItIs) {
   EXPECT_THAT(text, testing::HasSubstr("4 photos held out"));
 }
 
+// Two photos beside each other tell no more than a colour and a slope: what is left out is said with its share.
+TEST(Train, LeavesOutBandsThatNoPhotoTells) {
+  TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 40, 30, 1, 30);
+  scene.photos.resize(2);
+  for (ScenePhoto& photo : scene.photos) photo.held_out = false;
+  TrainOptions options = QuickOptions(20);
+  options.only_told_bands = true;
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.log = folder / "log.jsonl";
+  Listener listener;
+  Train(scene, options, 1, files, MakeCpuBackend().get(), listener);
+  nlohmann::json bands;
+  for (const nlohmann::json& decision : LinesOf(folder.Read("log.jsonl"), "decision")) {
+    if (decision["part"] == "sh_bands") bands = decision;
+  }
+  ASSERT_TRUE(bands.is_object());
+  EXPECT_EQ(bands["left_out"], true);
+  // 3 (1 + 3 + 5 + 7) numbers with all bands, 3 (1 + 3) with the first two.
+  EXPECT_EQ(bands["reason"], "the photos tell bands up to 1 alone");
+  EXPECT_EQ(bands["saving"], "36 of 48 numbers of each Gaussian's colour are not learnt");
+  EXPECT_THAT(listener.infos, testing::HasSubstr("the photos tell bands up to 1 alone: band 2 adds"));
+}
+
 // At four fifths of the time for growth a model of the budget's strategy has its bound, half of the way
 // before it half of what is missing.
 TEST(Train, GrowsAlongItsBudget) {

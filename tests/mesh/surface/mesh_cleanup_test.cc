@@ -415,6 +415,29 @@ TEST(MeshCleanup, NoSupportNoCut) {
   EXPECT_FALSE(FindSupportNormal(solid).has_value());
 }
 
+// Where the mesh lies does not matter, and neither does its unit.
+TEST(MeshCleanup, ASupportIsFoundFarFromTheOrigin) {
+  RandomNumbers random(7);
+  TriangleMesh mesh = Plate(2, -0.3, 0.05);
+  for (Eigen::Vector3f& vertex : mesh.vertices) vertex.z() += static_cast<float>(0.002 * random.Normal());
+  Append(Ball(4, 0.8, {0.1, 0.2, 0.45}), &mesh);
+  TriangleMesh solid = Plate(1, 1, 2);
+  Append(Ball(4, 0.8), &solid);
+  const auto moved = [](TriangleMesh copy, const Eigen::Vector3f& by, float scale) {
+    for (Eigen::Vector3f& vertex : copy.vertices) vertex = scale * (vertex + by);
+    return copy;
+  };
+  for (const Eigen::Vector3f& by :
+       {Eigen::Vector3f(0, 0, 0), Eigen::Vector3f(40, -20, 30), Eigen::Vector3f(-30, 0, -60)}) {
+    for (const float scale : {1.0F, 8.0F}) {
+      const std::optional<Eigen::Vector3d> normal = FindSupportNormal(moved(mesh, by, scale));
+      ASSERT_TRUE(normal) << by.transpose();
+      EXPECT_LT((*normal - Eigen::Vector3d::UnitZ()).norm(), 1e-3) << by.transpose();
+      EXPECT_FALSE(FindSupportNormal(moved(solid, by, scale))) << by.transpose();
+    }
+  }
+}
+
 TEST(MeshCleanup, CutsTrianglesInTwo) {
   TriangleMesh mesh = Ball(3, 1);
   mesh.normals = mesh.vertices;

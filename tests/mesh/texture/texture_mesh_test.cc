@@ -388,6 +388,76 @@ TEST(TexturePhotos, WeightsAreEvenAwayFromOutlines) {
   }
 }
 
+// A plate before a wall, on each of its four sides in turn: where the wall begins to be hidden it counts as
+// little as at its outline, four pixels away less than in the open.
+TEST(TexturePhotos, WallsFadeWhereSomethingStandsBeforeThem) {
+  const ObjectView view = LookAtOrigin({kDistance, 0, 0}, kSide, kFocal);
+  const Image8 photo{kSide, kSide, 3, std::vector<uint8_t>(3 * kSide * kSide, 99)};
+  for (int side = 0; side < 4; ++side) {
+    // (along, across) in the wall's plane; the plate covers what is beyond 0 along.
+    const auto place = [&](float x, float along, float across) {
+      const float signed_along = side % 2 == 0 ? along : -along;
+      return side < 2 ? Eigen::Vector3f(x, signed_along, across) : Eigen::Vector3f(x, across, signed_along);
+    };
+    TriangleMesh mesh;
+    const auto add = [&](float x, float from, float to) {
+      const auto first = static_cast<uint32_t>(mesh.vertices.size());
+      for (const auto& [along, across] :
+           {std::pair(from, -1.0F), std::pair(to, -1.0F), std::pair(to, 1.0F), std::pair(from, 1.0F)}) {
+        mesh.vertices.push_back(place(x, along, across));
+      }
+      mesh.triangles.emplace_back(first, first + 1, first + 2);
+      mesh.triangles.emplace_back(first, first + 2, first + 3);
+    };
+    add(0, -1, 1);
+    add(0.5F, 0, 1);
+    const TexturePhoto textured(view, photo, {}, mesh);
+    const auto weight = [&](float along) {
+      PhotoSample sample;
+      return textured.Sample(place(0, along, 0.05F), Eigen::Vector3f::UnitX(), &sample) ? sample.weight : 0;
+    };
+    constexpr float kPixel = static_cast<float>(kDistance / kFocal);
+    EXPECT_EQ(weight(0.3F), 0) << side;  // hidden
+    const float open = weight(-0.5F);
+    EXPECT_GT(open, 0) << side;
+    EXPECT_LT(weight(-2 * kPixel), 0.3F * open) << side;
+    EXPECT_LT(weight(-4 * kPixel), 0.75F * open) << side;
+    EXPECT_NEAR(weight(-12 * kPixel) / open, 1, 0.02) << side;
+  }
+}
+
+// What is smooth stays as it is in the smoothed photo: ramps along both axes.
+TEST(TexturePhotos, SmoothPhotosKeepRamps) {
+  TriangleMesh mesh;
+  mesh.vertices = {{0, -0.9F, -0.9F}, {0, 0.9F, -0.9F}, {0, 0.9F, 0.9F}, {0, -0.9F, 0.9F}};
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
+  const ObjectView view = LookAtOrigin({kDistance, 0, 0}, kSide, kFocal);
+  Image8 photo{kSide, kSide, 3, std::vector<uint8_t>(3 * kSide * kSide)};
+  for (int y = 0; y < kSide; ++y) {
+    for (int x = 0; x < kSide; ++x) {
+      photo.Pixel(x, y)[0] = static_cast<uint8_t>(x);
+      photo.Pixel(x, y)[1] = static_cast<uint8_t>(y);
+      photo.Pixel(x, y)[2] = static_cast<uint8_t>((x + y) / 2);
+    }
+  }
+  const TexturePhoto textured(view, photo, {}, mesh);
+  for (float a = -0.7F; a <= 0.7F; a += 0.1F) {
+    for (float b = -0.7F; b <= 0.7F; b += 0.1F) {
+      const Eigen::Vector3d in_cam = view.cam_from_object * Eigen::Vector3d(0, a, b);
+      const double column = view.fx * in_cam.x() / in_cam.z() + view.cx - 0.5;
+      const double row = view.fy * in_cam.y() / in_cam.z() + view.cy - 0.5;
+      PhotoSample sample;
+      ASSERT_TRUE(textured.Sample({0, a, b}, Eigen::Vector3f::UnitX(), &sample));
+      // Both are rounded to whole values, the smoothed one twice.
+      EXPECT_NEAR(sample.color[0], column, 0.6);
+      EXPECT_NEAR(sample.color[1], row, 0.6);
+      EXPECT_NEAR(sample.smooth[0], column, 1.1);
+      EXPECT_NEAR(sample.smooth[1], row, 1.1);
+      EXPECT_NEAR(sample.smooth[2], (column + row) / 2, 1.3);
+    }
+  }
+}
+
 TEST(TextureMesh, LargeTexturesTakeSeveralPages) {
   const BoxPhotos photos(Scene(), Ring(4));
   Reporter reporter;

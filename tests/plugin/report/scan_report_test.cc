@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -173,6 +174,42 @@ TEST(ScanReport, NumbersOfASyntheticScan) {
   EXPECT_NEAR(parts.at("curves").at("held_out").at("rms").at(0).at(1).get<double>(), 0.1, 1e-12);
   EXPECT_TRUE(parts.at("curves").at("held_out").at("object_rms").at(0).at(1).is_null());
   EXPECT_EQ(parts.at("curves").at("training").at("l1").at(0).at(1), 0.25);
+}
+
+// Why photos have no pose: by what the mapper and the split say of them.
+TEST(ScanReport, SaysWhyPhotosHaveNoPose) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  TurntableFile turntable;
+  turntable.num_stations = 1;
+  for (const char* name : {"doubted.jpg", "featureless.jpg", "few.jpg", "untied.jpg"}) {
+    TurntableImage image;
+    image.name = name;
+    turntable.images.push_back(image);
+  }
+  WriteTurntableFile(workspace.Turntable(), turntable);
+  const auto reasons = [&] {
+    std::map<std::string, std::string> of_name;
+    const Report report = Make(workspace);
+    for (const json& photo : report.numbers.at("report").at("photos")) {
+      of_name[photo.at("name")] = photo.at("missing");
+    }
+    return of_name;
+  };
+  EXPECT_THAT(reasons().at("few.jpg"), HasSubstr("not been computed"));
+  WriteAll(workspace.TurntableMapper(),
+           R"({"untied": ["untied.jpg"], "doubted": [{"name": "doubted.jpg"}]})");
+  EXPECT_THAT(reasons().at("featureless.jpg"), HasSubstr("too few of its matches"));
+  json images = json::array();
+  for (const char* name : {"doubted.jpg", "few.jpg", "untied.jpg"}) {
+    images.push_back({{"name", name}, {"station", 0}, {"labels", "o"}});
+  }
+  WriteAll(workspace.SplitLabels(), json{{"case", "turntable"}, {"images", images}}.dump());
+  const std::map<std::string, std::string> all = reasons();
+  EXPECT_THAT(all.at("doubted.jpg"), HasSubstr("contradict"));
+  EXPECT_THAT(all.at("featureless.jpg"), HasSubstr("it has no features"));
+  EXPECT_THAT(all.at("few.jpg"), HasSubstr("too few of its matches"));
+  EXPECT_THAT(all.at("untied.jpg"), HasSubstr("nothing on the background ties"));
 }
 
 TEST(ScanReport, OneBodyHasNoTableAngles) {
