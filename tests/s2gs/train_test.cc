@@ -317,7 +317,8 @@ TEST(Train, SaysHowFarItIs) {
   EXPECT_THAT(text, testing::HasSubstr("4 photos held out"));
 }
 
-// Two photos beside each other tell no more than a colour and a slope: what is left out is said with its share.
+// Two photos beside each other tell no more than a colour and a slope: what is left out is said with its
+// share.
 TEST(Train, LeavesOutBandsThatNoPhotoTells) {
   TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 40, 30, 1, 30);
   scene.photos.resize(2);
