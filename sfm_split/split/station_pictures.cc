@@ -14,38 +14,45 @@ namespace {
 using Verdict = PictureComparison::Verdict;
 
 constexpr double kMinPersistence = 0.5;  // of a station's photos in which a tile of the background is found
-// Of these, in which it stays in place: up to four camera places side by side are told apart. A tile of what
-// turns looks like its neighbourhood in many photos, too, but stays in place in none.
-constexpr double kMinStaying = 0.25;
 constexpr size_t kMinPersistencePhotos = 4;
 constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
 constexpr int kMinMovedTiles = 4;
+// Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
+constexpr double kMovedSigmas = 2.5;
 
-// Leaves those members out in which much of what stays in place in most of them lies elsewhere.
+// Leaves those members out in which much of what stays in place in most of them lies elsewhere. A tile of
+// little texture before noise, of a checked cloth or of what turns lies elsewhere now and then in every
+// photo: only more of them than that makes a photo of another place.
 void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vector<int>* members) {
   if (members->size() < kMinPersistencePhotos) return;
   const size_t num_tiles = comparisons[members->front()].tiles.size();
   std::vector<int> num_found(num_tiles, 0);
-  std::vector<int> num_staying(num_tiles, 0);
+  std::vector<int> num_elsewhere(num_tiles, 0);
   for (const int m : *members) {
     for (size_t t = 0; t < num_tiles; ++t) {
       const TileMatch& tile = comparisons[m].tiles[t];
       num_found[t] += tile.is_found ? 1 : 0;
-      num_staying[t] += tile.is_found && tile.agrees ? 1 : 0;
+      num_elsewhere[t] += tile.is_found && !tile.agrees ? 1 : 0;
     }
   }
   const double needed = kMinPersistence * static_cast<double>(members->size());
   const auto has_moved = [&](int m) {
     int num_moved = 0;
     int num = 0;
+    double expected = 0;
+    double variance = 0;
     for (size_t t = 0; t < num_tiles; ++t) {
       const TileMatch& tile = comparisons[m].tiles[t];
-      if (!tile.is_found || num_found[t] < needed || num_staying[t] < kMinStaying * num_found[t]) continue;
+      if (!tile.is_found || num_found[t] < needed) continue;
+      const double share = num_elsewhere[t] / static_cast<double>(num_found[t]);
+      expected += share;
+      variance += share * (1 - share);
       ++num;
       num_moved += tile.agrees ? 0 : 1;
     }
-    return num_moved >= kMinMovedTiles && num_moved > kMaxMovedShare * num;
+    return num_moved >= kMinMovedTiles && num_moved > kMaxMovedShare * num &&
+           num_moved - expected > kMovedSigmas * std::sqrt(variance);
   };
   members->erase(std::remove_if(members->begin(), members->end(), has_moved), members->end());
 }
