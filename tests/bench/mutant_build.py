@@ -24,6 +24,10 @@ def inside(path, folder):
 
 def describe(root, build, programs):
     """{commit, objects: {object: {file, words, deps}}, links: {program: words}}; paths in the tree, objects in the build folder."""
+    # As CMake was told: where the tree's name is a link, compilers are given that.
+    named = re.search(r'^CMAKE_CACHEFILE_DIR:INTERNAL=(.*)$', (build / 'CMakeCache.txt').read_text(), re.M)[1]
+    if named.endswith(inner := f'/{os.path.relpath(build, root)}'):
+        root, build = pathlib.Path(named[:-len(inner)]), pathlib.Path(named)
     depends, object_name = {}, None
     for line in output_of(['ninja', '-C', str(build), '-t', 'deps']).split('\n'):
         if match := re.match(r'(\S+): #deps', line):
