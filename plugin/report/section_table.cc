@@ -114,14 +114,16 @@ void WriteView(const ReportInput& input, const Panel& panel, double reach, const
                     {"aria-label", title}});
   if (input.background) WriteCloud(*input.background, panel, "cloud still", out);
   WriteCloud(*input.object, panel, "cloud turning", out);
-  const TurntableAxis& axis = input.turntable->axis;
-  const Eigen::Vector2d low = panel.At(axis.point - 0.3 * reach * axis.direction);
-  const Eigen::Vector2d high = panel.At(axis.point + 0.3 * reach * axis.direction);
-  out->Void("line", {{"class", "tableaxis"},
-                     {"x1", ShortNumber(low.x())},
-                     {"y1", ShortNumber(low.y())},
-                     {"x2", ShortNumber(high.x())},
-                     {"y2", ShortNumber(high.y())}});
+  if (!input.IsOneBody()) {
+    const TurntableAxis& axis = input.turntable->axis;
+    const Eigen::Vector2d low = panel.At(axis.point - 0.3 * reach * axis.direction);
+    const Eigen::Vector2d high = panel.At(axis.point + 0.3 * reach * axis.direction);
+    out->Void("line", {{"class", "tableaxis"},
+                       {"x1", ShortNumber(low.x())},
+                       {"y1", ShortNumber(low.y())},
+                       {"x2", ShortNumber(high.x())},
+                       {"y2", ShortNumber(high.y())}});
+  }
   for (const TurntableImage& image : input.turntable->images) {
     const ColmapImage* pose = input.ObjectImage(image.name);
     if (pose == nullptr) continue;
