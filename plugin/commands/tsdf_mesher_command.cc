@@ -191,6 +191,73 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   return summary;
 }
 
+namespace {
+
+void AddTsdfOptions(Options* options, TsdfOptions* fields) {
+  auto tsdf = options->Group("Tsdf", fields);
+  tsdf.Add("voxel_size", &TsdfOptions::voxel_size, "edge of a voxel; 0: from the depth maps' resolution")
+      .Unit("as the poses");
+  tsdf.Add("voxel_size_pixels", &TsdfOptions::voxel_size_pixels,
+           "edge of a voxel where it is chosen, in pixels on the surface")
+      .Unit("px");
+  tsdf.Add("max_resolution", &TsdfOptions::max_resolution,
+           "voxels along the longest side where the edge is chosen");
+  tsdf.Add("truncation_voxels", &TsdfOptions::truncation_voxels,
+           "how far from the surface distances are known")
+      .Unit("voxels");
+  tsdf.Add("max_view_angle_deg", &TsdfOptions::max_view_angle_deg,
+           "steepest angle between ray and normal at which a depth counts")
+      .Unit("degrees");
+  tsdf.Add("mask_threshold", &TsdfOptions::mask_threshold, "of the masks' 0 to 1: from here on it is object");
+  tsdf.Add("carve", &TsdfOptions::carve, "take space in front of pixels outside the masks as empty");
+  tsdf.Add("max_memory_gib", &TsdfOptions::max_memory_gib, "refuse what would need more").Unit("GiB");
+  tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
+}
+
+void AddCleanupOptions(Options* options, MeshCleanupOptions* fields) {
+  auto cleanup = options->Group("Cleanup", fields);
+  cleanup.Add("cut_at_table", &MeshCleanupOptions::cut_at_table,
+              "where a table turns: drop what lies below its top or beyond its rim, does not stand on it and "
+              "is not the side of a body");
+  cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
+              "cut just above the table's disc, or what the object stands on where nothing turns");
+  cleanup
+      .Add("min_cluster_area_pct", &MeshCleanupOptions::min_cluster_area_pct,
+           "drop clusters with less of the largest one's area; 100 keeps the largest alone")
+      .Unit("%");
+  cleanup.Add("max_hole_edges", &MeshCleanupOptions::max_hole_edges,
+              "close holes with so many edges or fewer; 0: none");
+  cleanup.Add("smoothing_iterations", &MeshCleanupOptions::smoothing_iterations, "of Taubin's smoothing");
+  cleanup.Add("max_triangles", &MeshCleanupOptions::max_triangles,
+              "simplify the mesh to about so many triangles; 0: keep all");
+}
+
+void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
+  auto refinement = options->Group("Refine", fields);
+  refinement.Add("enabled", &MeshRefinementOptions::enabled,
+                 "move the surface to where the photos of dense/0 agree best, and drop what they do not see");
+  refinement.Add("num_views", &MeshRefinementOptions::num_views, "photos in which a vertex is compared");
+  refinement
+      .Add("max_view_angle_deg", &MeshRefinementOptions::max_view_angle_deg,
+           "steepest angle between a vertex's normal and the rays to these photos")
+      .Unit("degrees");
+  refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
+                 "of the offsets over the mesh; larger trusts the photos less");
+  refinement
+      .Add(
+          "min_seen_pct", &MeshRefinementOptions::min_seen_pct,
+          "drop triangles that fewer of the photos see, where a table turns and there are 40 photos or more; "
+          "0 keeps all")
+      .Unit("%");
+  refinement.Add("carve", &MeshRefinementOptions::carve,
+                 "let parts sink that photos contradict, where they agree deeper: hollows that were filled");
+  refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
+      .Unit("GiB");
+  refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
+}
+
+}  // namespace
+
 void RunTsdfMesher(CommandContext& context) {
   fs::path workspace_path;
   TsdfMesherOptions mesher;
@@ -216,60 +283,9 @@ void RunTsdfMesher(CommandContext& context) {
            "0; "
            "0 keeps every vertex")
       .Unit("voxels");
-  auto tsdf = options.Group("Tsdf", &mesher.tsdf);
-  tsdf.Add("voxel_size", &TsdfOptions::voxel_size, "edge of a voxel; 0: from the depth maps' resolution")
-      .Unit("as the poses");
-  tsdf.Add("voxel_size_pixels", &TsdfOptions::voxel_size_pixels,
-           "edge of a voxel where it is chosen, in pixels on the surface")
-      .Unit("px");
-  tsdf.Add("max_resolution", &TsdfOptions::max_resolution,
-           "voxels along the longest side where the edge is chosen");
-  tsdf.Add("truncation_voxels", &TsdfOptions::truncation_voxels,
-           "how far from the surface distances are known")
-      .Unit("voxels");
-  tsdf.Add("max_view_angle_deg", &TsdfOptions::max_view_angle_deg,
-           "steepest angle between ray and normal at which a depth counts")
-      .Unit("degrees");
-  tsdf.Add("mask_threshold", &TsdfOptions::mask_threshold, "of the masks' 0 to 1: from here on it is object");
-  tsdf.Add("carve", &TsdfOptions::carve, "take space in front of pixels outside the masks as empty");
-  tsdf.Add("max_memory_gib", &TsdfOptions::max_memory_gib, "refuse what would need more").Unit("GiB");
-  tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
-  auto cleanup = options.Group("Cleanup", &mesher.cleanup);
-  cleanup.Add("cut_at_table", &MeshCleanupOptions::cut_at_table,
-              "where a table turns: drop what lies below its top or beyond its rim, does not stand on it and "
-              "is not the side of a body");
-  cleanup.Add("remove_disc", &MeshCleanupOptions::remove_disc,
-              "cut just above the table's disc, or what the object stands on where nothing turns");
-  cleanup
-      .Add("min_cluster_area_pct", &MeshCleanupOptions::min_cluster_area_pct,
-           "drop clusters with less of the largest one's area; 100 keeps the largest alone")
-      .Unit("%");
-  cleanup.Add("max_hole_edges", &MeshCleanupOptions::max_hole_edges,
-              "close holes with so many edges or fewer; 0: none");
-  cleanup.Add("smoothing_iterations", &MeshCleanupOptions::smoothing_iterations, "of Taubin's smoothing");
-  cleanup.Add("max_triangles", &MeshCleanupOptions::max_triangles,
-              "simplify the mesh to about so many triangles; 0: keep all");
-  auto refinement = options.Group("Refine", &mesher.refinement);
-  refinement.Add("enabled", &MeshRefinementOptions::enabled,
-                 "move the surface to where the photos of dense/0 agree best, and drop what they do not see");
-  refinement.Add("num_views", &MeshRefinementOptions::num_views, "photos in which a vertex is compared");
-  refinement
-      .Add("max_view_angle_deg", &MeshRefinementOptions::max_view_angle_deg,
-           "steepest angle between a vertex's normal and the rays to these photos")
-      .Unit("degrees");
-  refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
-                 "of the offsets over the mesh; larger trusts the photos less");
-  refinement
-      .Add(
-          "min_seen_pct", &MeshRefinementOptions::min_seen_pct,
-          "drop triangles that fewer of the photos see, where a table turns and there are 40 photos or more; "
-          "0 keeps all")
-      .Unit("%");
-  refinement.Add("carve", &MeshRefinementOptions::carve,
-                 "let parts sink that photos contradict, where they agree deeper: hollows that were filled");
-  refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
-      .Unit("GiB");
-  refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
+  AddTsdfOptions(&options, &mesher.tsdf);
+  AddCleanupOptions(&options, &mesher.cleanup);
+  AddRefinementOptions(&options, &mesher.refinement);
   Reporter& reporter = context.Parse();
   if (!(mesher.max_error_voxels >= 0)) throw CommandLineError("--max_error_voxels must not be negative");
 

@@ -94,14 +94,71 @@ void RunForced(const SweepOptions& sweep, const std::vector<std::string>& parts,
   out << "\n" << output.string() << ".csv and .json\n";
 }
 
-}  // namespace
-
-void RunWorkPrecision(CommandContext& context) {
+// What the command line asks for.
+struct Request {
   Paths paths;
   std::string forced;
   SweepOptions sweep;
   std::string knob;
   Clock clock = Clock::kAuto;
+
+  bool IsForced() const { return !forced.empty() && forced != "0"; }
+};
+
+void AddRequest(Options* options, Request* request) {
+  options->Add("workspace_path", &request->paths.workspaces, "the scans; several give performance profiles");
+  options->Add(
+      "knob", &request->knob,
+      "one of " + KnobList() + ", or any option of a stage's command as COMMAND.OPTION; empty: --forced");
+  options->Add("values", &request->sweep.values, "of the knob, from cheap to costly; empty: the knob's own");
+  options->Add(
+      "forced", &request->forced,
+      "1, or names of parts with commas: what each part that the plan leaves out (scan_planner) would have "
+      "cost and gained; --arguments are then COMMAND.NAME=VALUE");
+  options->Add(
+      "curves", &request->paths.curves,
+      "instead of a knob: JSON files that this command wrote, of one knob and other scenes, seeds or "
+      "values, as one; nothing is run");
+  options->AddEnum("time", &request->clock, kClockNames,
+                   "which time counts for the Pareto set: wall means something where runs had a GPU to "
+                   "themselves; auto: wall with --use_gpu 1 --jobs 1, else cpu");
+  options->Add("seeds", &request->sweep.seeds, "random seeds; stages before the knob's stay as they are");
+  options->Add("image_path", &request->paths.images,
+               "the photos, one folder for each scan; empty: images in the workspaces");
+  options->Add(
+      "ground_truth_path", &request->paths.truths,
+      "data sets as scan_evaluator takes them, one for each scan; empty: poses and meshes are measured "
+      "against the run of the last value");
+  options->Add("arguments", &request->sweep.arguments,
+               "more options for the knob's command as NAME=VALUE, {workspace} is the scan's folder; e.g. "
+               "quality=low,test_list={workspace}/test_list.txt (training needs photos held out)");
+  options->Add("use_gpu", &request->sweep.use_gpu, "auto, 0 or 1");
+  options->Add("jobs", &request->sweep.jobs, "runs at a time; wall times mean something with 1 alone");
+  options->Add("keep_files", &request->sweep.keep_files,
+               "keep all files of every run, not those alone that comparisons need");
+  options->Add("program_path", &request->sweep.program, "the s2gs that runs the stages; empty: this one");
+  options->Add("output_path", &request->paths.output,
+               "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
+               "first scan");
+}
+
+void RefuseWhatDoesNotGoTogether(const Request& request) {
+  if (request.sweep.jobs < 1) throw CommandLineError("--jobs is below 1.");
+  if ((request.knob.empty() ? 0 : 1) + (request.IsForced() ? 1 : 0) +
+          (request.paths.curves.empty() ? 0 : 1) !=
+      1) {
+    throw CommandLineError("give one of --knob, --forced and --curves.");
+  }
+  if (request.paths.curves.empty() == request.paths.workspaces.empty()) {
+    throw CommandLineError(request.paths.curves.empty() ? "--workspace_path is missing."
+                                                        : "--curves needs no --workspace_path.");
+  }
+}
+
+}  // namespace
+
+void RunWorkPrecision(CommandContext& context) {
+  Request request;
   Options& options = context.Declare(
       "Error against run time of one stage of finished scans: runs it again with every value of one knob and "
       "every "
@@ -110,59 +167,22 @@ void RunWorkPrecision(CommandContext& context) {
       "made again. Writes CSV, JSON and an HTML page of diagrams, and names the settings that nothing beats "
       "in both.",
       "--workspace_path scan --knob joint_tolerance --seeds 0,1,2 --ground_truth_path data/falcon_desk");
-  options.Add("workspace_path", &paths.workspaces, "the scans; several give performance profiles");
-  options.Add(
-      "knob", &knob,
-      "one of " + KnobList() + ", or any option of a stage's command as COMMAND.OPTION; empty: --forced");
-  options.Add("values", &sweep.values, "of the knob, from cheap to costly; empty: the knob's own");
-  options.Add(
-      "forced", &forced,
-      "1, or names of parts with commas: what each part that the plan leaves out (scan_planner) would have "
-      "cost and gained; --arguments are then COMMAND.NAME=VALUE");
-  options.Add("curves", &paths.curves,
-              "instead of a knob: JSON files that this command wrote, of one knob and other scenes, seeds or "
-              "values, as one; nothing is run");
-  options.AddEnum("time", &clock, kClockNames,
-                  "which time counts for the Pareto set: wall means something where runs had a GPU to "
-                  "themselves; auto: wall with --use_gpu 1 --jobs 1, else cpu");
-  options.Add("seeds", &sweep.seeds, "random seeds; stages before the knob's stay as they are");
-  options.Add("image_path", &paths.images,
-              "the photos, one folder for each scan; empty: images in the workspaces");
-  options.Add(
-      "ground_truth_path", &paths.truths,
-      "data sets as scan_evaluator takes them, one for each scan; empty: poses and meshes are measured "
-      "against the run of the last value");
-  options.Add("arguments", &sweep.arguments,
-              "more options for the knob's command as NAME=VALUE, {workspace} is the scan's folder; e.g. "
-              "quality=low,test_list={workspace}/test_list.txt (training needs photos held out)");
-  options.Add("use_gpu", &sweep.use_gpu, "auto, 0 or 1");
-  options.Add("jobs", &sweep.jobs, "runs at a time; wall times mean something with 1 alone");
-  options.Add("keep_files", &sweep.keep_files,
-              "keep all files of every run, not those alone that comparisons need");
-  options.Add("program_path", &sweep.program, "the s2gs that runs the stages; empty: this one");
-  options.Add("output_path", &paths.output,
-              "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
-              "first scan");
+  AddRequest(&options, &request);
   Reporter& reporter = context.Parse();
-  if (sweep.jobs < 1) throw CommandLineError("--jobs is below 1.");
-  const bool is_forced = !forced.empty() && forced != "0";
-  if ((knob.empty() ? 0 : 1) + (is_forced ? 1 : 0) + (paths.curves.empty() ? 0 : 1) != 1) {
-    throw CommandLineError("give one of --knob, --forced and --curves.");
-  }
-  if (paths.curves.empty() == paths.workspaces.empty()) {
-    throw CommandLineError(paths.curves.empty() ? "--workspace_path is missing."
-                                                : "--curves needs no --workspace_path.");
-  }
-  const bool by_wall =
-      clock == Clock::kWall || (clock == Clock::kAuto && sweep.use_gpu == "1" && sweep.jobs == 1);
-  if (!knob.empty()) sweep.knob = FindKnob(knob);
+  RefuseWhatDoesNotGoTogether(request);
+  Paths& paths = request.paths;
+  SweepOptions& sweep = request.sweep;
+  const bool by_wall = request.clock == Clock::kWall ||
+                       (request.clock == Clock::kAuto && sweep.use_gpu == "1" && sweep.jobs == 1);
+  if (!request.knob.empty()) sweep.knob = FindKnob(request.knob);
   const size_t count = paths.workspaces.size();
   paths.images = Matched(paths.images, count, "image_path");
   paths.truths = Matched(paths.truths, count, "ground_truth_path");
   for (size_t i = 0; i < count; ++i) {
     sweep.scenes.push_back({paths.workspaces[i], paths.images[i], paths.truths[i]});
   }
-  if (is_forced) return RunForced(sweep, PartsOf(forced), paths.output, context.out(), reporter);
+  if (request.IsForced())
+    return RunForced(sweep, PartsOf(request.forced), paths.output, context.out(), reporter);
   if (paths.output.empty() && paths.workspaces.empty()) throw CommandLineError("--output_path is missing.");
   if (paths.output.empty()) paths.output = sweep.scenes[0].workspace / "work_precision" / sweep.knob.name;
 
@@ -174,7 +194,7 @@ void RunWorkPrecision(CommandContext& context) {
     std::vector<WorkCurve> read;
     for (const std::string& path : paths.curves) {
       read.push_back(ReadCurve(path));
-      if (clock != Clock::kAuto) read.back().time = by_wall ? CurveTime::kWall : CurveTime::kCpu;
+      if (request.clock != Clock::kAuto) read.back().time = by_wall ? CurveTime::kWall : CurveTime::kCpu;
     }
     curve = MergeCurves(read);
   }

@@ -55,6 +55,28 @@ TEST(Residuals, ExactModelsHaveNone) {
   for (const auto& [id, observations] : residuals.by_image) EXPECT_LT(RmsLength(observations), 1e-9);
 }
 
+// A point behind the camera is counted, and has no residual.
+TEST(Residuals, PointsBehindTheCameraAreCounted) {
+  ColmapModel model = SyntheticStaticModel(Table(0));
+  const ModelResiduals before = ComputeResiduals(model);
+  EXPECT_EQ(before.num_behind, 0U);
+  auto& [id, image] = *model.images.begin();
+  const auto seen =
+      std::find_if(image.points2D.begin(), image.points2D.end(),
+                   [](const ColmapPoint2D& keypoint) { return keypoint.point3D_id != kInvalidPoint3DId; });
+  ASSERT_NE(seen, image.points2D.end());
+  Eigen::Vector3d& point = model.points3D.at(seen->point3D_id).xyz;
+  const Eigen::Vector3d in_camera = image.cam_from_world * point;
+  point = image.cam_from_world.Inverse() * Eigen::Vector3d(-in_camera);
+  const ModelResiduals after = ComputeResiduals(model);
+  EXPECT_GE(after.num_behind, 1U);
+  EXPECT_EQ(after.num_observations + after.num_behind, before.num_observations);
+  EXPECT_EQ(after.by_image.at(id).size(), before.by_image.at(id).size() - 1);
+  for (const ModelResiduals::Observation& observation : after.by_image.at(id)) {
+    EXPECT_NE(observation.point3D_id, seen->point3D_id);
+  }
+}
+
 TEST(Residuals, TheFieldTellsAShiftFromNoise) {
   const SyntheticTurntable table = Table(0.5);
   const ColmapModel model = SyntheticStaticModel(table);
