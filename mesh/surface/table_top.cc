@@ -20,6 +20,7 @@ constexpr double kGroundCosine = 0.5;
 constexpr double kMinAreaShare = 0.02;
 constexpr double kNearlyAsLarge = 0.3;
 constexpr int kDirections = 36;
+constexpr double kMinWallShare = 0.25;  // of the mean over directions: a square's sides vary by half.
 
 // A triangle.
 struct Patch {
@@ -170,15 +171,17 @@ struct Part {
   std::vector<size_t> triangles;
   double area = 0;
   Eigen::Vector3d moment = Eigen::Vector3d::Zero();  // of the area
-  double upwards = 0;                               // the area that it shows from above, less that from below
-  double outwards = 0;                              // the same from around the axis
-  std::array<bool, kDirections> is_seen_from = {};  // directions around the axis
+  double upwards = 0;   // the area that it shows from above, less that from below
+  double outwards = 0;  // the same from around the axis
+  std::array<double, kDirections> outwards_in = {};  // of this, by direction
 
   Eigen::Vector3d Centre() const { return moment / area; }
   // The side of a body that goes on below the plane: it stands upright all around it.
   bool IsSide() const {
-    return outwards > std::abs(upwards) &&
-           2 * std::count(is_seen_from.begin(), is_seen_from.end(), true) >= kDirections;
+    const auto num_walls = std::count_if(outwards_in.begin(), outwards_in.end(), [&](double there) {
+      return there > kMinWallShare * outwards / kDirections;
+    });
+    return outwards > std::abs(upwards) && 2 * num_walls >= kDirections;
   }
 };
 
@@ -199,9 +202,11 @@ std::vector<Part> PartsOf(const TriangleMesh& mesh, const std::vector<size_t>& t
     part.area += normal.norm();
     part.moment += normal.norm() * middle;
     part.upwards += normal.z();
-    if (Radius(middle) > 0) part.outwards += normal.head<2>().dot(middle.head<2>()) / Radius(middle);
+    if (!(Radius(middle) > 0)) continue;
+    const double outwards = normal.head<2>().dot(middle.head<2>()) / Radius(middle);
     const double turn = std::atan2(middle.y(), middle.x()) / (2 * kPi) + 0.5;
-    part.is_seen_from[std::min(static_cast<int>(turn * kDirections), kDirections - 1)] = true;
+    part.outwards += outwards;
+    part.outwards_in[std::min(static_cast<int>(turn * kDirections), kDirections - 1)] += outwards;
   }
   return parts;
 }
@@ -264,31 +269,35 @@ std::optional<TableTop> FindTableTop(const TriangleMesh& mesh) {
   return tables[best];
 }
 
-int64_t CutAtTable(const TableTop& table, TriangleMesh* mesh) {
-  const auto before = static_cast<int64_t>(mesh->triangles.size());
+std::vector<bool> StandsOnTable(const TableTop& table, const TriangleMesh& mesh) {
   const double top = table.disc.CutHeight();
   const double bottom = table.disc.height - table.disc.Tolerance();
   std::vector<size_t> standing;
   std::vector<size_t> beside;
-  for (size_t t = 0; t < mesh->triangles.size(); ++t) {
-    const Eigen::Vector3d middle = Middle(*mesh, mesh->triangles[t]);
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const Eigen::Vector3d middle = Middle(mesh, mesh.triangles[t]);
     if (middle.z() > top) {
       standing.push_back(t);
     } else if (middle.z() < bottom || Radius(middle) > table.radius) {
       beside.push_back(t);
     }
   }
-  std::vector<bool> keep(mesh->triangles.size(), true);
+  std::vector<bool> keep(mesh.triangles.size(), true);
   const auto drop = [&](const Part& part) {
     for (const size_t t : part.triangles) keep[t] = false;
   };
-  for (const Part& part : PartsOf(*mesh, standing)) {
+  for (const Part& part : PartsOf(mesh, standing)) {
     if (part.area > 0 && Radius(part.Centre()) > table.radius) drop(part);
   }
-  for (const Part& part : PartsOf(*mesh, beside)) {
+  for (const Part& part : PartsOf(mesh, beside)) {
     if (!part.IsSide()) drop(part);
   }
-  KeepTriangles(keep, mesh);
+  return keep;
+}
+
+int64_t CutAtTable(const TableTop& table, TriangleMesh* mesh) {
+  const auto before = static_cast<int64_t>(mesh->triangles.size());
+  KeepTriangles(StandsOnTable(table, *mesh), mesh);
   return before - static_cast<int64_t>(mesh->triangles.size());
 }
 

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "mesh/surface/triangle_mesh.h"
 
@@ -41,10 +42,13 @@ struct TableTop {
 /// on that. \param mesh  z is the axis.
 std::optional<TableTop> FindTableTop(const TriangleMesh& mesh);
 
-/// Drops what belongs neither to the table's top nor to what stands on it: of what lies below the plane, or
-/// on it beyond the rim, every connected part that is not the side of a body, upright all around the axis, so
-/// that a plinth that passes for a table loses nothing; above it, every connected part whose centre of area
-/// is not over the table, where it could not stand. \return  how many triangles.
+/// Which triangles belong to the table's top or to what stands on it. Of what lies below the plane, or on it
+/// beyond the rim, only connected parts that are the side of a body do, upright all around the axis, so that
+/// a plinth that passes for a table loses nothing; above it, connected parts whose centre of area is over the
+/// table, where alone they can stand.
+std::vector<bool> StandsOnTable(const TableTop& table, const TriangleMesh& mesh);
+
+/// Drops the others. \return  how many triangles.
 int64_t CutAtTable(const TableTop& table, TriangleMesh* mesh);
 
 }  // namespace s2gs

@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/outputs/beside_table.h"
 #include "plugin/outputs/dense_folder.h"
 #include "plugin/shared_options/backend_choice.h"
 #include "plugin/stage/stage.h"
@@ -77,6 +78,7 @@ struct Arguments {
   MapsOf maps_of = MapsOf::kObject;
   bool undistort_always = false;
   PlainTable plain_table = PlainTable::kObject;
+  bool cut_at_table = true;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
   BackendChoice backend;
@@ -104,6 +106,10 @@ void AddOptions(Options* options, Arguments* a) {
       "plain_table", &a->plain_table, kPlainTableNames,
       "whose, in masks, a table is that is so plain that it may turn or stand still by the photos, "
       "where its top ends in a circle about the axis");
+  options->Add(
+      "cut_at_table", &a->cut_at_table,
+      "leave out what rotates by the model and lies below the table's top or beyond its rim, does not "
+      "stand on it and is not the side of a body: plain ground");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
@@ -187,6 +193,7 @@ class Renderer {
         in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)),
         writers_(ThreadsThatFit(kWritingBytesPerPixel * LargestView(scene_))) {
     if (scene_.mode == TrainMode::kS2gs) {
+      if (a_.cut_at_table) DropBesideTable();
       shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
       table_ = FindTableRim(scene_, backend_);
       const bool is_objects = a_.plain_table == PlainTable::kObject;
@@ -277,6 +284,7 @@ class Renderer {
   // s2gs/mask_log.jsonl: what masks rest on beside p.
   void WriteMaskLog() const {
     nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", table_.has_value()}};
+    line["gaussians_beside"] = num_beside_table_;
     if (table_) {
       line["radius"] = table_->region.radius * scene_.size;
       line["height"] = (table_->region.high - table_->region.low) * scene_.size;
@@ -298,6 +306,19 @@ class Renderer {
   }
 
  private:
+  void DropBesideTable() {
+    const std::vector<uint32_t> beside = FindRotatingBesideTable(scene_, backend_, reporter_);
+    num_beside_table_ = beside.size();
+    if (beside.empty()) return;
+    std::vector<uint32_t> others;
+    const auto count = static_cast<uint32_t>(backend_->Count());
+    for (uint32_t i = 0; i < count; ++i) {
+      if (!std::binary_search(beside.begin(), beside.end(), i)) others.push_back(i);
+    }
+    backend_->Keep(others);
+    reporter_.Info(fmt::format("{} rotating Gaussians left out that lie beside the table", beside.size()));
+  }
+
   RenderedView Render(RenderRequest request) {
     if (reporter_.StopRequested()) throw Interrupted();
     request.stop_requested = [this] { return reporter_.StopRequested(); };
@@ -388,6 +409,7 @@ class Renderer {
   Reporter& reporter_;
   std::optional<RotatingShape> shape_;
   std::optional<TableRim> table_;
+  size_t num_beside_table_ = 0;  // Gaussians
   fs::path output_;
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;
@@ -502,7 +524,7 @@ void RunGaussianRenderer(CommandContext& context) {
   if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
   const std::map<std::string, std::string> values = options.Values();
   for (const char* name :
-       {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always", "plain_table"})
+       {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always", "plain_table", "cut_at_table"})
     stage.options[name] = values.at(name);
   stage.depends_on = {"gaussian_trainer"};
   if (a.masks) stage.outputs.push_back(workspace.Masks());

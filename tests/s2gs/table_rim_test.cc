@@ -233,6 +233,26 @@ TEST(TableRim, ScalesWithTheScene) {
   EXPECT_LT(other->false_alarms, 1e-6);
 }
 
+TEST(TableRim, IsTheSameOnTheGpu) {
+  std::unique_ptr<Backend> gpu;
+  try {
+    gpu = MakeCudaBackend(0);
+  } catch (const UserError& error) {
+    GTEST_SKIP() << "no GPU, so the rim was not looked for there: " << error.what();
+  }
+  TrainState state;
+  state.gaussians = FromReference(ThingOnTable(false), 0);
+  gpu->SetState(state);
+  const std::optional<TableRim> on_gpu = FindTableRim(SceneOf(3), gpu.get());
+  const std::optional<TableRim> on_cpu = FindTableRim(SceneOf(3), BackendOf(ThingOnTable(false)).get());
+  ASSERT_TRUE(on_gpu && on_cpu);
+  // A step of the nearer look is 1.2 radii / 120; both draw the same up to the order of sums.
+  EXPECT_NEAR(on_gpu->region.radius, on_cpu->region.radius, 0.003);
+  EXPECT_NEAR(on_gpu->region.low, on_cpu->region.low, 0.003);
+  EXPECT_NEAR(on_gpu->region.high, on_cpu->region.high, 0.003);
+  EXPECT_EQ(on_gpu->static_share, on_cpu->static_share);
+}
+
 TEST(TableRim, OfATableThatTurnsIsDecided) {
   const std::optional<TableRim> rim = FindTableRim(SceneOf(2), BackendOf(ThingOnTable(true)).get());
   ASSERT_TRUE(rim);
