@@ -106,10 +106,10 @@ void AddOptions(Options* options, Arguments* a) {
       "plain_table", &a->plain_table, kPlainTableNames,
       "whose, in masks, a table is that is so plain that it may turn or stand still by the photos, "
       "where its top ends in a circle about the axis");
-  options->Add(
-      "cut_at_table", &a->cut_at_table,
-      "leave out what rotates by the model and lies below the table's top or beyond its rim, does not "
-      "stand on it and is not the side of a body: plain ground");
+  options->Add("cut_at_table", &a->cut_at_table,
+               "of photos of one station, leave out what rotates by the model and lies below the table's top "
+               "or beyond its rim, does not "
+               "stand on it and is not the side of a body: plain ground");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");

@@ -130,15 +130,19 @@ TEST(BesideTable, WhatFloatsClearOfTheObject) {
   EXPECT_EQ(beside.front(), splats.size());
 }
 
-TEST(BesideTable, NothingWithoutATableOrAnAxis) {
+TEST(BesideTable, NothingWithoutATableOrAnAxisOrFromSeveralStations) {
   EXPECT_TRUE(BesideIn(Wall(4, 1, 1)).empty());
   const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
   TrainState state;
   state.gaussians = FromReference(With(CanOnTable(), Wall(1, -kApart, 0.5)), 0);
   backend->SetState(state);
-  TrainingScene scene = SceneOf();
-  scene.axis.reset();
   Reporter reporter;
+  TrainingScene scene = SceneOf();
+  scene.photos[0].station = 1;
+  EXPECT_TRUE(FindRotatingBesideTable(scene, backend.get(), reporter).empty());
+  scene = SceneOf();
+  EXPECT_FALSE(FindRotatingBesideTable(scene, backend.get(), reporter).empty());
+  scene.axis.reset();
   EXPECT_TRUE(FindRotatingBesideTable(scene, backend.get(), reporter).empty());
 }
 
