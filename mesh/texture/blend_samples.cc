@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "mesh/texture/turn_light.h"
+#include "s2gs/image/srgb.h"
 
 namespace s2gs {
 namespace {
@@ -16,6 +17,10 @@ constexpr float kTukey = 4.685F;
 constexpr float kSigmaOfMad = 1.4826F;
 // Among fewer nobody is in the majority.
 constexpr int kMinJudges = 3;
+// Of all photos' weights: less is rounding.
+constexpr float kLeastShare = 1e-4F;
+// Grey values that rounding makes of nothing.
+constexpr float kDarkest = 0.5F;
 // The detail's weight is this power of the smooth part's.
 constexpr float kDetailPower = 4;
 
@@ -49,6 +54,16 @@ Weights Judged(const Weights& weights, const Colors& smooth, int count) {
   return sum > 0 ? judged : weights;
 }
 
+// How many times as strong light makes one sRGB colour of another.
+Eigen::Array3f LightBetween(const Eigen::Array3f& from, const Eigen::Array3f& to) {
+  Eigen::Array3f light;
+  for (int c = 0; c < 3; ++c) {
+    const float before = LightFromSrgb(std::max(kDarkest, from[c]) / 255);
+    light[c] = LightFromSrgb(std::max(kDarkest, to[c]) / 255) / before;
+  }
+  return light;
+}
+
 }  // namespace
 
 void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, uint8_t* count) {
@@ -63,8 +78,13 @@ void AddCandidate(const TexelCandidate& candidate, TexelCandidate* candidates, u
   if (candidate.sample.weight > least->sample.weight) *least = candidate;
 }
 
-Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array3f* shades, int count,
-                            const std::vector<PhotoTone>& tones) {
+void SeenColor::Add(const PhotoSample& sample, const PhotoTone& tone, float share) {
+  sum += share * sample.weight * tone.gain * ColorOf(sample.smooth);
+  weight += share * sample.weight;
+}
+
+BlendedColor BlendSamples(const TexelCandidate* candidates, const Eigen::Array3f* shades, int count,
+                          const std::vector<PhotoTone>& tones, const SeenColor& seen) {
   Weights weights{};
   float largest = 0;
   float least = candidates[0].sample.weight;
@@ -91,7 +111,15 @@ Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array
     smooth[i] = UnderLight(gain * ColorOf(candidates[i].sample.smooth), unshade);
     sharp[i] = UnderLight(gain * ColorOf(candidates[i].sample.color), unshade);
   }
-  if (count >= kMinJudges) weights = Judged(weights, smooth, count);
+  SeenColor agreed = seen;
+  if (count >= kMinJudges) {
+    const Weights judged = Judged(weights, smooth, count);
+    for (int i = 0; i < count; ++i) {
+      const float share = weights[i] > 0 ? judged[i] / weights[i] : 1;
+      agreed.Add(candidates[i].sample, tones[candidates[i].photo], share - 1);
+    }
+    weights = judged;
+  }
   Eigen::Array3f smooth_sum = Eigen::Array3f::Zero();
   Eigen::Array3f detail_sum = Eigen::Array3f::Zero();
   float smooth_weight = 0;
@@ -104,9 +132,15 @@ Eigen::Array3f BlendSamples(const TexelCandidate* candidates, const Eigen::Array
     detail_sum += weight * (sharp[i] - smooth[i]);
     detail_weight += weight;
   }
-  Eigen::Array3f color = smooth_sum / smooth_weight;
-  if (detail_weight > 0) color += detail_sum / detail_weight;
-  return color;
+  const Eigen::Array3f mean = smooth_sum / smooth_weight;
+  BlendedColor blended{mean, Eigen::Array3f::Ones()};
+  if (detail_weight > 0) blended.color += detail_sum / detail_weight;
+  // Rounding may leave nothing of what was all taken out.
+  if (agreed.weight > kLeastShare * seen.weight) {
+    blended.light = LightBetween(mean, agreed.sum / agreed.weight);
+    blended.color = UnderLight(blended.color, blended.light);
+  }
+  return blended;
 }
 
 }  // namespace s2gs

@@ -259,6 +259,7 @@ class Texturer {
     const double bytes = sizeof(TexelPlace) + kMaxCandidates * sizeof(TexelCandidate);
     const auto most = static_cast<size_t>(kCandidateShare * options_.max_memory_gib * kGiB / bytes);
     vertex_sums_.assign(mesh_.vertices.size(), Eigen::Array4f::Zero());
+    corner_lights_.assign(3 * mesh_.triangles.size(), Eigen::Array4f::Zero());
     std::vector<TexelPlace> texels;
     for (size_t i = 0; i < order_.size(); ++i) {
       AddTexels(order_[i], &texels);
@@ -284,6 +285,7 @@ class Texturer {
     const auto candidates_of = [&](int64_t i) {
       return parts[i / kTexelsPerTurn].data() + i % kTexelsPerTurn * kMaxCandidates;
     };
+    std::vector<SeenColor> seen(texels->size());
     ForEachPhoto([&](int index, const TexturePhoto& photo) {
       ParallelFor(count, num_threads_, kTexelsPerTurn, [&](int64_t i) {
         TexelPlace& texel = (*texels)[i];
@@ -296,13 +298,14 @@ class Texturer {
         candidate.photo = static_cast<uint16_t>(index);
         if (!photo.Sample(mean(mesh_.vertices), mean(mesh_.normals).normalized(), &candidate.sample)) return;
         AddCandidate(candidate, candidates_of(i), &texel.num_candidates);
+        seen[i].Add(candidate.sample, tones_[index]);
       });
       reporter_.Progress("texture the mesh", index + 1, source_.size());
     });
-    std::vector<Eigen::Array3f> colors(texels->size());
+    std::vector<BlendedColor> colors(texels->size());
     ParallelFor(count, num_threads_, kTexelsPerTurn, [&](int64_t i) {
       const TexelPlace& texel = (*texels)[i];
-      if (texel.num_candidates > 0) colors[i] = Blend(texel, candidates_of(i));
+      if (texel.num_candidates > 0) colors[i] = Blend(texel, candidates_of(i), seen[i]);
     });
     for (int64_t i = 0; i < count; ++i) {
       const TexelPlace& texel = (*texels)[i];
@@ -313,18 +316,20 @@ class Texturer {
       }
       ++summary_.num_seen;
       summary_.mean_photos += texel.num_candidates;
-      const Eigen::Array3f& color = colors[i];
+      const auto& [color, light] = colors[i];
       SetTexel(texel, color, kSeenTexel);
       const Triangle& corners = mesh_.triangles[texel.triangle];
       const std::array<float, 3> weights = {texel.u, texel.v, 1 - texel.u - texel.v};
       for (int c = 0; c < 3; ++c) {
-        if (weights[c] > 0)
-          vertex_sums_[corners[c]] += weights[c] * Eigen::Array4f(color[0], color[1], color[2], 1);
+        if (!(weights[c] > 0)) continue;
+        vertex_sums_[corners[c]] += weights[c] * Eigen::Array4f(color[0], color[1], color[2], 1);
+        corner_lights_[3 * size_t{texel.triangle} + c] +=
+            weights[c] * Eigen::Array4f(light[0], light[1], light[2], 1);
       }
     }
   }
 
-  Eigen::Array3f Blend(const TexelPlace& texel, const TexelCandidate* candidates) const {
+  BlendedColor Blend(const TexelPlace& texel, const TexelCandidate* candidates, const SeenColor& seen) const {
     std::array<Eigen::Array3f, kMaxCandidates> shades;
     shades.fill(Eigen::Array3f::Ones());
     if (!light_.light.is_even()) {
@@ -333,7 +338,7 @@ class Texturer {
         shades[k] = light_.light.Shade(photo_lights_[candidates[k].photo], transfer);
       }
     }
-    return BlendSamples(candidates, shades.data(), texel.num_candidates, tones_);
+    return BlendSamples(candidates, shades.data(), texel.num_candidates, tones_, seen);
   }
 
   void SetTexel(const TexelPlace& texel, const Eigen::Array3f& color, uint8_t state) {
@@ -363,6 +368,7 @@ class Texturer {
       textured.pages.push_back({std::move(pages_[page]), textured.triangles.size(), 0});
     };
     std::unordered_map<uint32_t, uint32_t> number_of;
+    std::vector<Eigen::Array4f> lights;
     for (const size_t index : order_) {
       const Chart& chart = charts_[index];
       const PackedRectangle& place = packing_.places[index];
@@ -374,6 +380,8 @@ class Texturer {
           const uint32_t v = mesh_.triangles[t][i];
           const auto [found, is_new] = number_of.emplace(v, static_cast<uint32_t>(textured.vertices.size()));
           triangle[i] = found->second;
+          if (is_new) lights.push_back(Eigen::Array4f::Zero());
+          lights[found->second] += corner_lights_[3 * size_t{t} + i];
           if (!is_new) continue;
           textured.vertices.push_back(mesh_.vertices[v]);
           textured.normals.push_back(mesh_.normals[v]);
@@ -385,6 +393,11 @@ class Texturer {
         light_.mesh_triangles.push_back(t);
         ++textured.pages.back().num_triangles;
       }
+    }
+    light_.page_lights.reserve(lights.size());
+    for (const Eigen::Array4f& sum : lights) {
+      light_.page_lights.emplace_back(sum[3] > 0 ? Eigen::Array3f(sum.head<3>() / sum[3])
+                                                 : Eigen::Array3f::Ones());
     }
     return textured;
   }
@@ -400,14 +413,23 @@ class Texturer {
   Packing packing_;
   std::vector<size_t> order_;  // of charts, by page
   std::vector<Image8> pages_;
-  std::vector<std::vector<uint8_t>> states_;  // of the pages' texels
-  std::vector<PhotoTone> tones_;              // of the photos
-  std::vector<PhotoLight> photo_lights_;      // where the light is not even
-  std::vector<Eigen::Array4f> vertex_sums_;   // colours of the texels around, and their weight
+  std::vector<std::vector<uint8_t>> states_;   // of the pages' texels
+  std::vector<PhotoTone> tones_;               // of the photos
+  std::vector<PhotoLight> photo_lights_;       // where the light is not even
+  std::vector<Eigen::Array4f> vertex_sums_;    // colours of the texels around, and their weight
+  std::vector<Eigen::Array4f> corner_lights_;  // of each triangle's corners: the light in the texels
   std::vector<TexelPlace> unseen_;
 };
 
 }  // namespace
+
+Eigen::Array3f TextureLight::Shade(const PhotoLight& here, const TexturedMesh& mesh, uint32_t t, float u,
+                                   float v) const {
+  const Triangle& corners = mesh.triangles[t];
+  const Eigen::Array3f in_page =
+      u * page_lights[corners[0]] + v * page_lights[corners[1]] + (1 - u - v) * page_lights[corners[2]];
+  return light.Shade(here, transfer.At(mesh_triangles[t], u, v)) / in_page;
+}
 
 OptionCheck TextureOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {

@@ -21,7 +21,7 @@ struct TextureOptions {
   int gutter = 4;                  ///< texels around each chart that continue its colours [px].
   bool equalise = true;            ///< take out what exposure and white balance changed from photo to photo.
   double max_memory_gib = 4;  ///< texels are worked off in portions, and made larger where pages do not fit.
-  bool unshade = true;        ///< take out light that stands still while the table turns.
+  bool unshade = true;        ///< compare photos without light that stands still while the table turns.
   int num_threads = 0;        ///< 0: one for each core.
 
   OptionCheck Check() const;
@@ -62,21 +62,27 @@ struct TextureSummary {
   double seconds = 0;
 };
 
-/// The light under which a textured mesh is seen in photos: its pages hold the colours under the mean of all
-/// photos' light.
+/// The light under which a textured mesh is seen in photos.
 struct TextureLight {
   TurnLight light;
   LightTransfer transfer;                ///< of the mesh that was textured; empty when the light is even.
   std::vector<uint32_t> mesh_triangles;  ///< of that mesh: what each triangle of the textured mesh was.
+  /// Of the textured mesh's vertices: how many times as strong the light in the pages is as the light's mean
+  /// over all photos.
+  std::vector<Eigen::Array3f> page_lights;
+
+  /// How many times as strong the light of a photo is as that in the pages, at a place of a triangle of the
+  /// textured mesh (barycentric, of its first two corners).
+  Eigen::Array3f Shade(const PhotoLight& here, const TexturedMesh& mesh, uint32_t t, float u, float v) const;
 };
 
 /// Gives a mesh the colours of photos: charts (charts.h) on pages, and for each texel the best of all photos
 /// that see its place (texture_photo.h, blend_samples.h). A texel's colour depends on its place on the
 /// surface alone, not on its chart, so that charts meet without seams. Where the table turns, light that
-/// stands still is taken out of the photos first (turn_light.h): colours are those under the light's mean
-/// over all photos. Texels that no photo sees continue the colours of the surface around them. The result is
-/// bit-identical for any number of threads. Throws UserError for a mesh without triangles or when no photo
-/// shows it, what the source throws, and Interrupted.
+/// stands still is taken out of the photos first (turn_light.h), so that they agree; the colours are those
+/// under the mean of the light in which photos show a place. Texels that no photo sees continue the colours
+/// of the surface around them. The result is bit-identical for any number of threads. Throws UserError for a
+/// mesh without triangles or when no photo shows it, what the source throws, and Interrupted.
 TexturedMesh TextureMesh(const TriangleMesh& mesh, const TexturePhotoSource& photos,
                          const TextureOptions& options, Reporter& reporter, TextureSummary* summary,
                          TextureLight* light = nullptr);

@@ -76,8 +76,8 @@ void AddTextureOptions(Options* options, TextureWorkspaceOptions* texturer) {
               "take out what exposure and white balance changed from photo to photo");
   texture.Add(
       "unshade", &TextureOptions::unshade,
-      "take out light that stands still while the table turns: colours are those under the light's mean "
-      "over the photos");
+      "compare photos without light that stands still while the table turns; the colours are those under the "
+      "mean of the light in which photos show a place, either way");
   texture
       .Add("max_memory_gib", &TextureOptions::max_memory_gib,
            "work in portions that fit, with larger texels where the pages do not")

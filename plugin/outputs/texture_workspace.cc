@@ -95,7 +95,7 @@ HeldOutTexture Measure(const TexturedMesh& mesh, const TextureLight& light,
     if (!light.light.is_even()) {
       const PhotoLight here = light.light.Turned(turns.Of(files[i].name));
       lit = RenderTexturedMesh(mesh, photos.Camera(i), 2, [&](uint32_t t, float u, float v) {
-        return light.light.Shade(here, light.transfer.At(light.mesh_triangles[t], u, v));
+        return light.Shade(here, mesh, t, u, v);
       });
     }
     if (!render_path.empty()) {

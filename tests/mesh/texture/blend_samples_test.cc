@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mesh/texture/photo_tones.h"
+#include "mesh/texture/turn_light.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -23,11 +24,19 @@ TexelCandidate Candidate(int photo, float weight, int smooth, int detail = 0) {
   return candidate;
 }
 
+SeenColor Seen(const std::vector<TexelCandidate>& photos, const std::vector<PhotoTone>& tones) {
+  SeenColor seen;
+  for (const TexelCandidate& photo : photos) seen.Add(photo.sample, tones[photo.photo]);
+  return seen;
+}
+
 // Under even light. \return  the first channel, from which the others differ by ten grey values each.
 float Blend(const std::vector<TexelCandidate>& candidates, const std::vector<PhotoTone>& tones) {
   const std::vector<Eigen::Array3f> shades(candidates.size(), Eigen::Array3f::Ones());
   const Eigen::Array3f color =
-      BlendSamples(candidates.data(), shades.data(), static_cast<int>(candidates.size()), tones);
+      BlendSamples(candidates.data(), shades.data(), static_cast<int>(candidates.size()), tones,
+                   Seen(candidates, tones))
+          .color;
   for (int c = 1; c < 3; ++c) EXPECT_NEAR(color[c], color[0] + 10.0F * static_cast<float>(c), 1e-3);
   return color[0];
 }
@@ -52,7 +61,7 @@ TEST(BlendSamples, GainsMakePhotosComparable) {
   tones[1].gain = Eigen::Array3f::Constant(2);
   const std::vector<Eigen::Array3f> shades(2, Eigen::Array3f::Ones());
   const std::vector<TexelCandidate> both = {Candidate(0, 1, 100), Candidate(1, 1, 60)};
-  const Eigen::Array3f color = BlendSamples(both.data(), shades.data(), 2, tones);
+  const Eigen::Array3f color = BlendSamples(both.data(), shades.data(), 2, tones, Seen(both, tones)).color;
   EXPECT_NEAR(color[0], (100 + 2 * 60) / 2.0, 1e-3);
   EXPECT_NEAR(color[2], (120 + 2 * 80) / 2.0, 1e-3);
 }
@@ -75,15 +84,47 @@ TEST(BlendSamples, WhatStandsOutDoesNotCount) {
       (2 * off * 100 + off * 104) / (3 * off), 1e-3);
 }
 
-// The photo that a full list may lose next has no weight.
+// The photo that a full list may lose next has no weight in it.
 TEST(BlendSamples, TheLastOfAFullListCountsNothing) {
   std::vector<TexelCandidate> full;
   for (int i = 0; i < kMaxCandidates; ++i)
     full.push_back(Candidate(i, i == 3 ? 1.0F : 2.0F, i == 3 ? 106 : 100));
   const std::vector<PhotoTone> tones(kMaxCandidates);
-  EXPECT_NEAR(Blend(full, tones), 100, 1e-3);
+  const std::vector<Eigen::Array3f> shades(kMaxCandidates, Eigen::Array3f::Ones());
+  const auto of_the_list = [&] {
+    return BlendSamples(full.data(), shades.data(), kMaxCandidates, tones, {}).color[0];
+  };
+  EXPECT_NEAR(of_the_list(), 100, 1e-3);
   for (TexelCandidate& candidate : full) candidate.sample.weight = 2;  // none is the last
-  EXPECT_GT(Blend(full, tones), 100.3);
+  EXPECT_GT(of_the_list(), 100.3);
+}
+
+// Two photos look at a place at noon and agree without that light; three that see it in the evening are no
+// candidates. The smooth colour is the mean of all five by their areas, and the detail is brighter or darker
+// with it.
+TEST(BlendSamples, TheColorIsUnderTheLightOfAllPhotosThatSeeThePlace) {
+  const std::vector<PhotoTone> tones(5);
+  const std::vector<TexelCandidate> noon = {Candidate(0, 4, 180, 12), Candidate(1, 4, 180, 12)};
+  const std::vector<Eigen::Array3f> shades(2, Eigen::Array3f::Constant(1.7F));
+  std::vector<TexelCandidate> all = noon;
+  for (int i = 2; i < 5; ++i) all.push_back(Candidate(i, 2, 96));
+  const BlendedColor blended = BlendSamples(noon.data(), shades.data(), 2, tones, Seen(all, tones));
+  const auto mean = static_cast<float>((8 * 180 + 6 * 96) / 14.0);
+  const float smooth = UnderLight(Eigen::Array3f::Constant(180), Eigen::Array3f::Constant(1 / 1.7F))[0];
+  EXPECT_NEAR(UnderLight(Eigen::Array3f::Constant(smooth), blended.light)[0], mean, 1e-3);
+  const float detailed = UnderLight(Eigen::Array3f::Constant(192), Eigen::Array3f::Constant(1 / 1.7F))[0];
+  EXPECT_NEAR(blended.color[0], UnderLight(Eigen::Array3f::Constant(detailed), blended.light)[0], 1e-3);
+}
+
+// What stands out among candidates does not count in the light either.
+TEST(BlendSamples, WhatStandsOutIsNoLight) {
+  const std::vector<PhotoTone> tones(4);
+  const std::vector<TexelCandidate> best = {Candidate(0, 1, 100), Candidate(1, 1, 100), Candidate(2, 1, 170)};
+  const std::vector<Eigen::Array3f> shades(3, Eigen::Array3f::Ones());
+  std::vector<TexelCandidate> all = best;
+  all.push_back(Candidate(3, 0.5, 110));
+  EXPECT_NEAR(BlendSamples(best.data(), shades.data(), 3, tones, Seen(all, tones)).color[0],
+              (2 * 100 + 0.5 * 110) / 2.5, 1e-3);
 }
 
 TEST(AddCandidate, KeepsTheTenBest) {
