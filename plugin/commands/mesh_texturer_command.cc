@@ -76,8 +76,7 @@ void AddTextureOptions(Options* options, TextureWorkspaceOptions* texturer) {
               "take out what exposure and white balance changed from photo to photo");
   texture.Add(
       "unshade", &TextureOptions::unshade,
-      "compare photos without light that stands still while the table turns; the colours are those under the "
-      "mean of the light in which photos show a place, either way");
+      "compare photos without the light that stands still while the table turns; with 0, as they are");
   texture
       .Add("max_memory_gib", &TextureOptions::max_memory_gib,
            "work in portions that fit, with larger texels where the pages do not")
@@ -95,7 +94,8 @@ void RunMeshTexturer(CommandContext& context) {
       "file) and .ply, with their texture's pages textured-tsdf_0.png and so on. Each texel is blended from "
       "the photos that show its place best: large, sharp, without gloss, and with nothing in front. Light "
       "that stands still while the table turns, and the shadows that the object casts on itself, are found "
-      "from the photos and taken out. Skipped when it is done; with --output_path it always runs.",
+      "from the photos, which are compared without it; the colours are the mean of what photos show. Skipped "
+      "when it is done; with --output_path it always runs.",
       "--workspace_path scan --Texture.texel_size_pixels 0.5");
   options.Add("workspace_path", &workspace_path, "the workspace, with dense/0").Required();
   AddTextureOptions(&options, &texturer);
