@@ -501,7 +501,7 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
     loader.Load(*cameras[static_cast<size_t>(i)], with_mask, needs_mask,
                 &scene.photos[static_cast<size_t>(i)]);
     const int64_t done = ++num_read;
-    const bool is_callers_thread = omp_get_thread_num() == 0;
+    const bool is_callers_thread = LoopThread() == 0;
     if (is_callers_thread && done < size.num_photos) reporter.Progress("read photos", done, size.num_photos);
   });
   reporter.Progress("read photos", size.num_photos, size.num_photos);

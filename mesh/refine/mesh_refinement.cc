@@ -221,7 +221,7 @@ class Refiner {
     if (patch.num_views < kLeastPhotosCompared) return;
     patch.LayFlat(pass.level);
     if (pass.on_mesh) {
-      relief_->Lay(static_cast<uint32_t>(vertex), &scratch_[omp_get_thread_num()], &patch);
+      relief_->Lay(static_cast<uint32_t>(vertex), &scratch_[LoopThread()], &patch);
       if (patch.num_points < kLeastPatchPoints) return;
     }
     num_views_[vertex] = static_cast<uint8_t>(patch.num_views);

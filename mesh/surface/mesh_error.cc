@@ -165,7 +165,7 @@ std::vector<int> CountViewsSeen(const std::vector<Vector3d>& points, const std::
   std::vector<int> counts(points.size());
   std::vector<std::vector<int>> counts_of_thread(omp_get_max_threads());
   ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t i) {
-    std::vector<int>& own_counts = counts_of_thread[omp_get_thread_num()];
+    std::vector<int>& own_counts = counts_of_thread[LoopThread()];
     own_counts.resize(points.size());
     std::vector<double> depths(static_cast<size_t>(views[i].width) * views[i].height,
                                std::numeric_limits<double>::infinity());

@@ -1,5 +1,7 @@
 #include "plugin/colmap/point_colors.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -7,7 +7,7 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/knn.h"
-#include "s2gs/core/thread_pool.h"
+#include "sfm_split/base/thread_pool.h"
 #include "s2gs/cpu/densify_state.h"
 #include "s2gs/cpu/gaussian_pass.h"
 #include "s2gs/cpu/regularise.h"

@@ -4,7 +4,7 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/gaussians.h"
-#include "s2gs/core/thread_pool.h"
+#include "sfm_split/base/thread_pool.h"
 
 namespace s2gs {
 

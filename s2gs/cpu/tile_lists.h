@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "s2gs/core/thread_pool.h"
+#include "sfm_split/base/thread_pool.h"
 #include "s2gs/cpu/tile_kernel.h"
 
 namespace s2gs {

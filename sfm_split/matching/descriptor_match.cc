@@ -297,7 +297,7 @@ void DescriptorMatcher::Match(const PackedDescriptors& image1, const PackedDescr
   for (int i = 0; i < num_used; ++i) workspaces_[i]->Reset(image1, image2);
   Workspace* first = workspaces_[0].get();
   ParallelFor(num_chunks, num_used, [&](int64_t chunk) {
-    MatchRows(image1, image2, static_cast<int>(chunk), workspaces_[omp_get_thread_num()].get(), first);
+    MatchRows(image1, image2, static_cast<int>(chunk), workspaces_[LoopThread()].get(), first);
   });
   for (int i = 1; i < num_used; ++i) {
     for (size_t slot = 0; slot < first->column_top.size(); ++slot) {
@@ -317,7 +317,7 @@ void DescriptorMatcher::MatchAll(const std::vector<Job>& jobs, std::vector<Featu
   ParallelFor(num_jobs, num_threads_, [&](int64_t i) {
     const PackedDescriptors& image1 = *jobs[i].image1;
     const PackedDescriptors& image2 = *jobs[i].image2;
-    Workspace* workspace = workspaces_[omp_get_thread_num()].get();
+    Workspace* workspace = workspaces_[LoopThread()].get();
     workspace->Reset(image1, image2);
     for (int chunk = 0; chunk < NumChunks(image1); ++chunk) {
       MatchRows(image1, image2, chunk, workspace, workspace);

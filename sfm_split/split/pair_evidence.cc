@@ -1,5 +1,7 @@
 #include "sfm_split/split/pair_evidence.h"
 
+#include <omp.h>
+
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -119,7 +121,7 @@ std::vector<PairSupport> FindPairSupport(const std::vector<Keypoints>& keypoints
     notes.noted.assign(keypoints.size(), -1);
   }
   ParallelFor(static_cast<int64_t>(pairs.size()), 0, 16, [&](int64_t p) {
-    auto& [seen, noted, stamp] = notes_of_thread[omp_get_thread_num()];
+    auto& [seen, noted, stamp] = notes_of_thread[LoopThread()];
     const VerifiedPair& pair = pairs[p];
     PairSupport& support = supports[p];
     support.balance.reserve(pair.matches.size());

@@ -2,9 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 namespace s2gs {
@@ -35,6 +39,62 @@ TEST(ParallelFor, ThrowsWhatTheFirstIndexThrew) {
       }
     }
   }
+}
+
+TEST(ParallelFor, ThreadsOfALoopHaveNumbersOfTheirOwn) {
+  EXPECT_EQ(LoopThread(), 0);
+  const int num_threads = 4;
+  std::vector<std::atomic<int>> inside(num_threads);
+  std::atomic<int> met{0};
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  ParallelFor(num_threads, num_threads, [&](int64_t) {
+    const int thread = LoopThread();
+    ASSERT_GE(thread, 0);
+    ASSERT_LT(thread, num_threads);
+    EXPECT_EQ(++inside[thread], 1);
+    // All together, or never.
+    ++met;
+    while (met < num_threads && std::chrono::steady_clock::now() < until) std::this_thread::yield();
+    --inside[thread];
+  });
+  EXPECT_EQ(met, num_threads);
+  EXPECT_EQ(LoopThread(), 0);
+}
+
+TEST(ParallelFor, TakesNoMoreThreadsThanItIsTold) {
+  ParallelFor(100, 8, [](int64_t) {});
+  ParallelFor(1000, 2, [](int64_t) { EXPECT_LT(LoopThread(), 2); });
+}
+
+// What a thread has of its own is counted by the inner loop's threads there, of which there is one.
+TEST(ParallelFor, ALoopInsideAnotherIsDoneByItsCallerAlone) {
+  std::vector<int> done(12 * 30, 0);
+  ParallelFor(12, 3, [&](int64_t i) {
+    const int outer = LoopThread();
+    const std::thread::id caller = std::this_thread::get_id();
+    ParallelFor(30, 4, [&](int64_t k) {
+      EXPECT_EQ(LoopThread(), 0);
+      EXPECT_EQ(std::this_thread::get_id(), caller);
+      ++done[30 * i + k];
+    });
+    EXPECT_EQ(LoopThread(), outer);
+  });
+  EXPECT_EQ(done, std::vector<int>(done.size(), 1));
+}
+
+TEST(ParallelFor, LoopsOfSeveralThreadsAtOnceAreAllDone) {
+  constexpr int kCallers = 4;
+  std::vector<std::vector<int>> done(kCallers, std::vector<int>(500, 0));
+  std::vector<std::thread> callers;
+  callers.reserve(kCallers);
+  for (int caller = 0; caller < kCallers; ++caller) {
+    callers.emplace_back([&own = done[caller]] {
+      for (int round = 0; round < 200; ++round)
+        ParallelFor(static_cast<int64_t>(own.size()), 3, 7, [&](int64_t i) { ++own[i]; });
+    });
+  }
+  for (std::thread& caller : callers) caller.join();
+  for (const std::vector<int>& own : done) EXPECT_EQ(own, std::vector<int>(own.size(), 200));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "s2gs/core/thread_pool.h"
+#include "sfm_split/base/thread_pool.h"
 
 #include <gtest/gtest.h>
 
@@ -77,6 +77,21 @@ TEST(ThreadPool, ThrowsOnWhatABodyThrew) {
     std::atomic<int> count{0};
     threads.For(100, 1, [&](int64_t, int64_t) { ++count; });
     EXPECT_EQ(count, 100);
+  }
+}
+
+TEST(ThreadPool, WorksTogetherByThreadsOfNumbersBelowTheBound) {
+  ThreadPool threads(2);
+  threads.Grow(5);
+  EXPECT_EQ(threads.num_threads(), 5);
+  threads.Grow(3);
+  EXPECT_EQ(threads.num_threads(), 5);
+  for (int round = 0; round < 500; ++round) {
+    const int bound = 1 + round % 5;
+    std::vector<std::atomic<int>> times(5);
+    threads.Together(bound, [&](int thread) { ++times[thread]; });
+    EXPECT_EQ(times[0], 1);
+    for (int thread = 1; thread < 5; ++thread) EXPECT_LE(times[thread], thread < bound ? 1 : 0);
   }
 }
 

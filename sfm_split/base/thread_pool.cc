@@ -1,4 +1,4 @@
-#include "s2gs/core/thread_pool.h"
+#include "sfm_split/base/thread_pool.h"
 
 #include <algorithm>
 #include <chrono>
@@ -31,16 +31,13 @@ bool SpinUntil(const Condition& is_so) {
 
 }  // namespace
 
-ThreadPool::ThreadPool(int num_threads) {
-  workers_.reserve(std::max(0, num_threads - 1));
-  for (int i = 1; i < num_threads; ++i) workers_.emplace_back([this] { Work(); });
-}
+ThreadPool::ThreadPool(int num_threads) { Grow(num_threads); }
 
 ThreadPool::~ThreadPool() {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     is_ending_ = true;
-    ++num_loops_;
+    ++num_begun_;
   }
   wake_.notify_all();
   for (std::thread& worker : workers_) worker.join();
@@ -56,28 +53,41 @@ void ThreadPool::For(int64_t count, int64_t grain, const std::function<void(int6
   loop.count = count;
   loop.grain = grain;
   loop.body = &body;
-  if (workers_.empty() || count <= grain) {
+  if (count <= grain) {
     WorkOn(&loop);
   } else {
-    bool must_wake = false;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      loop_ = &loop;
-      ++num_loops_;
-      must_wake = num_asleep_ > 0;
-    }
-    if (must_wake) wake_.notify_all();
-    WorkOn(&loop);
-    std::unique_lock<std::mutex> lock(mutex_);
-    loop_ = nullptr;  // nobody joins any more
-    if (num_working_ > 0) {
-      lock.unlock();
-      SpinUntil([this] { return num_working_ == 0; });
-      lock.lock();
-      finished_.wait(lock, [this] { return num_working_ == 0; });
-    }
+    Together(num_threads(), [&loop](int) { WorkOn(&loop); });
   }
   if (loop.exception) std::rethrow_exception(loop.exception);
+}
+
+void ThreadPool::Grow(int num_threads) {
+  for (int thread = this->num_threads(); thread < num_threads; ++thread)
+    workers_.emplace_back([this, thread] { Work(thread); });
+}
+
+void ThreadPool::Together(int max_threads, const std::function<void(int)>& work) {
+  if (workers_.empty() || max_threads <= 1) {
+    work(0);
+    return;
+  }
+  bool must_wake = false;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    work_ = &work;
+    max_threads_ = max_threads;
+    ++num_begun_;
+    must_wake = num_asleep_ > 0;
+  }
+  if (must_wake) wake_.notify_all();
+  work(0);
+  std::unique_lock<std::mutex> lock(mutex_);
+  work_ = nullptr;  // nobody joins any more
+  if (num_working_ == 0) return;
+  lock.unlock();
+  SpinUntil([this] { return num_working_ == 0; });
+  lock.lock();
+  finished_.wait(lock, [this] { return num_working_ == 0; });
 }
 
 void ThreadPool::WorkOn(Loop* loop) {
@@ -95,21 +105,21 @@ void ThreadPool::WorkOn(Loop* loop) {
   }
 }
 
-void ThreadPool::Work() {
+void ThreadPool::Work(int thread) {
   uint64_t seen = 0;
   for (;;) {
-    SpinUntil([&] { return num_loops_ != seen; });
+    SpinUntil([&] { return num_begun_ != seen; });
     std::unique_lock<std::mutex> lock(mutex_);
     ++num_asleep_;
-    wake_.wait(lock, [&] { return num_loops_ != seen; });
+    wake_.wait(lock, [&] { return num_begun_ != seen; });
     --num_asleep_;
     if (is_ending_) return;
-    seen = num_loops_;
-    if (loop_ == nullptr) continue;  // over already
-    Loop* const loop = loop_;
+    seen = num_begun_;
+    if (work_ == nullptr || thread >= max_threads_) continue;  // over already, or not asked
+    const std::function<void(int)>& work = *work_;
     ++num_working_;
     lock.unlock();
-    WorkOn(loop);
+    work(thread);
     lock.lock();
     if (--num_working_ == 0) finished_.notify_one();
   }

@@ -25,6 +25,14 @@ class ThreadPool {
 
   int num_threads() const { return static_cast<int>(workers_.size()) + 1; }
 
+  /// Has no fewer threads from now on, with the caller's own. Not while they work.
+  void Grow(int num_threads);
+
+  /// Calls work(thread) by the caller, whose number is 0, and by other threads that are free meanwhile, each
+  /// once at most and with a number of its own below `max_threads`; returns when all that have begun are
+  /// done. One at a time. `work` must not throw.
+  void Together(int max_threads, const std::function<void(int thread)>& work);
+
   /// Calls body(begin, end) for pieces of [0, count), of `grain` iterations each but for the last one, by any
   /// thread in any order, and returns when all are done. What a body throws first is thrown on; pieces that
   /// have not begun by then are left out. One loop at a time.
@@ -43,13 +51,14 @@ class ThreadPool {
   };
 
   static void WorkOn(Loop* loop);
-  void Work();
+  void Work(int thread);
 
   std::mutex mutex_;
   std::condition_variable wake_;
   std::condition_variable finished_;
-  Loop* loop_ = nullptr;  // that threads may join.
-  std::atomic<uint64_t> num_loops_{0};
+  const std::function<void(int)>* work_ = nullptr;  // that threads may join.
+  int max_threads_ = 0;                             // that may.
+  std::atomic<uint64_t> num_begun_{0};
   std::atomic<int> num_working_{0};  // threads that have joined.
   int num_asleep_ = 0;
   bool is_ending_ = false;
