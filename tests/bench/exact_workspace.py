@@ -80,7 +80,7 @@ def write_model(folder, scene, poses, points):
             f.write("%d %s 1 %s\n\n" % (i + 1, " ".join(repr(float(n)) for n in numbers), name))
     with open(os.path.join(folder, "points3D.txt"), "w") as f:
         for i, p in enumerate(points):
-            f.write("%d %r %r %r %d %d %d -1\n" % (i + 1, p[0], p[1], p[2], p[3], p[4], p[5]))
+            f.write("%d %r %r %r %d %d %d -1\n" % (i + 1, *(float(c) for c in p[:3]), p[3], p[4], p[5]))
 
 
 def moved_points(model, poses):
