@@ -7,7 +7,6 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/knn.h"
-#include "sfm_split/base/thread_pool.h"
 #include "s2gs/cpu/densify_state.h"
 #include "s2gs/cpu/gaussian_pass.h"
 #include "s2gs/cpu/regularise.h"
@@ -15,6 +14,7 @@
 #include "s2gs/cpu/tile_lists.h"
 #include "s2gs/cpu/view_buffers.h"
 #include "s2gs/kernel/adam.h"
+#include "sfm_split/base/thread_pool.h"
 
 namespace s2gs {
 namespace {

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "sfm_split/base/thread_pool.h"
 #include "s2gs/cpu/tile_kernel.h"
+#include "sfm_split/base/thread_pool.h"
 
 namespace s2gs {
 
