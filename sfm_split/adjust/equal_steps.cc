@@ -17,11 +17,11 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr size_t kLeastImages = 6;     // of a station: two unknowns and some scatter
-constexpr double kTwoSigmas = 2;       // less of a log-likelihood: two standard deviations
-constexpr double kWidthFactor = 1.05;  // between widths that are tried
-constexpr double kLeastWidthRad = 1e-6;
-constexpr double kHalfStep = 0.5;  // scatter beyond it is no scatter about steps
+constexpr size_t kLeastImages = 6;       // of a station: two unknowns and some scatter
+constexpr double kTwoSigmas = 2;         // less of a log-likelihood: two standard deviations
+constexpr double kWidthFactor = 1.05;    // between widths that are tried
+constexpr double kLeastWidthRad = 1e-6;  // the search begins here: no table is read as finely [rad]
+constexpr double kHalfStep = 0.5;        // scatter beyond it is no scatter about steps
 
 // Places of images that stand about equal steps in the order of their angles, from after the widest gap on;
 // none where two share a place. A gap of several steps is so many places.

@@ -26,10 +26,11 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// Of a mean of 1: what is tried, not what is believed, so its place is no matter of chance.
 constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
-constexpr int kWobbleRounds = 8;
-constexpr double kWobbleSettled = 0.05;  // relative change of its standard deviations
+constexpr int kWobbleRounds = 8;           // at most: its deviations and the poses are found by turns
+constexpr double kWobbleSettled = 0.05;    // relative change of its standard deviations
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The loss' scale that the residuals of a problem ask for.

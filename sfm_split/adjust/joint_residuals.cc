@@ -12,7 +12,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kMadToSigma = 1.4826;
+constexpr double kMadToSigma = 1.4826;  // a normal law's deviation over its median absolute one
 
 }  // namespace
 

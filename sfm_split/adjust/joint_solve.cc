@@ -18,7 +18,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxDenseParameters = 1000;
+constexpr int kMaxDenseParameters = 1000;  // a matrix of 8 MB
+// More: the cameras' equations are not formed but solved iteratively.
 constexpr int kMaxSparseParameters = 10000;
 
 class ReportingCallback : public ceres::IterationCallback {

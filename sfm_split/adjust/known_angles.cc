@@ -18,13 +18,13 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr size_t kLeastImages = 3;     // a constant, and two that could contradict it
-constexpr double kHalfSpacing = 0.5;   // beyond it an angle is nearer to another photo's
-constexpr double kTwoSigmas = 2;       // less of a log-likelihood: two standard deviations
-constexpr double kWidthFactor = 1.05;  // between widths that are tried
-constexpr double kLeastWidthRad = 1e-6;
-constexpr double kFactorSigmas = 4;  // a factor that is off by more is no chance: 6e-5 with two sides
-constexpr size_t kMaxNamed = 5;
+constexpr size_t kLeastImages = 3;       // a constant, and two that could contradict it
+constexpr double kHalfSpacing = 0.5;     // beyond it an angle is nearer to another photo's
+constexpr double kTwoSigmas = 2;         // less of a log-likelihood: two standard deviations
+constexpr double kWidthFactor = 1.05;    // between widths that are tried
+constexpr double kLeastWidthRad = 1e-6;  // the search begins here: no table is read as finely [rad]
+constexpr double kFactorSigmas = 4;      // a factor that is off by more is no chance: 6e-5 with two sides
+constexpr size_t kMaxNamed = 5;          // photos that one message names
 
 struct Image {
   int index = 0;

@@ -21,8 +21,8 @@ using Eigen::VectorXd;
 // times the largest are zero: rounding leaves about 1e-15.
 constexpr double kZeroEigenvalue = 1e-12;
 constexpr double kRounding = 1e-16;
-constexpr int kCells = 12;  // of a photo, in each direction, in which errors may depend on each other
-constexpr int kQuadrature = 400;
+constexpr int kCells = 12;        // of a photo, in each direction, in which errors may depend on each other
+constexpr int kQuadrature = 400;  // quantiles of a Rayleigh-distributed error, at which a mean is taken
 constexpr double kLeastCurvature = 0.1;  // of the robust cost, over that of squares
 
 struct Column {

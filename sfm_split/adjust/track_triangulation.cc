@@ -23,7 +23,9 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kMaxPointsOfTrack = 4;
+constexpr int kMaxPointsOfTrack =
+    4;  // that one track is taken apart into, where wrong matches joined several
+// Keypoints that are looked at: chains of wrong matches join thousands.
 constexpr size_t kMaxTrackLength = 2000;
 
 struct Ray {

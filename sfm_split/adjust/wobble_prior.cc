@@ -16,8 +16,8 @@ namespace {
 using Eigen::Vector3d;
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-constexpr int kRounds = 50;
-constexpr size_t kLeastPoses = 3;
+constexpr int kRounds = 50;               // of expectation and maximisation, at most
+constexpr size_t kLeastPoses = 3;         // fewer tell no variance beside their mean
 constexpr double kLeastVariance = 1e-12;  // a millionth: no table is better
 constexpr double kSettled = 1e-3;         // relative change of a standard deviation
 

@@ -12,7 +12,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kMaxBytes = 1024;
+constexpr size_t kMaxBytes = 1024;  // a quarter of Linux's PATH_MAX: the workspace's own path comes before it
 constexpr size_t kMaxPartBytes = 240;  // file systems' 255 less ".geometric.bin"
 
 }  // namespace
@@ -50,7 +50,7 @@ ImageName::ImageName(std::string text, const fs::path& source) : text_(std::move
 }
 
 std::string DescribeNameFault(std::string_view name, const std::string& fault) {
-  constexpr size_t kMaxShown = 120;
+  constexpr size_t kMaxShown = 120;  // bytes of a name in a message
   std::string shown = Printable(name.substr(0, kMaxShown));
   for (const auto& [from, to] : {std::pair("\n", "\\n"), std::pair("\t", "\\t")}) {
     for (size_t at = shown.find(from); at != std::string::npos; at = shown.find(from))

@@ -14,7 +14,7 @@ struct Utf8Form {
 };
 constexpr std::array<Utf8Form, 4> kForms = {
     {{0x80, 0x00, 0x0}, {0xE0, 0xC0, 0x80}, {0xF0, 0xE0, 0x800}, {0xF8, 0xF0, 0x10000}}};
-constexpr char32_t kLargest = 0x10FFFF;
+constexpr char32_t kLargest = 0x10FFFF;  // of Unicode
 
 }  // namespace
 

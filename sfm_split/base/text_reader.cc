@@ -11,7 +11,7 @@ constexpr std::string_view kSpaces = " \t\r";
 
 // What a message can show of a word from a damaged file.
 std::string Printable(std::string_view word) {
-  constexpr size_t kMaxLength = 40;
+  constexpr size_t kMaxLength = 40;  // characters of a word in a message
   std::string text;
   for (const char c : word.substr(0, kMaxLength)) text += c >= ' ' && c <= '~' ? c : '?';
   return word.size() > kMaxLength ? text + "..." : text;

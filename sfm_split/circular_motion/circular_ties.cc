@@ -16,13 +16,13 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kGrid = 1.5 * kDegree;
-constexpr double kCoarseSigmaPx = 4;  // between places of the grid
-constexpr double kDistinct = 15 * kDegree;
-constexpr double kCertain = 8;  // e^-8: what is believed against chance, and against another mode
-constexpr size_t kCoarseMatches = 3000;
-constexpr int kNumRefined = 8;
-constexpr int64_t kPlacesAtOnce = 16;  // of the grid, by one thread
+constexpr double kGrid = 1.5 * kDegree;     // of turns
+constexpr double kCoarseSigmaPx = 4;        // between places of the grid
+constexpr double kDistinct = 15 * kDegree;  // turns farther apart are two answers: ten places of the grid
+constexpr double kCertain = 8;              // e^-8: what is believed against chance, and against another mode
+constexpr size_t kCoarseMatches = 3000;     // evenly chosen, that rank the places of the grid
+constexpr int kNumRefined = 8;              // best places of the grid
+constexpr int64_t kPlacesAtOnce = 16;       // of the grid, by one thread
 
 // \param stride  every so many pairs count: of a few matches of each, nobody knows which are right.
 double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, double sigma_px,

@@ -6,7 +6,7 @@
 namespace s2gs {
 namespace {
 
-constexpr int kShareRounds = 6;
+constexpr int kShareRounds = 6;  // of expectation and maximisation, from a half
 
 // Not summed on the way: divisions go several at a time.
 void FindProbabilities(const std::vector<double>& over, double share, std::vector<double>* right) {

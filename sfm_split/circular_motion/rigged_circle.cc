@@ -22,15 +22,15 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kCoarseSigmaPx = 4;   // between points of the grid
-constexpr double kGrid = 2 * kDegree;  // of a station's first angle
-constexpr double kFineGrid = kDegree;
+constexpr double kCoarseSigmaPx = 4;     // between points of the grid
+constexpr double kGrid = 2 * kDegree;    // of a station's first angle
+constexpr double kFineGrid = kDegree;    // of a station that is turned once more
 constexpr size_t kNumTurned = 3;         // circles whose stations are turned once more
 constexpr size_t kCoarseMatches = 6000;  // that judge the grid
 constexpr size_t kNumFirst = 16;         // axes, by the matches inside stations, whose angles are searched
 constexpr size_t kNumRefined = 8;        // circles that are refined
 constexpr double kCertain = 8;           // e^-8: what is believed against chance, and against another circle
-constexpr double kDistinct = 5 * kDegree;
+constexpr double kDistinct = 5 * kDegree;  // axes or angles farther apart are two answers
 
 struct Circle {
   Vector3d direction;

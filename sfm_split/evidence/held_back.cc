@@ -8,7 +8,7 @@
 namespace s2gs {
 namespace {
 
-constexpr uint64_t kOneIn = 10;
+constexpr uint64_t kOneIn = 10;  // tracks is held back
 
 uint64_t Mix(uint64_t x) {  // SplitMix64's
   x += 0x9e3779b97f4a7c15ULL;

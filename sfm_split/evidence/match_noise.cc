@@ -6,7 +6,7 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxIterations = 200;
+constexpr int kMaxIterations = 200;  // of expectation and maximisation
 constexpr double kSqrt2 = 1.41421356237309505;
 constexpr double kSqrtPi = 1.77245385090551603;
 

@@ -12,13 +12,14 @@
 namespace s2gs {
 namespace {
 
-constexpr int kDirections = 24;
+constexpr int kDirections = 24;      // in which a wrong match may go: 15 degrees apart
 constexpr size_t kMaxSampled = 200;  // matches whose directions are looked at: chance needs no more
+// Shifts the directions from match to match, so that none is preferred.
 constexpr double kGolden = 0.6180339887498949;
-constexpr int kChoosing = 7;   // matches that choose a fundamental matrix ...
-constexpr double kChosen = 3;  // ... or up to three
-constexpr float kOneDetailPx = 4;
-constexpr double kBounds = 2;  // at which a geometry is asked how many agree
+constexpr int kChoosing = 7;       // matches that choose a fundamental matrix ...
+constexpr double kChosen = 3;      // ... or up to three
+constexpr float kOneDetailPx = 4;  // side of a cell: keypoints in one show one detail, and count once
+constexpr double kBounds = 2;      // at which a geometry is asked how many agree
 
 struct Pair {
   const Keypoints& keypoints1;

@@ -20,10 +20,10 @@ constexpr std::array<double, 33> kTurnsDeg = {1,  1.5, 2,  3,  4.5, 6.5, 9,  12,
                                               24, 27,  30, 33, 36,  39,  42, 45, 48, 51, 54,
                                               57, 60,  63, 66, 69,  72,  75, 78, 81, 84, 87};
 constexpr size_t kNumTurns = 2 * kTurnsDeg.size() + 1;  // in order; that of the poses in the middle
-constexpr size_t kAsPosed = kTurnsDeg.size();
+constexpr size_t kAsPosed = kTurnsDeg.size();           // place of no turn
 
-constexpr double kLeastAwayDeg = 5;
-constexpr double kCertain = 8;  // e^8 to one
+constexpr double kLeastAwayDeg = 5;  // a turn by less is no other place of the photo
+constexpr double kCertain = 8;       // e^8 to one
 // Of the table's turn from photo to photo: the other way, none, twice as far.
 constexpr std::array<double, 3> kOtherTurns = {-1, 0, 2};
 constexpr size_t kLeastOfStation = 4;  // photos that are a turn

@@ -14,12 +14,12 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kLeastImages = 6;  // of a station: offset, step and some scatter
-constexpr double kHalf = 0.5;       // of a step: farther it is the next photo's place
-constexpr double kFirstTurnDeg = 0.02;
-constexpr double kTurnFactor = 1.4;  // between turns that are tried
-constexpr double kLastTurnDeg = 60;
-constexpr double kLeastWidthDeg = 0.01;
+constexpr size_t kLeastImages = 6;        // of a station: offset, step and some scatter
+constexpr double kHalf = 0.5;             // of a step: farther it is the next photo's place
+constexpr double kFirstTurnDeg = 0.02;    // finer than angles are known
+constexpr double kTurnFactor = 1.4;       // between turns that are tried
+constexpr double kLastTurnDeg = 60;       // of photos that stand some steps off
+constexpr double kLeastWidthDeg = 0.01;   // half of the first turn
 constexpr double kWidthFactor = 1.1;      // between widths that are tried
 constexpr double kMostWidthDeg = 1;       // of steps that somebody would call equal, by marks and by hand
 constexpr double kAnywhere = 0.1;         // of photos, whose matches may put them anywhere

@@ -15,7 +15,8 @@ namespace s2gs {
 namespace {
 
 constexpr size_t kMaxMatches = 100;  // of a pair, evenly
-constexpr int kNoiseRounds = 20;
+constexpr int kNoiseRounds = 20;     // of noise and angle by turns, at most
+// That noise and angle by turns begin with: keypoints', as detectors place them [px].
 constexpr double kFirstNoisePx = 1;
 constexpr double kNoiseSettled = 0.01;
 constexpr double kLeastNoisePx = 0.5;  // keypoints are hardly better

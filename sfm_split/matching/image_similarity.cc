@@ -38,7 +38,7 @@ std::vector<uint32_t> LargestKeypoints(const KeypointMatrix& keypoints, size_t n
 SimilarityMatrix CountMatchesOfAllPairs(const std::vector<PackedDescriptors>& images,
                                         DescriptorMatcher* matcher, Reporter& reporter) {
   constexpr int64_t kMultiplyAddsPerBatch = 50'000'000'000;  // well under a second
-  constexpr size_t kPairsPerBatch = 4096;
+  constexpr size_t kPairsPerBatch = 4096;                    // between two looks at whether to stop
   const auto num = static_cast<uint32_t>(images.size());
   const int64_t num_pairs = int64_t{num} * (int64_t{num} - 1) / 2;
   SimilarityMatrix similarity = SimilarityMatrix::Zero(num, num);

@@ -85,7 +85,7 @@ MatchImagesSummary MatchImages(const std::vector<uint32_t>& image_ids, const std
                                const MatchImagesOptions& options, ColmapDatabase* database,
                                Reporter& reporter) {
   constexpr int64_t kMultiplyAddsPerBatch = 100'000'000'000;  // about a second of one core
-  constexpr size_t kPairsPerBatch = 4096;
+  constexpr size_t kPairsPerBatch = 4096;                     // between two looks at whether to stop
   S2GS_INVARIANT(!options.Check().has_value());
 
   MatchImagesSummary summary;

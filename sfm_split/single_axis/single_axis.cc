@@ -28,8 +28,8 @@ namespace {
 
 using Eigen::Matrix3d;
 
-constexpr double kMadToSigma = 1.4826;
-constexpr double kInlierSigmas = 3;
+constexpr double kMadToSigma = 1.4826;  // a normal law's deviation over its median absolute one
+constexpr double kInlierSigmas = 3;     // beyond lie three in a thousand of right ones
 
 class Solver {
  public:

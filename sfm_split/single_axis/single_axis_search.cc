@@ -21,7 +21,7 @@ using Eigen::VectorXd;
 
 constexpr double kMaxBound =
     40;  // error bound while the axis is far off, in standard deviations of a keypoint
-constexpr double kDistinctAxes = 15 * kPi / 180;
+constexpr double kDistinctAxes = 15 * kPi / 180;  // farther apart are two answers
 
 struct Candidate {
   TurntableAxis axis;

@@ -13,9 +13,10 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kMinPhotos = 3;  // of which a median can leave one out
-constexpr int kFitPixels = 20000;
-constexpr int kFitIterations = 10;
+constexpr size_t kMinPhotos = 3;    // of which a median can leave one out
+constexpr int kFitPixels = 20000;   // evenly chosen: gain and offset need no more
+constexpr int kFitIterations = 10;  // of reweighting
+// Standard deviations: 95 % efficient where errors are normal (Tukey's biweight).
 constexpr double kTukey = 4.685;
 constexpr float kLeastNoise = 1.0F;    // of 8-bit JPEGs [grey levels]
 constexpr float kMisplacedPx = 0.15F;  // by shake that was measured and pixels that were interpolated

@@ -16,8 +16,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kNeighbours = 4;
-constexpr int kSimilar = 12;
+constexpr int kNeighbours = 4;          // photos before and after, as they were taken
+constexpr int kSimilar = 12;            // photos that look most alike
 constexpr size_t kMaxFeatures = 8192;   // of a photo: here all are matched with all
 constexpr double kOwnBand = 3;          // what lies within so many bounds of a motion is no second motion
 constexpr int kMinBodyKeypoints = 40;   // of an image that shows a body
@@ -25,7 +25,7 @@ constexpr double kMinBodyImages = 0.4;  // share of the images that must show bo
 constexpr double kMaxConflicts = 0.05;  // share of the keypoints that were seen moving with both
 constexpr double kMinVotes = 2;         // motions that a keypoint of a body belongs to
 constexpr int kClearMajority = 3;       // votes for the one body for each vote for the other
-constexpr int kGridSize = 8;
+constexpr int kGridSize = 8;            // cells along each side of a photo, that say how far a body spreads
 
 std::vector<ImagePair> PlanPairs(const SimilarityMatrix& similarity, const Stations& stations,
                                  const MotionSplitOptions& options) {

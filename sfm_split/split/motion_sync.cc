@@ -8,7 +8,7 @@ namespace s2gs {
 namespace {
 
 constexpr int kMaxIterations = 3000;  // a long chain of photos converges slowly
-constexpr int kMaxSweeps = 50;
+constexpr int kMaxSweeps = 50;        // over all motions, until no side changes: a few are usual
 
 // The signed graph as a linear map. Shared keypoints are not expanded into edges: a keypoint seen by d
 // motions ties them to their mean with weight 1.

@@ -22,20 +22,20 @@ constexpr int kTileSide = 24;        // a multiple of JPEG's blocks, whose edges
 constexpr int kCoarseFactor = 4;     // of the pictures that large shifts are looked for in
 constexpr int kCoarseTileSide = 12;  // [px there]
 constexpr int kSearchRadius = 4;     // around the coarse shift, which is known to 2 px [px]
-constexpr double kBlurPx = 0.8;
+constexpr double kBlurPx = 0.8;      // of both pictures before they are compared, against aliasing
 constexpr double kMaxSigmaPx = 0.1;  // of a textured tile's displacement
 // Independent values among a tile's gradients: blurred noise is one within 4 pi blur^2 pixels.
 constexpr double kIndependent = 2.0 * kTileSide * kTileSide / (4 * kPi * kBlurPx * kBlurPx);
 constexpr double kSigmaFloorPx = 0.05;   // a parabola's error through three correlations
 constexpr double kMaxResidualPx = 0.35;  // of an agreeing tile; what a tripod moved by 1/200 shows is over 1
 constexpr double kNullQuantile = 0.95;   // of unrelated tiles' best correlations
-constexpr double kLeastCorrelation = 0.5;
+constexpr double kLeastCorrelation = 0.5;  // lower ones say nothing: a debt, chosen and not derived
 constexpr double kLargestThreshold = 0.9;  // unrelated tiles that correlate better are one pattern
-constexpr int kMaxNullTiles = 64;
-constexpr int kMinTextured = 8;
-constexpr int kMinAgreeing = 6;
-constexpr double kMaxLogChance = -14;  // one in a million
-constexpr int kGridSize = 8;
+constexpr int kMaxNullTiles = 64;          // evenly chosen, of which unrelated correlations are taken
+constexpr int kMinTextured = 8;            // fewer tiles tell no shift: a debt, chosen and not derived
+constexpr int kMinAgreeing = 6;            // a debt, chosen and not derived: kMaxLogChance is what proves
+constexpr double kMaxLogChance = -14;      // one in a million
+constexpr int kGridSize = 8;  // cells along each side of a photo, that say how far agreement spreads
 
 // Number of parameters of the camera's motion in pictures: none, a shift, an affine map, a homography.
 constexpr std::array<int, 4> kModels = {0, 2, 6, 8};

@@ -14,9 +14,10 @@ namespace {
 using Verdict = PictureComparison::Verdict;
 
 constexpr double kMinPersistence = 0.5;  // of a station's photos in which a tile of the background is found
-constexpr size_t kMinPersistencePhotos = 4;
+constexpr size_t kMinPersistencePhotos = 4;  // half of fewer is one photo
 constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
+// Fewer lie elsewhere by chance in a crowd of tiles: a debt, chosen and not derived.
 constexpr int kMinMovedTiles = 4;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;

@@ -24,11 +24,12 @@ constexpr double kMinStaticShare = 0.25;   // of a station's photos that must sh
 constexpr double kMinVerifiedShare = 0.2;  // below it, pairs still further apart are not worth matching
 constexpr size_t kCoarseFeatures = 300;    // that images of different stations are compared by
 constexpr uint32_t kMinCoarseMatches = 6;  // of a pair that is worth matching in full
+// Photos of a station that look most like one: its neighbours on the turn.
 constexpr int kSimilarInStation = 3;
-constexpr int kCloseSteps = 3;         // between photos that show how the table turns
-constexpr double kMinTurnShare = 0.7;  // of their matches that must follow one turn
-constexpr int kMaxStaticPartners = 10;
-constexpr int kAdoptingStations = 3;  // whose background a photo from a station of its own is compared with
+constexpr int kCloseSteps = 3;          // between photos that show how the table turns
+constexpr double kMinTurnShare = 0.7;   // of their matches that must follow one turn
+constexpr int kMaxStaticPartners = 10;  // representatives of other stations with which one is compared
+constexpr int kAdoptingStations = 3;    // whose background a photo from a station of its own is compared with
 
 using IndexPair = std::pair<int, int>;
 
@@ -396,7 +397,7 @@ class StationSplitter {
     std::vector<size_t> num_rotating(rotating_.size());
     for (size_t i = 0; i < rotating_.size(); ++i)
       num_rotating[i] = static_cast<size_t>(std::count(rotating_[i].begin(), rotating_[i].end(), true));
-    constexpr size_t kEnough = 30;
+    constexpr size_t kEnough = 30;  // rotating keypoints of a photo, to compare it by these alone
     const PackedImages packed = matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) {
       return num_rotating[i] >= kEnough ? rotating_[i][k] : IsCandidate(i, k);
     });

@@ -15,18 +15,18 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kSearchMatches = 240;  // that rank the starting points
-constexpr size_t kFitMatches = 3000;    // that the fit uses
-constexpr size_t kMinSearchMatches = 30;
-constexpr size_t kNumRefined = 12;  // starting points that are refined
-constexpr int kMaxIterations = 40;
+constexpr size_t kSearchMatches = 240;    // that rank the starting points
+constexpr size_t kFitMatches = 3000;      // that the fit uses
+constexpr size_t kMinSearchMatches = 30;  // for five parameters: six for each
+constexpr size_t kNumRefined = 12;        // starting points that are refined
+constexpr int kMaxIterations = 40;        // of Gauss and Newton
 constexpr double kSlack = 2;  // errors of a family fitted to many pairs, over those of one pair's fit
-constexpr double kAngleSlackRad = 8 * kPi / 180;
-constexpr double kAngleSlackShare = 0.1;
-constexpr double kLeastFocal = 0.3;  // of the longest side
-constexpr double kLargestFocal = 10;
-constexpr double kFitsShare = 0.5;     // of a pair's matches that must follow its angle
-constexpr double kFitsOverBest = 0.8;  // or of the matches that follow the best angle
+constexpr double kAngleSlackRad = 8 * kPi / 180;  // between an angle alone and what the family says of it ...
+constexpr double kAngleSlackShare = 0.1;  // ... and so much of the angle: a debt, chosen and not derived
+constexpr double kLeastFocal = 0.3;       // of the longest side
+constexpr double kLargestFocal = 10;      // of the longest side: a lens of 360 mm before 36 mm
+constexpr double kFitsShare = 0.5;        // of a pair's matches that must follow its angle
+constexpr double kFitsOverBest = 0.8;     // or of the matches that follow the best angle
 
 // log(focal / longest side), elevation, roll, offset of the foot, step.
 using Parameters = Eigen::Matrix<double, 5, 1>;

@@ -15,7 +15,7 @@
 namespace s2gs {
 namespace {
 
-constexpr int kGridSize = 8;
+constexpr int kGridSize = 8;  // cells along each side of a photo, that say how far the background spreads
 constexpr double kReferenceSidePx = 1600;  // photos up to this size have the options' bounds
 constexpr double kMaxShakePx = 100;        // the option's own bound
 using Box2f = Eigen::AlignedBox<float, 2>;

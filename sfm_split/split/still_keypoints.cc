@@ -11,8 +11,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxPartners = 32;
-constexpr float kCellPx = 4;
+constexpr int kMaxPartners = 32;  // photos of the station, evenly chosen, in which a keypoint is looked for
+constexpr float kCellPx = 4;      // of the grid in which a place's keypoints are found
 // Cosine of the largest angle between descriptors of one still point. Descriptors of chance keypoints at one
 // place differ by about 1 radian.
 constexpr double kMinCosine = 0.88;

@@ -7,6 +7,7 @@
 namespace s2gs {
 
 double AxisUpSign(const Eigen::Vector3d& axis, const std::vector<Eigen::Matrix3d>& cam_from_world) {
+  // Cameras nearer to the table's own height do not tell above from below.
   constexpr double kLevel = 5 * kPi / 180;
   Eigen::Vector3d view = Eigen::Vector3d::Zero();
   Eigen::Vector3d up = Eigen::Vector3d::Zero();

@@ -19,8 +19,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDistinctAngles = 5 * kDegree;
-constexpr size_t kMaxProposals = 250;
+constexpr double kDistinctAngles = 5 * kDegree;  // farther apart are two answers
+constexpr size_t kMaxProposals = 250;  // points or matches, evenly chosen, each of which proposes angles
 
 }  // namespace
 

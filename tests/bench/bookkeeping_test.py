@@ -309,6 +309,14 @@ class Mutants(unittest.TestCase):
         self.assertIn('Freeze', found['tests/s2gs/freeze_test.cc'][1])
         self.assertGreater(len(found), 80)
 
+    def test_survivors_are_found_by_their_text(self):
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / 'a.cc').write_text('\nx = a + b;\ny = c + d;\ny = c + d;\n')
+            one = {'file': 'a.cc', 'line': 9, 'before': 'x = a + b;', 'after': 'x = a - b;', 'outcome': 'survived'}
+            self.assertEqual(mutants.survivors_again(pathlib.Path(folder), [
+                one, {**one, 'outcome': 'killed'}, {**one, 'file': 'gone.cc'},
+                {**one, 'before': 'y = c + d;', 'after': 'y = c - d;'}]), [('a.cc', 2, 'sign', 'x = a + b;', 'x = a - b;')])
+
     def test_report_counts(self):
         one = {'file': 'mesh/a.cc', 'line': 3, 'kind': 'sign', 'before': 'a + b', 'after': 'a - b', 'outcome': 'killed'}
         text = mutants.report([one, {**one, 'line': 4, 'outcome': 'survived'}, {**one, 'line': 5, 'outcome': 'equal'},
@@ -316,6 +324,23 @@ class Mutants(unittest.TestCase):
         self.assertIn('mesh       1 of 2 killed (50 %)', text)
         self.assertIn('mesh/a.cc:4: sign', text)
         self.assertNotIn('mesh/a.cc:3', text)
+
+
+class ExactWorkspace(unittest.TestCase):
+    def test_numbers_are_written_without_their_type(self):
+        class Named(float):  # as numpy 2 shows its own
+            def __repr__(self):
+                return f'np.float64({float(self)!r})'
+
+        try:
+            import exact_workspace
+        except ModuleNotFoundError as missing:
+            self.skipTest(str(missing))
+        scene = {'width': 4, 'height': 3, 'fx': 5.5, 'fy': 5.5, 'cx': 2.0, 'cy': 1.5}
+        with tempfile.TemporaryDirectory() as folder:
+            exact_workspace.write_model(folder, scene, [], [[Named(v) for v in (0.1, -2.5, 3, 10, 20, 30)]])
+            text = (pathlib.Path(folder) / 'points3D.txt').read_text()
+        self.assertEqual(text, '1 0.1 -2.5 3.0 10 20 30 -1\n')
 
 
 class Curves(unittest.TestCase):

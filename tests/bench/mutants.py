@@ -2,6 +2,7 @@
 """Breaks one line of the product at a time and shows which breaks no test notices.
 
 usage: mutants.py --results FILE.jsonl [--count N] [--from I] [--to J] [--seed S] [--module NAME ...] [--file PATH ...]
+       mutants.py --results FILE.jsonl --again EARLIER.jsonl ... [--file PATH ...]
        mutants.py --results FILE.jsonl --report
        mutants.py --describe FILE.json [--build FOLDER]
 
@@ -13,7 +14,7 @@ broken program that a test ends, or that takes far longer, is killed; one whose 
 and does not count; one that outlasts `--seconds` is not judged.
 
 Results are one JSON object a line. The same command goes on where it was stopped. --report prints the share that was
-killed and the survivors with file and line. --describe writes how the tree is built, so that sources, objects and
+killed and the survivors with file and line. --again tries what survived in earlier results, each found by its text. --describe writes how the tree is built, so that sources, objects and
 libraries can be carried to another machine (--description there, --root and --build say where they lie).
 """
 import argparse
@@ -137,6 +138,19 @@ def choose(root, files, modules, seed, count):
         for pool in pools:
             if pool and len(chosen) < count:
                 chosen.append(pool.pop())
+    return chosen
+
+
+def survivors_again(root, results):
+    """The breaks that survived, where the lines now stand; lines that are gone, or stand there twice, are left out."""
+    chosen = []
+    for r in results:
+        path = root / r['file']
+        if r['outcome'] != 'survived' or not path.exists():
+            continue
+        found = [cut for cut in breaks_of_text(path.read_text()) if (cut[2].strip(), cut[3].strip()) == (r['before'], r['after'])]
+        if len(found) == 1:
+            chosen.append((r['file'], *found[0]))
     return chosen
 
 
@@ -391,6 +405,7 @@ def main():
     parser.add_argument('--from', type=int, default=0, dest='first', help='index of the first of the draw to run')
     parser.add_argument('--to', type=int, help='index after the last to run')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--again', type=pathlib.Path, nargs='+', help='what survived in these results in place of a draw')
     parser.add_argument('--module', nargs='+', choices=MODULES, default=MODULES)
     parser.add_argument('--file', nargs='+', help='only these sources')
     parser.add_argument('--stages', type=int, default=3, choices=(1, 2, 3), help='1: the tests of its own name, 2: of its folder, too, 3: all')
@@ -421,7 +436,11 @@ def main():
                     if path.split('/')[0] in args.module and path.endswith(('.cc', '.h')) and (not args.file or path in args.file)})
     done = {key_of(r) for r in results if r['outcome'] != 'not judged'}
     args.results.parent.mkdir(parents=True, exist_ok=True)
-    chosen = list(enumerate(choose(args.root, files, args.module, args.seed, args.count)))[args.first:args.to]
+    if args.again:
+        cuts = survivors_again(args.root, [r for path in args.again for r in read_results(path) if r['file'] in files])
+    else:
+        cuts = choose(args.root, files, args.module, args.seed, args.count)
+    chosen = list(enumerate(cuts))[args.first:args.to]
     todo = [(i, cut) for i, cut in chosen if (cut[0], cut[1], cut[3].strip(), cut[4].strip()) not in done]
     unbroken = Unbroken(tree, args.work.resolve())
     with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:

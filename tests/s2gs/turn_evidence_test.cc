@@ -255,6 +255,25 @@ TEST(TurnEvidence, MeasuresWhatPhotosTell) {
   EXPECT_EQ(unavailable->num_cameras, 0);
 }
 
+// What lies about the axis hides the same ground in every photo: nothing shows what stands behind it.
+TEST(TurnEvidence, TheMiddleIsNeverFree) {
+  std::vector<ReferenceGaussian> splats;
+  constexpr double kReach = 0.3;
+  for (double x = -kReach; x <= kReach; x += 0.05) {
+    for (double y = -kReach; y <= kReach; y += 0.05) splats.push_back(Splat(x, y, true));
+  }
+  const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+  TrainState state;
+  state.gaussians = FromReference(splats, 0);
+  backend->SetState(state);
+  const std::optional<SightShares> shares =
+      MeasureSights(TurnEvidence(CardOnGround(Ground::kTextured, 24)), backend.get());
+  ASSERT_TRUE(shares);
+  // A square of 12 px that turns covers a circle of 6 px always, and with the border's 2 px one of 8 px; the
+  // corners reach 8.5 px.
+  EXPECT_GT(shares->never_free, 0.95);
+}
+
 TEST(TurnEvidence, SignTestPassesByChanceOnceInAThousand) {
   // The binomial tail at one half: the larger share of n photos or more.
   const auto tail = [](int background, int n) {

@@ -244,6 +244,26 @@ TEST(MeshCleanup, DecimationKeepsOutlines) {
   EXPECT_EQ(TopologyOf(mesh).num_bad_edges, 0);
 }
 
+// A strip one square wide: all its inner edges join two outlines, and none may become a point.
+TEST(MeshCleanup, DecimationPinchesNoStrip) {
+  TriangleMesh mesh;
+  constexpr uint32_t kSquares = 40;
+  for (uint32_t i = 0; i <= kSquares; ++i) {
+    for (int side = 0; side < 2; ++side)
+      mesh.vertices.emplace_back(0.1F * static_cast<float>(i), 0.1F * static_cast<float>(side), 0);
+  }
+  for (uint32_t i = 0; i < kSquares; ++i) {
+    mesh.triangles.emplace_back(2 * i, 2 * i + 2, 2 * i + 3);
+    mesh.triangles.emplace_back(2 * i, 2 * i + 3, 2 * i + 1);
+  }
+  DecimateMesh(8, &mesh);
+  const MeshTopology topology = TopologyOf(mesh);
+  EXPECT_LE(mesh.triangles.size(), 8U);
+  EXPECT_NEAR(topology.area, 0.4, 1e-6);
+  EXPECT_EQ(topology.num_bad_edges, 0);
+  EXPECT_EQ(topology.euler_characteristic, 1);
+}
+
 // A closed box of unit sides, each a grid of n x n squares.
 TriangleMesh GridBox(int n) {
   TriangleMesh mesh;

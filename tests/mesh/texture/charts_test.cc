@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -114,6 +115,45 @@ TEST(Charts, EveryTriangleOnceAndNoneOverAnother) {
     EXPECT_LT(stretch, noise > 0 ? 1.6 : 1.45);
     EXPECT_LT(charts.size(), noise > 0 ? 600u : 200u);
   }
+}
+
+// A plate whose edge is bent up by 80 degrees, finely where it bends: the flat part is seen straight on.
+TEST(Charts, BeginWhereTheSurfaceIsFlattest) {
+  TriangleMesh mesh;
+  constexpr int kAcross = 20;
+  constexpr double kRadius = 0.5;
+  std::vector<Eigen::Vector2d> profile;
+  for (int i = 0; i <= 4; ++i) {  // the bend first: its triangles come before those of the plate
+    const double angle = 20 * (4 - i) * kDegree;
+    profile.emplace_back(-kRadius * std::sin(angle), kRadius * (1 - std::cos(angle)));
+  }
+  for (int i = 1; i <= 20; ++i) profile.emplace_back(0.1 * i, 0);
+  for (const Eigen::Vector2d& at : profile) {
+    for (int j = 0; j <= kAcross; ++j) {
+      mesh.vertices.emplace_back(static_cast<float>(at.x()), 0.1F * static_cast<float>(j),
+                                 static_cast<float>(at.y()));
+    }
+  }
+  const auto at = [](size_t i, int j) {
+    return static_cast<uint32_t>(i) * (kAcross + 1) + static_cast<uint32_t>(j);
+  };
+  for (size_t i = 0; i + 1 < profile.size(); ++i) {
+    for (int j = 0; j < kAcross; ++j) {
+      mesh.triangles.emplace_back(at(i, j), at(i + 1, j), at(i + 1, j + 1));
+      mesh.triangles.emplace_back(at(i, j), at(i + 1, j + 1), at(i, j + 1));
+    }
+  }
+  ComputeNormals(&mesh);
+  const std::vector<Chart> charts = MakeCharts(mesh, {0.01, 4, 8192});
+  const auto last = static_cast<uint32_t>(mesh.triangles.size() - 1);
+  int num_found = 0;
+  for (const Chart& chart : charts) {
+    if (std::find(chart.triangles.begin(), chart.triangles.end(), last) == chart.triangles.end()) continue;
+    ++num_found;
+    EXPECT_GT(std::abs(chart.right.cross(chart.down).z()), std::cos(1 * kDegree));
+    EXPECT_GE(chart.triangles.size(), size_t{2} * 20 * kAcross);  // all of the plate
+  }
+  EXPECT_EQ(num_found, 1);
 }
 
 TEST(Charts, NoneIsLargerThanAPage) {

@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -121,6 +123,26 @@ TEST_F(BatchRun, RunsSoManyAtATimeOnTheirGpus) {
     EXPECT_TRUE(environment.find("gpu 4\n") != std::string::npos ||
                 environment.find("gpu 7\n") != std::string::npos)
         << environment;
+  }
+}
+
+// Threads are shared out among scans that run side by side, unless the user has said how many each takes.
+TEST_F(BatchRun, ThreadsAreSharedOutOnlyAmongSeveral) {
+  const char* const given = std::getenv("OMP_NUM_THREADS");
+  const std::optional<std::string> before =
+      given == nullptr ? std::nullopt : std::make_optional<std::string>(given);
+  ::unsetenv("OMP_NUM_THREADS");
+  Add("alone", "good");
+  Run();
+  EXPECT_THAT(folder_.Read("alone/environment"), HasSubstr("threads  "));
+  ::setenv("OMP_NUM_THREADS", "77", 1);
+  options_.jobs = 2;
+  Run();
+  EXPECT_THAT(folder_.Read("alone/environment"), HasSubstr("threads 77 "));
+  if (before) {
+    ::setenv("OMP_NUM_THREADS", before->c_str(), 1);
+  } else {
+    ::unsetenv("OMP_NUM_THREADS");
   }
 }
 

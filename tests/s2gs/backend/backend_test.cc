@@ -850,6 +850,29 @@ TEST_P(BackendTest, StateComesBackAsItWas) {
   EXPECT_EQ(*std::max_element(taken.view_count.begin(), taken.view_count.end()), 4);
 }
 
+// What is given is what the next call reads, whatever lies between the host and the device: arrays larger
+// than what a driver stages at once, other values each time, and no wait between giving and reading.
+TEST_P(BackendTest, WhatIsGivenHasArrivedWhenItIsRead) {
+  constexpr size_t kCount = 300000;  // 1.2 MB for each of a Gaussian's numbers
+  TrainState state;
+  const std::vector<ReferenceGaussian> scene(kCount, RandomScene(1, 10, -3)[0]);
+  state.gaussians = FromReference(scene, 0);
+  std::vector<float> logits(kCount);
+  for (int round = 0; round < 3; ++round) {
+    for (size_t i = 0; i < kCount; ++i) {
+      state.gaussians.centre[3 * i + 2] = static_cast<float>(round) + static_cast<float>(i % 1000);
+      logits[i] = static_cast<float>(round) - static_cast<float>(i % 7);
+    }
+    backend_->SetState(state);
+    ASSERT_EQ(backend_->GetPlacement().centre, state.gaussians.centre) << round;
+    backend_->SetForegroundLogits(logits);
+    ASSERT_EQ(backend_->GetPlacement().foreground_logit, logits) << round;
+    // The last ones alone: gathered from what was given just now.
+    backend_->Keep({static_cast<uint32_t>(kCount - 2), static_cast<uint32_t>(kCount - 1)});
+    EXPECT_EQ(backend_->GetPlacement().foreground_logit, std::vector<float>(logits.end() - 2, logits.end()));
+  }
+}
+
 // The one body by itself, as Render draws it and as its largest weights say.
 TEST_P(BackendTest, SeesOneBodyAsItIsDrawn) {
   const PinholeView view = TestView(70, 48);

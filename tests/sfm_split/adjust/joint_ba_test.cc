@@ -670,6 +670,25 @@ TEST(JointBa, ShakenCamerasAreFreedOnlyWhenTheDataDemandIt) {
   }
 }
 
+// Weights discount what a station's photos repeat. Within one photo every point is seen once, with an error
+// of its own: were the score's gradient weighted too, weights of 1 and .1 by turns would make of its mean of
+// 1 the ratio mean(w^2) / mean(w)^2 = 1.67.
+TEST(JointBa, ScoresDoNotDependOnHowMuchObservationsCount) {
+  Scene scene;
+  scene.noise_px = 0.4;
+  scene.Build(14);
+  for (JointObservation& observation : scene.start.background.observations) {
+    observation.weight = observation.point % 2 == 0 ? 1 : 0.1;
+  }
+  Reporter reporter;
+  JointOptions options;
+  options.num_threads = 2;
+  const JointReport report = AdjustJointly(options, reporter, &scene.start);
+  ASSERT_FALSE(report.tests.empty());
+  EXPECT_FALSE(report.tests[0].accepted);
+  EXPECT_NEAR(report.tests[0].score, 1, 0.3);
+}
+
 TEST(JointBa, AWobblingTableFreesTheObjectNotTheCameras) {
   Scene scene;
   scene.noise_px = 0.4;

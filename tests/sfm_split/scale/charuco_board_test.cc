@@ -123,6 +123,13 @@ TEST(CharucoBoard, MeasuresBetweenTheOutermostCornersThatAreThere) {
   EXPECT_NEAR(bars[1].known_m, 2 * 0.024, 1e-12);
 }
 
+// A length of zero tells no scale.
+TEST(CharucoBoard, CornersAtOnePlaceMakeNoBar) {
+  std::map<int, LocatedMark> located;
+  for (const int corner : {1, 3}) located[corner].x = {0.1, 0.2, 0.3};
+  EXPECT_TRUE(BarsOfBoard(Board(), located).empty());
+}
+
 TEST(CharucoBoard, ChecksItsNumbers) {
   EXPECT_FALSE(Board().Check().has_value());
   CharucoBoard board = Board();
