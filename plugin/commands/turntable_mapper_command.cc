@@ -23,6 +23,7 @@
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
+#include "s2gs/image/image_file.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -47,6 +48,7 @@ struct Settings {
   std::vector<std::string> mapper_options;
   fs::path angles_path;
   double step_deg = 0;
+  bool adjust_to_photos = true;
   PlacementOptions placement;
 };
 
@@ -77,6 +79,9 @@ void AddOptions(Options& options, Settings* settings) {
       .Add("step_deg", &settings->step_deg,
            "the table's step from photo to photo by name, within each station; as --angles_path; 0: unknown")
       .Unit("degrees");
+  options.Add("adjust_to_photos", &settings->adjust_to_photos,
+              "find each point's places in the photos again by patches of these, and adjust everything to "
+              "them where patches that were held back bear it out");
   auto joint = options.Group("Joint", &settings->placement.joint);
   joint.AddEnum("model", &JointOptions::model,
                 {{"auto", JointModel::kAuto},
@@ -170,6 +175,7 @@ class TurntableMapper {
 
  private:
   std::vector<uint8_t> ReadDescriptorsOf(const ColmapDatabase& database, int image) const;
+  GreyPhoto ReadPhoto(const std::string& name) const;
   void WriteScene(ScanCandidate* candidate, json report);
   ScanVerdict RecordFailure(json report);
   [[noreturn]] void Fail(json report, const std::string& problem);
@@ -223,6 +229,23 @@ std::vector<uint8_t> TurntableMapper::ReadDescriptorsOf(const ColmapDatabase& da
                     "Run `colmap feature_extractor` again on a new database");
   }
   return {descriptors.data(), descriptors.data() + descriptors.size()};
+}
+
+// An empty one where it cannot be read or is not the one that its features come from.
+GreyPhoto TurntableMapper::ReadPhoto(const std::string& name) const {
+  const auto of_name = [&](const ScanImage& image) { return image.name == name; };
+  const auto image = std::find_if(input_.features.images.begin(), input_.features.images.end(), of_name);
+  const Camera& camera = input_.features.cameras.at(image->camera_id);
+  try {
+    Image8 photo = ReadImage(settings_.image_path / name, 1);
+    if (static_cast<uint64_t>(photo.width) != camera.width ||
+        static_cast<uint64_t>(photo.height) != camera.height) {
+      return {};
+    }
+    return {photo.width, photo.height, std::move(photo.pixels)};
+  } catch (const UserError&) {
+    return {};  // ColorPoints warns
+  }
 }
 
 void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
@@ -349,13 +372,16 @@ void TurntableMapper::Place() {
     }
     return ReadDescriptorsOf(*database, image);
   };
-  ScanPlacement placement =
-      PlaceScan(input_.features, objects, background, read_descriptors, settings_.placement, reporter_);
+  ReadGreyPhoto read_photo;
+  if (settings_.adjust_to_photos) read_photo = [&](const std::string& name) { return ReadPhoto(name); };
+  ScanPlacement placement = PlaceScan(input_.features, objects, background, read_descriptors, read_photo,
+                                      settings_.placement, reporter_);
   for (const auto& [name, seconds] : placement.durations) seconds_[name] = seconds;
   report["path"] = placement.path;
   report["path_reason"] = placement.findings;
   if (placement.outcome == PlacementOutcome::kPlaced) {
     report["guided"] = ToJson(placement.guided);
+    if (settings_.adjust_to_photos) report["photos"] = ToJson(placement.photos);
     WriteScene(&placement.best, report);
     return;
   }

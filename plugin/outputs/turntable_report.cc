@@ -169,6 +169,23 @@ json ToJson(const std::vector<GuidedPhoto>& photos) {
   return result;
 }
 
+json ToJson(const PhotoAdjustment& photos) {
+  const auto change = [](const HeldBackChange& held_back) {
+    return json{{"points", held_back.points},
+                {"before_px", held_back.before_px},
+                {"after_px", held_back.after_px},
+                {"gain", held_back.gain},
+                {"gain_sigma", held_back.gain_sigma}};
+  };
+  return {{"taken", photos.is_taken},
+          {"finding", photos.finding},
+          {"tracks", photos.tracks},
+          {"places", photos.places},
+          {"sigma_px", photos.sigma_px},
+          {"held_back", {{"patches", change(photos.patches)}, {"keypoints", change(photos.keypoints)}}},
+          {"seconds", photos.seconds}};
+}
+
 json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   const JointReport& joint = refined.joint;
   json report;

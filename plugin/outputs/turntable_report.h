@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/photo_tracks/photo_adjustment.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -13,6 +14,7 @@
 namespace s2gs {
 
 nlohmann::json ToJson(const std::vector<GuidedPhoto>& photos);
+nlohmann::json ToJson(const PhotoAdjustment& photos);
 
 /// A body's points, observations and reprojection errors [px], by the errors that its points carry:
 /// `mean_reprojection_error_px` is over points, as COLMAP's model_analyzer gives it, and

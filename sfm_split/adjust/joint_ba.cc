@@ -165,7 +165,7 @@ FilterCounts FilterObservations(const JointOptions& options, double max_error_px
       Vector2d xy;
       if (ProjectWithJacobians(camera.model, camera.params.data(), problem->cam_from_world[image.pose] * x,
                                &xy, nullptr, nullptr) &&
-          (xy - observation.xy).squaredNorm() <= max_error_px * max_error_px) {
+          (xy - observation.xy).norm() <= max_error_px * observation.spread) {
         of_point[observation.point].push_back(k);
       } else {
         observation.active = false;

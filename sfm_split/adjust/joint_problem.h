@@ -19,6 +19,8 @@ struct JointObservation {
   Eigen::Vector2d xy = Eigen::Vector2d::Zero();  ///< [px], COLMAP's pixel convention.
   /// How much it counts: keypoints of one background point in the photos of one station are one measurement.
   double weight = 1;
+  /// Its standard deviation as a multiple of what the loss counts in: errors are taken over it.
+  double spread = 1;
   bool active = true;        ///< false: taken out as an outlier, or its point is not determined.
   uint32_t point2D_idx = 0;  ///< where it came from in the image.
 };

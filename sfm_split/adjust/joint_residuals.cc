@@ -34,8 +34,8 @@ JointResiduals MeasureJointResiduals(const JointProblem& problem) {
       }
       (of_object ? all.object_squares : all.background_squares) += residual.squaredNorm();
       ++(of_object ? all.object : all.background);
-      all.coordinates.push_back(residual.x());
-      all.coordinates.push_back(residual.y());
+      all.coordinates.push_back(residual.x() / observation.spread);
+      all.coordinates.push_back(residual.y() / observation.spread);
     }
   }
   return all;

@@ -141,7 +141,7 @@ void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, b
     term.values[term.num_blocks] = points[observation.point].data();
     term.cost = std::make_unique<ReprojectionCost>(
         kind, problem.cameras[image.camera], observation.xy, &pose_rotations_[image.pose],
-        free_object_ ? &object_rotations_[observation.image] : nullptr);
+        free_object_ ? &object_rotations_[observation.image] : nullptr, observation.spread);
     terms_.push_back(std::move(term));
   }
 }

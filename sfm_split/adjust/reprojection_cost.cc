@@ -16,8 +16,13 @@ using Matrix23 = Eigen::Matrix<double, 2, 3>;
 }  // namespace
 
 ReprojectionCost::ReprojectionCost(Kind kind, const Camera& camera, const Vector2d& xy,
-                                   const Matrix3d* camera_r0, const Matrix3d* object_r0)
-    : kind_(kind), model_(camera.model), xy_(xy), camera_r0_(camera_r0), object_r0_(object_r0) {
+                                   const Matrix3d* camera_r0, const Matrix3d* object_r0, double spread)
+    : kind_(kind),
+      model_(camera.model),
+      xy_(xy),
+      camera_r0_(camera_r0),
+      object_r0_(object_r0),
+      spread_(spread) {
   set_num_residuals(2);
   std::vector<int32_t>& sizes = *mutable_parameter_block_sizes();
   sizes.push_back(6);
@@ -79,8 +84,10 @@ bool ReprojectionCost::Evaluate(double const* const* parameters, double* residua
     }
     return true;
   }
-  residual = xy - xy_;
+  residual = (xy - xy_) / spread_;
   if (!want) return true;
+  by_cam /= spread_;
+  if (jacobians[intrinsics] != nullptr) by_intrinsics /= spread_;
 
   using Rows3 = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
   using Rows4 = Eigen::Matrix<double, 2, 4, Eigen::RowMajor>;

@@ -21,8 +21,9 @@ class ReprojectionCost : public ceres::CostFunction {
   static constexpr double kBehindCameraError = 1e3;  // [px]
 
   /// \param camera_r0, object_r0  must outlive the cost; object_r0 for kFreeObject only.
+  /// \param spread  the residual is the error over this.
   ReprojectionCost(Kind kind, const Camera& camera, const Eigen::Vector2d& xy,
-                   const Eigen::Matrix3d* camera_r0, const Eigen::Matrix3d* object_r0);
+                   const Eigen::Matrix3d* camera_r0, const Eigen::Matrix3d* object_r0, double spread = 1);
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
   const Eigen::Vector2d& xy() const { return xy_; }
@@ -33,6 +34,7 @@ class ReprojectionCost : public ceres::CostFunction {
   Eigen::Vector2d xy_;
   const Eigen::Matrix3d* camera_r0_;
   const Eigen::Matrix3d* object_r0_;
+  double spread_;
 };
 
 }  // namespace s2gs

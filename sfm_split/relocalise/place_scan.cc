@@ -89,7 +89,8 @@ class Placement {
         pairs_(PossibleObjectPairs(features, false)),
         pairs_inside_(PossibleObjectPairs(features, true)) {}
 
-  ScanPlacement Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors);
+  ScanPlacement Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
+                    const ReadGreyPhoto& read_photo);
 
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
@@ -105,6 +106,7 @@ class Placement {
   void TryFreeSfm(const std::vector<ColmapModel>& objects);
   void Consider(ScanCandidate candidate, const char* name);
   void PlaceMissing(const ReadDescriptors& read_descriptors);
+  void AdjustToPhotos(const ReadGreyPhoto& read_photo);
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
@@ -413,8 +415,18 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
   }
 }
 
-ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
-                             const ReadDescriptors& read_descriptors) {
+void Placement::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
+  ScanCandidate& best = result_.best;
+  result_.photos =
+      AdjustByPhotos(read_photo, features_, best.refined.held_back, best.refined.priors, options_.joint,
+                     best.refined.model, options_.photos, reporter_, &best.aligned, &best.refined.joint);
+  reporter_.Info(
+      std::string(result_.photos.is_taken ? "poses by patches of the photos: " : "poses by keypoints: ") +
+      result_.photos.finding);
+}
+
+ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
+                             const ReadGreyPhoto& read_photo) {
   const PlacementPath path = options_.path;
   if (path == PlacementPath::kAuto || path == PlacementPath::kFreeSfm) TryFreeSfm(objects);
   if (path == PlacementPath::kAuto || path == PlacementPath::kCircular) TryCircularMotion();
@@ -425,6 +437,10 @@ ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects,
   if (result_.best.is_usable) {
     PlaceMissing(read_descriptors);
     result_.durations.emplace_back("place_missing", watch_.Lap());
+    if (read_photo) {
+      AdjustToPhotos(read_photo);
+      result_.durations.emplace_back("photo_tracks", watch_.Lap());
+    }
     result_.best.matches =
         AskMatches(features_, pairs_, result_.best.aligned, reporter_, &result_.best.refined.joint);
     result_.durations.emplace_back("ask_matches", watch_.Lap());
@@ -451,9 +467,10 @@ OptionCheck PlacementOptions::Check() const {
 
 ScanPlacement PlaceScan(const ScanFeatures& features, const std::vector<ColmapModel>& objects,
                         const ColmapModel* background, const ReadDescriptors& read_descriptors,
-                        const PlacementOptions& options, Reporter& reporter) {
+                        const ReadGreyPhoto& read_photo, const PlacementOptions& options,
+                        Reporter& reporter) {
   S2GS_INVARIANT(!options.Check());
-  return Placement(features, background, options, reporter).Run(objects, read_descriptors);
+  return Placement(features, background, options, reporter).Run(objects, read_descriptors, read_photo);
 }
 
 }  // namespace s2gs

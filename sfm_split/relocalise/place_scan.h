@@ -8,6 +8,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/circular_motion/circular_motion.h"
+#include "sfm_split/photo_tracks/photo_adjustment.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_candidate.h"
 #include "sfm_split/relocalise/scan_refinement.h"
@@ -41,6 +42,7 @@ struct PlacementOptions {
   CircularOptions circular;
   SingleAxisOptions single_axis;
   GuidedOptions guided;
+  PhotoAdjustmentOptions photos;
 
   /// Of the fields above the parts; each part has a Check() of its own.
   OptionCheck Check() const;
@@ -59,6 +61,7 @@ struct ScanPlacement {
   std::string path;                                       ///< that `best` came by: "free_sfm", ...
   std::string findings;                                   ///< of every way that was tried, in order.
   std::vector<GuidedPhoto> guided;                        ///< photos that came by what points look like.
+  PhotoAdjustment photos;                                 ///< what patches of the photos did to `best`.
   std::vector<std::pair<std::string, double>> durations;  ///< of every way that was tried [s].
 };
 
@@ -67,14 +70,16 @@ struct ScanPlacement {
 /// each station's circular motion explains the station's matches better than free SfM did (as where a turn
 /// closes that free SfM left open), by circular motion; where there are too few photos still, by the single
 /// axis. The best of them by the likelihood of all matches. Then photos that are still missing, by what the
-/// object's points look like, for as long as the adjustment bears them out.
+/// object's points look like, for as long as the adjustment bears them out. At last everything is adjusted to
+/// patches of the photos (AdjustByPhotos).
 /// \param objects  SfM's models of the object, the largest first, smaller ones in frames of their own; not
 ///     needed by the single axis.
 /// \param background  SfM's model of the background; null: none.
 /// \param read_descriptors  is called only when photos are missing.
-/// Throws Interrupted when the reporter asks to stop, and what read_descriptors throws.
+/// \param read_photo  may be empty: then keypoints alone place the scene.
+/// Throws Interrupted when the reporter asks to stop, and what read_descriptors and read_photo throw.
 ScanPlacement PlaceScan(const ScanFeatures& features, const std::vector<ColmapModel>& objects,
                         const ColmapModel* background, const ReadDescriptors& read_descriptors,
-                        const PlacementOptions& options, Reporter& reporter);
+                        const ReadGreyPhoto& read_photo, const PlacementOptions& options, Reporter& reporter);
 
 }  // namespace s2gs

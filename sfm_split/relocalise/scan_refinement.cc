@@ -437,6 +437,7 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
     }
     return AdjustWith(options, is_rough);
   }
+  report_.priors = problem.priors;
   ApplyJointProblem(problem, aligned_);
   return report;
 }

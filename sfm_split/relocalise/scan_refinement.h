@@ -60,6 +60,7 @@ struct RefineReport {
   std::vector<std::string> angle_contradictions;  ///< what the user has to know of them.
   std::vector<ModelTest> model_tests;             ///< of the round that chose the model.
   JointModel model = JointModel::kSharedStations;
+  JointPriors priors;  ///< of the last adjustment.
   std::vector<RelocalisedImage> mended;
   std::vector<RelocalisedImage>
       placed_stations;              ///< turned about the axis to where the background's matches say.

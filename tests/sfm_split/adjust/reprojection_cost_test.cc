@@ -119,6 +119,21 @@ Evaluated Evaluate(const ceres::CostFunction& cost, const std::vector<std::vecto
   return e;
 }
 
+TEST(ReprojectionCost, SpreadDividesErrorAndDerivatives) {
+  for (const Kind kind : {Kind::kBackground, Kind::kTurntable, Kind::kFreeObject}) {
+    const Setting s = RandomSetting(kind, CameraModelId::kSimpleRadial, 0.7, 4);
+    const ReprojectionCost plain(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0);
+    const ReprojectionCost spread(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0, 4);
+    const Evaluated a = Evaluate(plain, s.blocks);
+    const Evaluated b = Evaluate(spread, s.blocks);
+    EXPECT_LT((a.residual - 4 * b.residual).norm(), 1e-12 * a.residual.norm());
+    for (size_t k = 0; k < a.jacobians.size(); ++k) {
+      EXPECT_GT(a.jacobians[k].norm(), 0);
+      EXPECT_LT((a.jacobians[k] - 4 * b.jacobians[k]).norm(), 1e-12 * a.jacobians[k].norm());
+    }
+  }
+}
+
 TEST(ReprojectionCost, AnalyticDerivativesEqualJets) {
   double worst = 0;
   for (const Kind kind : {Kind::kBackground, Kind::kTurntable, Kind::kFreeObject}) {

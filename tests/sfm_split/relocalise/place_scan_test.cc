@@ -68,7 +68,7 @@ struct Scan {
     };
     Reporter reporter;
     return PlaceScan(features, with_object ? std::vector<ColmapModel>{object} : std::vector<ColmapModel>(),
-                     background.images.empty() ? nullptr : &background, read, options, reporter);
+                     background.images.empty() ? nullptr : &background, read, {}, options, reporter);
   }
 
   // The largest error of the angle between two photos of a station.

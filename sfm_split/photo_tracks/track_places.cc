@@ -1,0 +1,267 @@
+#include "sfm_split/photo_tracks/track_places.h"
+
+#include <omp.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "sfm_split/base/number_text.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/scene/projection_jacobians.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr int kMostPhotos = 8;  // in memory at a time
+constexpr double kSplineMarginPx = 5;
+constexpr double kLeastFacing = 0.3;  // cosine between a first normal and the middle view
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+struct Observation {
+  const ColmapImage* image = nullptr;
+  const Camera* camera = nullptr;
+  uint32_t point2D_idx = 0;
+  Vector2d predicted = Vector2d::Zero();
+  double px_per_length = 0;
+  PhotoPart part;
+};
+
+struct Track {
+  const ColmapPoint3D* point = nullptr;
+  std::vector<Observation> observations;
+  size_t reference = 0;
+};
+
+// The view whose direction is nearest to the others'.
+size_t MiddleView(const Track& track) {
+  std::vector<Vector3d> directions;
+  Vector3d sum = Vector3d::Zero();
+  for (const Observation& o : track.observations) {
+    directions.push_back((CameraCentre(o.image->cam_from_world) - track.point->xyz).normalized());
+    sum += directions.back();
+  }
+  const auto best =
+      std::max_element(directions.begin(), directions.end(),
+                       [&](const Vector3d& a, const Vector3d& b) { return a.dot(sum) < b.dot(sum); });
+  return static_cast<size_t>(best - directions.begin());
+}
+
+std::vector<Track> MakeTracks(const ColmapModel& model, int min_found) {
+  std::vector<Track> tracks;
+  for (const auto& [id, point] : model.points3D) {
+    if (static_cast<int>(point.track.size()) < min_found) continue;
+    Track track;
+    track.point = &point;
+    for (const ColmapTrackElement& element : point.track) {
+      Observation o;
+      o.image = &model.images.at(element.image_id);
+      o.camera = &model.cameras.at(o.image->camera_id);
+      o.point2D_idx = element.point2D_idx;
+      Eigen::Matrix<double, 2, 3> jacobian;
+      if (!ProjectWithJacobians(o.camera->model, o.camera->params.data(), o.image->cam_from_world * point.xyz,
+                                &o.predicted, &jacobian, nullptr))
+        continue;
+      o.px_per_length = jacobian.norm() / std::sqrt(2.0);
+      track.observations.push_back(std::move(o));
+    }
+    if (static_cast<int>(track.observations.size()) < min_found) continue;
+    track.reference = MiddleView(track);
+    tracks.push_back(std::move(track));
+  }
+  return tracks;
+}
+
+// The longest tracks stay.
+void DropShort(int max_observations, std::vector<Track>* tracks) {
+  std::stable_sort(tracks->begin(), tracks->end(), [](const Track& a, const Track& b) {
+    return a.observations.size() > b.observations.size();
+  });
+  size_t sum = 0;
+  size_t kept = 0;
+  while (kept < tracks->size()) {
+    sum += (*tracks)[kept].observations.size();
+    if (sum > static_cast<size_t>(max_observations)) break;
+    ++kept;
+  }
+  tracks->erase(tracks->begin() + static_cast<std::ptrdiff_t>(kept), tracks->end());
+}
+
+PhotoPart Cut(const GreyPhoto& photo, const Vector2d& centre, double reach) {
+  PhotoPart part;
+  const int x1 = std::clamp(static_cast<int>(std::floor(centre.x() - reach)), 0, photo.width);
+  const int y1 = std::clamp(static_cast<int>(std::floor(centre.y() - reach)), 0, photo.height);
+  const int x2 = std::clamp(static_cast<int>(std::ceil(centre.x() + reach)), 0, photo.width);
+  const int y2 = std::clamp(static_cast<int>(std::ceil(centre.y() + reach)), 0, photo.height);
+  part.x = x1;
+  part.y = y1;
+  part.width = x2 - x1;
+  part.height = y2 - y1;
+  part.grey.reserve(static_cast<size_t>(part.width) * static_cast<size_t>(part.height));
+  for (int y = y1; y < y2; ++y) {
+    const auto row = photo.grey.begin() + static_cast<std::ptrdiff_t>(y) * photo.width;
+    part.grey.insert(part.grey.end(), row + x1, row + x2);
+  }
+  return part;
+}
+
+void CutParts(const ReadGreyPhoto& read, const TrackPlacesOptions& options, std::vector<Track>* tracks,
+              Reporter& reporter) {
+  std::map<const ColmapImage*, std::vector<std::pair<Track*, Observation*>>> of_image;
+  for (Track& track : *tracks) {
+    for (Observation& o : track.observations) of_image[o.image].emplace_back(&track, &o);
+  }
+  std::vector<const ColmapImage*> images;
+  images.reserve(of_image.size());
+  for (const auto& [image, parts] : of_image) images.push_back(image);
+  const int num_threads = std::min(kMostPhotos, omp_get_max_threads());
+  ParallelFor(static_cast<int64_t>(images.size()), num_threads, [&](int64_t i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    const ColmapImage* image = images[static_cast<size_t>(i)];
+    const GreyPhoto photo = read(image->name);
+    for (const auto& [track, o] : of_image.at(image)) {
+      const double ratio = o->px_per_length / track->observations[track->reference].px_per_length;
+      o->part = Cut(photo, o->predicted,
+                    (options.patch.radius_px + 1) * std::max(1.0, ratio) * 1.1 + options.patch.max_move_px +
+                        kSplineMarginPx);
+    }
+  });
+}
+
+// Normals of planes through each point's neighbours, towards the cameras; the direction to the cameras where
+// these do not lie in a plane that faces them.
+class FirstNormals {
+ public:
+  FirstNormals(const ColmapModel& model, int num_neighbours) : num_(static_cast<size_t>(num_neighbours)) {
+    for (const auto& [id, point] : model.points3D) points_.push_back(point.xyz);
+    std::sort(points_.begin(), points_.end(), [](const Vector3d& a, const Vector3d& b) {
+      return std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+    });
+  }
+
+  Vector3d At(const Vector3d& x, const Vector3d& towards) const {
+    const std::vector<std::pair<double, size_t>> nearest = Nearest(x);
+    if (nearest.size() < 4) return towards;
+    Vector3d mean = Vector3d::Zero();
+    for (const auto& [distance, i] : nearest) mean += points_[i] / static_cast<double>(nearest.size());
+    Matrix3d scatter = Matrix3d::Zero();
+    for (const auto& [distance, i] : nearest) {
+      const Vector3d d = points_[i] - mean;
+      scatter += d * d.transpose();
+    }
+    Vector3d normal = Eigen::SelfAdjointEigenSolver<Matrix3d>(scatter).eigenvectors().col(0);
+    if (normal.dot(towards) < 0) normal = -normal;
+    return normal.dot(towards) > kLeastFacing ? normal : towards;
+  }
+
+ private:
+  // Outwards along x until what follows is farther than the farthest that is kept.
+  std::vector<std::pair<double, size_t>> Nearest(const Vector3d& x) const {
+    std::vector<std::pair<double, size_t>> heap;
+    const auto begin = std::lower_bound(points_.begin(), points_.end(), x.x(),
+                                        [](const Vector3d& a, double value) { return a.x() < value; });
+    auto above = static_cast<size_t>(begin - points_.begin());
+    size_t below = above;
+    while (below > 0 || above < points_.size()) {
+      const double up = above < points_.size() ? points_[above].x() - x.x() : kInfinity;
+      const double down = below > 0 ? x.x() - points_[below - 1].x() : kInfinity;
+      const double least = std::min(up, down);
+      if (heap.size() == num_ && least * least > heap.front().first) break;
+      const size_t next = up <= down ? above++ : --below;
+      heap.emplace_back((points_[next] - x).squaredNorm(), next);
+      std::push_heap(heap.begin(), heap.end());
+      if (heap.size() <= num_) continue;
+      std::pop_heap(heap.begin(), heap.end());
+      heap.pop_back();
+    }
+    return heap;
+  }
+
+  std::vector<Vector3d> points_;
+  size_t num_;
+};
+
+AlignedTrack AlignOne(const Track& track, const FirstNormals& normals, const TrackPlacesOptions& options) {
+  AlignedTrack result;
+  result.point3D_id = track.point->point3D_id;
+  std::vector<SplinePart> parts;
+  std::vector<size_t> source;
+  parts.reserve(track.observations.size());
+  size_t reference = track.observations.size();
+  for (size_t k = 0; k < track.observations.size(); ++k) {
+    const PhotoPart& part = track.observations[k].part;
+    if (part.width < 4 || part.height < 4) continue;
+    if (k == track.reference) reference = parts.size();
+    parts.emplace_back(part);
+    source.push_back(k);
+  }
+  if (reference == track.observations.size()) return result;
+  std::vector<PatchView> views;
+  for (size_t i = 0; i < parts.size(); ++i) {
+    const Observation& o = track.observations[source[i]];
+    views.push_back({&parts[i], o.camera, o.image->cam_from_world});
+  }
+  result.patch.centre = track.point->xyz;
+  const Observation& middle = track.observations[track.reference];
+  const Vector3d towards = (CameraCentre(middle.image->cam_from_world) - track.point->xyz).normalized();
+  std::vector<PatchPlace> places;
+  int64_t most = 0;
+  for (const Vector3d& normal : {normals.At(track.point->xyz, towards), towards}) {
+    SurfacePatch patch = {track.point->xyz, normal};
+    std::vector<PatchPlace> found = AlignPatch(views, reference, options.patch, &patch);
+    const int64_t num_found =
+        std::count_if(found.begin(), found.end(), [](const PatchPlace& place) { return place.is_found; });
+    if (num_found <= most) continue;
+    most = num_found;
+    places = std::move(found);
+    result.patch = patch;
+    if (2 * most > static_cast<int64_t>(views.size())) break;
+  }
+  for (size_t i = 0; i < places.size(); ++i) {
+    if (!places[i].is_found || places[i].sigma_px > options.max_sigma_px) continue;
+    const Observation& o = track.observations[source[i]];
+    result.places.push_back({o.image->image_id, o.point2D_idx, places[i]});
+  }
+  return result;
+}
+
+}  // namespace
+
+OptionCheck TrackPlacesOptions::Check() const {
+  const auto fault = [](const char* field, double value, const char* bound) {
+    return OptionFault{field, NumberText(value), bound};
+  };
+  if (min_found < 3) return fault("min_found", min_found, "min_found >= 3");
+  if (!(max_sigma_px > 0)) return fault("max_sigma_px", max_sigma_px, "max_sigma_px > 0");
+  if (num_neighbours < 4) return fault("num_neighbours", num_neighbours, "num_neighbours >= 4");
+  if (max_observations < 1000) return fault("max_observations", max_observations, "max_observations >= 1000");
+  return patch.Check();
+}
+
+std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPhoto& read,
+                                      const TrackPlacesOptions& options, Reporter& reporter) {
+  S2GS_INVARIANT(!options.Check());
+  std::vector<Track> tracks = MakeTracks(model, options.min_found);
+  DropShort(options.max_observations, &tracks);
+  CutParts(read, options, &tracks, reporter);
+  const FirstNormals normals(model, options.num_neighbours);
+  std::vector<AlignedTrack> aligned(tracks.size());
+  ParallelFor(static_cast<int64_t>(tracks.size()), 0, 16, [&](int64_t i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    aligned[static_cast<size_t>(i)] = AlignOne(tracks[static_cast<size_t>(i)], normals, options);
+  });
+  aligned.erase(std::remove_if(aligned.begin(), aligned.end(),
+                               [&](const AlignedTrack& track) {
+                                 return static_cast<int>(track.places.size()) < options.min_found;
+                               }),
+                aligned.end());
+  return aligned;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/photo_tracks/patch_alignment.h"
+#include "sfm_split/scene/io/colmap_model.h"
+
+namespace s2gs {
+
+/// A whole photo in shades of grey.
+struct GreyPhoto {
+  int width = 0;
+  int height = 0;
+  std::vector<uint8_t> grey;  ///< height * width, from top to bottom.
+};
+
+/// By name; what it throws is passed on. Called from several threads.
+using ReadGreyPhoto = std::function<GreyPhoto(const std::string& name)>;
+
+struct TrackPlacesOptions {
+  PatchOptions patch;
+  int min_found = 3;  ///< photos of a track that must agree.
+  double max_sigma_px = 0.1;
+  int num_neighbours = 12;        ///< points that a first plane is laid through.
+  int max_observations = 150000;  ///< of the longest tracks.
+
+  OptionCheck Check() const;
+};
+
+struct TrackPlace {
+  uint32_t image_id = 0;
+  uint32_t point2D_idx = 0;
+  PatchPlace place;
+};
+
+/// The places of a point in the photos of its track, by patches of the photos.
+struct AlignedTrack {
+  uint64_t point3D_id = 0;
+  SurfacePatch patch;
+  std::vector<TrackPlace> places;  ///< those that were found.
+};
+
+/// Aligns the tracks of a model whose poses are good. Tracks of which too few photos agree are left out.
+std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPhoto& read,
+                                      const TrackPlacesOptions& options, Reporter& reporter);
+
+}  // namespace s2gs
