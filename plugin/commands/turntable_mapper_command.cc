@@ -17,6 +17,7 @@
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/colmap/point_colors.h"
 #include "plugin/commands/mapping_failure.h"
+#include "plugin/outputs/steady_photo.h"
 #include "plugin/outputs/turntable_report.h"
 #include "plugin/report/verdict_json.h"
 #include "plugin/stage/angle_list.h"
@@ -33,6 +34,7 @@
 #include "sfm_split/scene/io/colmap_database.h"
 #include "sfm_split/scene/io/top_view.h"
 #include "sfm_split/scene/io/turntable_file.h"
+#include "sfm_split/turntable/steady_cameras.h"
 
 namespace s2gs {
 namespace {
@@ -176,7 +178,8 @@ class TurntableMapper {
  private:
   std::vector<uint8_t> ReadDescriptorsOf(const ColmapDatabase& database, int image) const;
   GreyPhoto ReadPhoto(const std::string& name) const;
-  void WriteScene(ScanCandidate* candidate, json report);
+  void WriteScene(const ScanFeatures& steady, const SteadyCameras& cameras, ScanCandidate* candidate,
+                  json report);
   ScanVerdict RecordFailure(json report);
   [[noreturn]] void Fail(json report, const std::string& problem);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
@@ -248,9 +251,15 @@ GreyPhoto TurntableMapper::ReadPhoto(const std::string& name) const {
   }
 }
 
-void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
+void TurntableMapper::WriteScene(const ScanFeatures& steady, const SteadyCameras& cameras,
+                                 ScanCandidate* candidate, json report) {
   Stopwatch watch;
   AlignedScene& aligned = candidate->aligned;
+  const RefineReport& refined = candidate->refined;
+  report.update(DescribeScene(aligned, refined));
+  const ScanEvidence evidence = GatherEvidence(steady, aligned, refined.joint, refined.held_back,
+                                               candidate->matches, settings_.placement.refine.max_error_px);
+  cameras.Shake(&aligned);
   ColorPoints(settings_.image_path, {&aligned.object, &aligned.background}, reporter_);
   WriteColmapModel(workspace_.ObjectModel(), aligned.object, ColmapFormat::kBinary);
   std::error_code ec;
@@ -262,10 +271,6 @@ void TurntableMapper::WriteScene(ScanCandidate* candidate, json report) {
   WriteTurntableFile(workspace_.Turntable(), ToTurntableFile(aligned.scene));
   WriteTopView(workspace_.TopView(), aligned.scene, aligned.object, aligned.background);
   WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
-  report.update(DescribeScene(aligned, candidate->refined));
-  const RefineReport& refined = candidate->refined;
-  const ScanEvidence evidence = GatherEvidence(input_.features, aligned, refined.joint, refined.held_back,
-                                               candidate->matches, settings_.placement.refine.max_error_px);
   for (const std::string& said : refined.angle_contradictions) reporter_.Warn(said);
   for (const KnownAngles& angles : refined.known_angles) {
     if (!angles.is_believed) continue;
@@ -372,17 +377,31 @@ void TurntableMapper::Place() {
     }
     return ReadDescriptorsOf(*database, image);
   };
+  const SteadyCameras cameras(input_.features,
+                              objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
+  if (cameras.AnyMoved()) {
+    reporter_.Info(
+        fmt::format("the tripod moved: its camera turned by up to {:.3f} degrees, which the "
+                    "background tells and is taken off",
+                    cameras.LargestTurn() / kDegree));
+    report["tripod_turn_deg"] = cameras.LargestTurn() / kDegree;
+    for (ColmapModel& model : objects) model = cameras.Steady(model);
+    for (ColmapModel& model : backgrounds) model = cameras.Steady(model);
+  }
+  const ScanFeatures steady = cameras.Steady(input_.features);
   ReadGreyPhoto read_photo;
-  if (settings_.adjust_to_photos) read_photo = [&](const std::string& name) { return ReadPhoto(name); };
-  ScanPlacement placement = PlaceScan(input_.features, objects, background, read_descriptors, read_photo,
-                                      settings_.placement, reporter_);
+  if (settings_.adjust_to_photos) {
+    read_photo = [&](const std::string& name) { return SteadyPhoto(ReadPhoto(name), name, cameras); };
+  }
+  ScanPlacement placement =
+      PlaceScan(steady, objects, background, read_descriptors, read_photo, settings_.placement, reporter_);
   for (const auto& [name, seconds] : placement.durations) seconds_[name] = seconds;
   report["path"] = placement.path;
   report["path_reason"] = placement.findings;
   if (placement.outcome == PlacementOutcome::kPlaced) {
     report["guided"] = ToJson(placement.guided);
     if (settings_.adjust_to_photos) report["photos"] = ToJson(placement.photos);
-    WriteScene(&placement.best, report);
+    WriteScene(steady, cameras, &placement.best, report);
     return;
   }
   if (placement.outcome == PlacementOutcome::kNothingRotates) {

@@ -225,12 +225,18 @@ void WriteLabels(const fs::path& path, const MotionSplit& split, const SplitFeat
     labels.reserve(split.labels[i].size());
     for (const KeypointLabel label : split.labels[i])
       labels.push_back(static_cast<char>('0' + static_cast<int>(label)));
-    images.push_back({{"name", features.images[i].name},
-                      {"image_id", features.rows[i].image_id},
-                      {"station", split.stations.station_of_image[i]},
-                      {"represents_station",
-                       split.representative[split.stations.station_of_image[i]] == static_cast<int>(i)},
-                      {"labels", labels}});
+    nlohmann::json image = {{"name", features.images[i].name},
+                            {"image_id", features.rows[i].image_id},
+                            {"station", split.stations.station_of_image[i]},
+                            {"represents_station",
+                             split.representative[split.stations.station_of_image[i]] == static_cast<int>(i)},
+                            {"labels", labels}};
+    const Eigen::Matrix3d shake = split.stations.PhotoFromFirst(static_cast<int>(i));
+    if (shake != Eigen::Matrix3d::Identity()) {
+      const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rows = shake;
+      image["photo_from_first"] = std::vector<double>(rows.data(), rows.data() + rows.size());
+    }
+    images.push_back(std::move(image));
   }
   int64_t num_added = 0;
   for (const SiftFeatures& added : features.added) num_added += static_cast<int64_t>(added.keypoints.size());

@@ -147,6 +147,7 @@ ScanInput ReadScanInput(const Workspace& workspace) {
                       kRemedy);
     }
     image.station = found->second.station;
+    image.photo_from_first = found->second.photo_from_first;
     const KeypointMatrix keypoints = object.ReadKeypoints(row.image_id);
     image.keypoints.reserve(static_cast<size_t>(keypoints.rows()));
     for (Eigen::Index k = 0; k < keypoints.rows(); ++k)

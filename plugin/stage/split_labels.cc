@@ -1,6 +1,8 @@
 #include "plugin/stage/split_labels.h"
 
+#include <Eigen/LU>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/image_name.h"
@@ -37,6 +39,18 @@ CaptureCase CaseOf(const std::string& name, const fs::path& path) {
   throw UserError(path, "has an unknown case \"" + name + "\"", kRemedy);
 }
 
+// A map of the picture that a turn of the camera may be: no pixel goes to infinity. Splits of before have
+// none.
+Eigen::Matrix3d ReadShake(const nlohmann::json& image, const std::string& name, const fs::path& path) {
+  if (!image.contains("photo_from_first")) return Eigen::Matrix3d::Identity();
+  const auto rows = image.at("photo_from_first").get<std::vector<double>>();
+  if (rows.size() == 9) {
+    const Eigen::Matrix3d H = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data());
+    if (H.allFinite() && H.determinant() > 0) return H;
+  }
+  throw UserError(path, "gives image " + name + " a shake that cannot be", kRemedy);
+}
+
 // The images' entries by name.
 std::map<std::string, SplitLabels::Image> ReadImageLabels(const nlohmann::json& file, const fs::path& path) {
   const nlohmann::json& images = file.at("images");
@@ -54,7 +68,7 @@ std::map<std::string, SplitLabels::Image> ReadImageLabels(const nlohmann::json& 
     // What an earlier mapping made of the labels does not count: it would not come out the same again.
     const char* const labels = image.contains(kSplitLabels) ? kSplitLabels : "labels";
     const SplitLabels::Image entry{station.get<int>(), image.at(labels).get<std::string>(),
-                                   image.value("represents_station", false),
+                                   image.value("represents_station", false), ReadShake(image, name, path),
                                    static_cast<int>(of_name.size())};
     if (!of_name.emplace(name, entry).second) throw UserError(path, "has image " + name + " twice", kRemedy);
   }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -14,7 +15,9 @@ struct SplitLabels {
     int station = 0;
     std::string labels;               ///< one character a keypoint.
     bool represents_station = false;  ///< its background stands for the station's.
-    int place = 0;                    ///< in the file, whose images stand in the order of capture.
+    /// Where the photo shows a background pixel of its station's first photo [px].
+    Eigen::Matrix3d photo_from_first = Eigen::Matrix3d::Identity();
+    int place = 0;  ///< in the file, whose images stand in the order of capture.
   };
   CaptureCase capture_case = CaptureCase::kTurntable;
   std::string reason;                   ///< of the case, in the split's words; may be empty.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -16,6 +17,9 @@ struct ScanImage {
   uint32_t image_id = 0;
   uint32_t camera_id = 0;
   int station = 0;
+  /// Where the photo shows what its station's first photo shows of the background at a pixel: shake of the
+  /// tripod [px].
+  Eigen::Matrix3d photo_from_first = Eigen::Matrix3d::Identity();
   Keypoints keypoints;                ///< [px]
   std::vector<KeypointLabel> labels;  ///< per keypoint.
 };

@@ -158,6 +158,13 @@ UnmovedMatches FindUnmovedMatches(const Keypoints& keypoints1, const Keypoints& 
   return result;
 }
 
+Eigen::Matrix3d Stations::PhotoFromFirst(int image) const {
+  constexpr double kRounding = 1e-12;  // of maps that were taken from the pictures' pixels to the photos'
+  if (photo_from_first.empty() || photo_from_first[image].isApprox(Eigen::Matrix3d::Identity(), kRounding))
+    return Eigen::Matrix3d::Identity();
+  return photo_from_first[image];
+}
+
 Eigen::Vector2f Stations::Move(int from, int to, const Eigen::Vector2f& xy) const {
   if (photo_from_first.empty()) return xy + (shift[to] - shift[from]);
   const Eigen::Vector3d first = photo_from_first[from].inverse() * xy.cast<double>().homogeneous();

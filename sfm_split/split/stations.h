@@ -51,6 +51,10 @@ struct Stations {
   /// nothing but `shift` is known.
   std::vector<Eigen::Matrix3d> photo_from_first;
 
+  /// Where the image shows a background pixel of its station's first image [px]: the identity where the
+  /// camera did not move, and where it was not measured, for features tell no shift of less than a pixel.
+  Eigen::Matrix3d PhotoFromFirst(int image) const;
+
   /// Where image `to` shows what stands still and lies at `xy` in image `from` of the same station [px].
   Eigen::Vector2f Move(int from, int to, const Eigen::Vector2f& xy) const;
 };

@@ -204,6 +204,8 @@ TEST_F(SplitFiles, LabelsComeBack) {
   split.warnings = {"a warning"};
   split.stations.station_of_image = {0, 1, 0};
   split.stations.images = {{0, 2}, {1}};
+  split.stations.photo_from_first.assign(3, Eigen::Matrix3d::Identity());
+  split.stations.photo_from_first[2] << 1, 0.002, -1.5, -0.003, 1, 0.1, 1e-6, 0, 1;
   split.representative = {2, 1};
   split.labels = {{KeypointLabel::kStatic, KeypointLabel::kRotating},
                   {KeypointLabel::kUnknown, KeypointLabel::kUnknown},
@@ -219,6 +221,7 @@ TEST_F(SplitFiles, LabelsComeBack) {
     EXPECT_EQ(input.features.images[i].name, features.images[i].name);
     EXPECT_EQ(input.features.images[i].labels, split.labels[i]);
     EXPECT_EQ(input.features.images[i].station, split.stations.station_of_image[i]);
+    EXPECT_EQ(input.features.images[i].photo_from_first, split.stations.photo_from_first[i]);
   }
   const auto file = nlohmann::json::parse(ReadAll(workspace.SplitLabels()));
   EXPECT_EQ(file.at("warnings"), nlohmann::json(split.warnings));
@@ -226,6 +229,7 @@ TEST_F(SplitFiles, LabelsComeBack) {
   EXPECT_FALSE(file.at("images")[0].at("represents_station"));
   EXPECT_TRUE(file.at("images")[1].at("represents_station"));
   EXPECT_TRUE(file.at("images")[2].at("represents_station"));
+  EXPECT_FALSE(file.at("images")[0].contains("photo_from_first"));  // a camera that stood still
 }
 
 }  // namespace

@@ -134,6 +134,11 @@ TEST_F(ScanInputTest, ContradictionsAreUserErrors) {
   ExpectRefused(with("name", 3), "is damaged");
   for (const json& station : {json(-1), json(3), json(1LL << 40), json(1e300), json(0.5), json("0"), json()})
     ExpectRefused(with("station", station), "a station that cannot be");
+  for (const json& shake : {json{1, 0, 0}, json{0, 0, 0, 0, 0, 0, 0, 0, 0}, json{1, 0, 0, 0, -1, 0, 0, 0, 1},
+                            json{1, 0, 1e308, 0, 1e308, 0, 1e308, 0, 1}}) {
+    ExpectRefused(with("photo_from_first", shake), "a shake that cannot be");
+  }
+  ExpectRefused(with("photo_from_first", "shaken"), "is damaged");
   for (const char* text : {"", "2", "210", "2x", "23"}) ExpectRefused(with("labels", text), "do not fit");
   ExpectRefused(with("labels", 21), "is damaged");
   json other_case = Labels();
