@@ -45,7 +45,7 @@ Eigen::Matrix3d ReadShake(const nlohmann::json& image, const std::string& name, 
   if (!image.contains("photo_from_first")) return Eigen::Matrix3d::Identity();
   const auto rows = image.at("photo_from_first").get<std::vector<double>>();
   if (rows.size() == 9) {
-    const Eigen::Matrix3d H = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data());
+    Eigen::Matrix3d H = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data());
     if (H.allFinite() && H.determinant() > 0) return H;
   }
   throw UserError(path, "gives image " + name + " a shake that cannot be", kRemedy);
