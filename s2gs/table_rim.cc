@@ -9,6 +9,7 @@
 
 #include "s2gs/kernel/foreground.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/binomial_tail.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -227,18 +228,6 @@ LevelSurface LookFromAside(const TrainingScene& scene, double top, double radius
   return surface;
 }
 
-// Of at least `count` of `of`, each of which happens with this chance.
-double ChanceOfMany(int count, int of, double chance) {
-  if (count <= 0 || chance >= 1) return 1;
-  if (!(chance > 0)) return 0;
-  double sum = 0;
-  for (int k = count; k <= of; ++k) {
-    sum += std::exp(std::lgamma(of + 1.0) - std::lgamma(k + 1.0) - std::lgamma(of - k + 1.0) +
-                    k * std::log(chance) + (of - k) * std::log1p(-chance));
-  }
-  return std::min(1.0, sum);
-}
-
 // Where a surface ends.
 class SurfaceEdges {
  public:
@@ -369,11 +358,6 @@ double StaticShare(const TableRim& rim, double top_low, const Gaussians& gaussia
   return share;
 }
 
-bool IsOneStation(const TrainingScene& scene) {
-  return std::all_of(scene.photos.begin(), scene.photos.end(),
-                     [&](const ScenePhoto& photo) { return photo.station == scene.photos[0].station; });
-}
-
 }  // namespace
 
 bool TableRim::IsUndecided() const { return static_share > kMaxStray; }
@@ -400,7 +384,7 @@ std::optional<CircularEdge> FindCircularEdge(const LevelSurface& surface, double
     // Beyond a square's sides only its corners are left: what ends counts by all directions that there are.
     const double share = static_cast<double>(ring.ends) / seen;
     if (2 * ring.on < surface.num_directions || share < min_share) continue;
-    const double false_alarms = num_tried * ChanceOfMany(ring.ends, seen, chance);
+    const double false_alarms = num_tried * BinomialTail(ring.ends, seen, chance);
     if (false_alarms > (clearest ? clearest->false_alarms : kMaxFalseAlarms)) continue;
     clearest = {EdgeAt(surface, edges, static_cast<int>(i) + kApart), share, false_alarms};
   }

@@ -386,6 +386,11 @@ SceneBodies TrainingScene::bodies() const {
   }
 }
 
+bool IsOneStation(const TrainingScene& scene) {
+  return std::all_of(scene.photos.begin(), scene.photos.end(),
+                     [&](const ScenePhoto& photo) { return photo.station == scene.photos[0].station; });
+}
+
 std::set<std::string> ReadPhotoList(const fs::path& path, const std::vector<ScenePhoto>& photos,
                                     const std::string& option) {
   std::set<std::string> known;

@@ -85,6 +85,9 @@ struct TrainingScene {
   SceneBodies bodies() const;
 };
 
+/// Whether all photos were taken from one place, as far as what stands still tells.
+bool IsOneStation(const TrainingScene& scene);
+
 /// Reads the models, turntable.json, photos and masks. Photos of the model that are missing, damaged or of
 /// another size than their camera are refused with their path, as are held-out names that do not exist.
 /// \param before_photos  called once the size of all is known, and before the first photo is read, which an

@@ -28,6 +28,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
+#include "s2gs/photo_table.h"
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table_rim.h"
@@ -195,9 +196,7 @@ class Renderer {
     if (scene_.mode == TrainMode::kS2gs) {
       if (a_.cut_at_table) DropBesideTable();
       shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
-      table_ = FindTableRim(scene_, backend_);
-      const bool is_objects = a_.plain_table == PlainTable::kObject;
-      if (table_ && table_->IsUndecided() && shape_ && is_objects) CountTableAsRotating(*table_, &*shape_);
+      FindTable();
     }
   }
 
@@ -206,10 +205,10 @@ class Renderer {
     if (a_.masks) {
       const Undistortion& plan = PlanOf(photo);
       Later([&plan, path = in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
-             view = Render(MaskRequest(scene_, shape_, photo.view))] {
+             mask = RotatingPart(photo)] {
         // Masks are those of the photos as they are, with their distortion.
         Reporter silent;
-        WriteImage(path, DistortMask(plan, MaskImage(RotatingMask(view)), silent));
+        WriteImage(path, DistortMask(plan, MaskImage(mask), silent));
       });
     }
     if (dense_view != nullptr) WriteStereo(NameOf(photo), *dense_view);
@@ -285,6 +284,11 @@ class Renderer {
   void WriteMaskLog() const {
     nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", table_.has_value()}};
     line["gaussians_beside"] = num_beside_table_;
+    if (circle_) {
+      const Eigen::Vector3d top = scene_.axis->point + circle_->height * scene_.axis->direction;
+      line["top"] = (scene_.origin + scene_.size * top).dot(scene_.axis->direction);
+      line["top_radius"] = circle_->radius * scene_.size;
+    }
     if (table_) {
       line["radius"] = table_->region.radius * scene_.size;
       line["height"] = (table_->region.high - table_->region.low) * scene_.size;
@@ -319,6 +323,24 @@ class Renderer {
     reporter_.Info(fmt::format("{} rotating Gaussians left out that lie beside the table", beside.size()));
   }
 
+  // Photos tell the rim to a fraction of a pixel; where they do not, the model may.
+  void FindTable() {
+    const bool is_objects = a_.plain_table == PlainTable::kObject;
+    try {
+      circle_ = FindTableInPhotos(
+          scene_, [&](const ScenePhoto& photo) { return Photo(photo); }, reporter_);
+    } catch (const UserError& error) {
+      reporter_.Warn(fmt::format("the table's rim is not looked for in the photos: {}", error.what()));
+    }
+    if (circle_) {
+      table_ = RimOfCircle(scene_, *circle_, shape_, backend_);
+      if (table_->IsUndecided() && is_objects) plain_table_ = table_->region;
+      return;
+    }
+    table_ = FindTableRim(scene_, backend_);
+    if (table_ && table_->IsUndecided() && shape_ && is_objects) CountTableAsRotating(*table_, &*shape_);
+  }
+
   RenderedView Render(RenderRequest request) {
     if (reporter_.StopRequested()) throw Interrupted();
     request.stop_requested = [this] { return reporter_.StopRequested(); };
@@ -333,9 +355,13 @@ class Renderer {
 
   ImageName NameOf(const ScenePhoto& photo) const { return {photo.name, workspace_.ObjectModel()}; }
 
-  Image8 Mask(const ScenePhoto& photo) {
-    return MaskImage(RotatingMask(Render(MaskRequest(scene_, shape_, photo.view))));
+  PixelMask RotatingPart(const ScenePhoto& photo) {
+    PixelMask mask = RotatingMask(Render(MaskRequest(scene_, shape_, photo.view)));
+    if (plain_table_) AddRegion(*plain_table_, photo.view, &mask);
+    return mask;
   }
+
+  Image8 Mask(const ScenePhoto& photo) { return MaskImage(RotatingPart(photo)); }
 
   Image8 SoftForeground(const ScenePhoto& photo) {
     RenderRequest request = WholeScene(photo.view);
@@ -409,7 +435,9 @@ class Renderer {
   Reporter& reporter_;
   std::optional<RotatingShape> shape_;
   std::optional<TableRim> table_;
-  size_t num_beside_table_ = 0;  // Gaussians
+  std::optional<TableCircle> circle_;
+  std::optional<RotatingRegion> plain_table_;  // drawn into masks
+  size_t num_beside_table_ = 0;                // Gaussians
   fs::path output_;
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;

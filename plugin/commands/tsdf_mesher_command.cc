@@ -4,11 +4,14 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "mesh/io/mesh_files.h"
+#include "mesh/refine/table_texture.h"
 #include "mesh/surface/decimate.h"
+#include "mesh/surface/table_plane.h"
 #include "mesh/surface/vertex_normals.h"
 #include "plugin/outputs/dense_views.h"
 #include "plugin/stage/stage.h"
@@ -22,6 +25,13 @@ namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr uint64_t kMaxMaskLogBytes = uint64_t{1} << 20;
+// The table's axis as meshes have it, z: the cosine between both, and the distance in radii of the table.
+constexpr double kAlongZ = 0.9999;
+constexpr double kOffZ = 0.01;
+// Plain tables with shadows on them have .10 to .23, speckled ones .99.
+constexpr double kMaxTextured = 0.5;
 
 // The photos of the views, grey, for the refinement.
 class GreyPhotos : public RefinementPhotoSource {
@@ -114,6 +124,29 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
       << "written          " << summary.output_path.string() << '\n';
 }
 
+// Where the renderer found its rim and photos see no texture on it, which would tell its shape.
+void FlattenTable(const Workspace& workspace, const RefinementPhotoSource& photos,
+                  const MeshRefinementOptions& options, Reporter& reporter, TriangleMesh* mesh) {
+  if (!Exists(workspace.MaskLog()) || mesh->triangles.empty()) return;
+  const nlohmann::json line =
+      nlohmann::json::parse(ReadWholeFile(workspace.MaskLog(), kMaxMaskLogBytes), nullptr, false);
+  const auto is_number = [&](const char* name) { return line.contains(name) && line[name].is_number(); };
+  if (!line.is_object() || !is_number("top") || !is_number("top_radius")) return;
+  const TurntableAxis axis = ReadTurntableFile(workspace.Turntable()).axis;
+  const bool is_z =
+      axis.direction.z() > kAlongZ && axis.point.head<2>().norm() < kOffZ * double{line["top_radius"]};
+  if (!is_z) return;
+  const std::vector<uint32_t> top = LevelFromRim(line["top"], line["top_radius"], *mesh);
+  if (top.empty()) return;
+  ComputeNormals(mesh);
+  const std::optional<double> textured = TexturedShare(photos, top, options, *mesh, reporter);
+  if (!textured) return;
+  const bool is_plain = *textured < kMaxTextured;
+  if (is_plain) MoveToHeight(line["top"], top, mesh);
+  reporter.Info(fmt::format("{:.0f} % of the table's top have texture: its {} vertices {}", 100 * *textured,
+                            top.size(), is_plain ? "are moved to its plane" : "stay where photos see them"));
+}
+
 // s2gs/mesh_log.jsonl: what the photos say of the mesh over time, as the training's log does.
 void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher) {
   using Json = nlohmann::ordered_json;
@@ -156,6 +189,9 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   // Without a table that turns, z is no direction of the scene.
   cleanup.is_axis_known =
       Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
+  if (options.flatten_table && cleanup.is_axis_known) {
+    FlattenTable(workspace, GreyPhotos(files), options.refinement, reporter, &mesh);
+  }
   // First what is not the object: it would hide the object from the photos.
   MeshCleanupOptions clusters_only = cleanup;
   clusters_only.max_hole_edges = 0;
@@ -274,6 +310,10 @@ void RunTsdfMesher(CommandContext& context) {
       "free of distortion");
   options.Add("input_type", &mesher.input_type, "which maps to take: NAME.<input_type>.bin");
   options.Add("use_normals", &mesher.use_normals, "use the normal maps where there are any");
+  options.Add(
+      "flatten_table", &mesher.flatten_table,
+      "move what leads level from the rim of a table's top inwards to its plane, where photos show that "
+      "rim and no texture within it");
   options.AddEnum("use_gpu", &mesher.tsdf.backend,
                   {{"auto", TsdfBackend::kAuto}, {"0", TsdfBackend::kCpu}, {"1", TsdfBackend::kCuda}},
                   "fuse on the GPU");
@@ -295,8 +335,8 @@ void RunTsdfMesher(CommandContext& context) {
   if (!mesher.output_path.empty()) return mesh();  // no part of the workspace: always written
   Stage stage;
   stage.name = "tsdf_mesher";
-  stage.inputs = {workspace.DenseModel(), workspace.DenseImages(), workspace.DepthMaps(),
-                  workspace.NormalMaps(), workspace.DenseMasks()};
+  stage.inputs = {workspace.MaskLog(),   workspace.DenseModel(), workspace.DenseImages(),
+                  workspace.DepthMaps(), workspace.NormalMaps(), workspace.DenseMasks()};
   for (const fs::path& masks : {mesher.mask_path, workspace.Masks()}) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }

@@ -19,6 +19,7 @@ struct TsdfMesherOptions {
   std::filesystem::path mask_path;       ///< empty: dense/0/masks or, for photos without distortion, masks.
   std::string input_type = "geometric";  ///< of the maps' names: NAME.geometric.bin.
   bool use_normals = true;               ///< where there are normal maps.
+  bool flatten_table = true;  ///< where photos showed the rim (gaussian_renderer's mask_log.jsonl).
   TsdfOptions tsdf;
   MeshCleanupOptions cleanup;
   MeshRefinementOptions refinement;  ///< by the photos of dense/0.

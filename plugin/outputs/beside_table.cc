@@ -126,10 +126,7 @@ void LeaveOutFloating(const TableTop& table, const TriangleMesh& all, std::vecto
 std::vector<uint32_t> FindRotatingBesideTable(const TrainingScene& scene, Backend* backend,
                                               Reporter& reporter) {
   if (!scene.axis || scene.mode != TrainMode::kS2gs || scene.photos.empty()) return {};
-  const bool is_one_station =
-      std::all_of(scene.photos.begin(), scene.photos.end(),
-                  [&](const ScenePhoto& photo) { return photo.station == scene.photos[0].station; });
-  if (!is_one_station) return {};
+  if (!IsOneStation(scene)) return {};
   const Rigid3 aligned_from_object = AlignedFromObject(*scene.axis);
   const Rigid3 object_from_aligned = aligned_from_object.Inverse();
   std::vector<DepthView> depths;

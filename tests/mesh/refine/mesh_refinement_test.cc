@@ -14,6 +14,7 @@
 #include "mesh/refine/refinement_photos.h"
 #include "mesh/refine/surface_carving.h"
 #include "mesh/refine/surface_relief.h"
+#include "mesh/refine/table_texture.h"
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/vertex_normals.h"
 #include "sfm_split/base/angles.h"
@@ -531,6 +532,24 @@ TEST(OffsetField, AveragesKnownRowsAlone) {
   std::vector<float> rows = {1, 10, 2, 20, 3, 30, 100, 100, 7, 70};
   AverageOverNeighbors(VertexGraph(mesh), {1, 1, 1, 0, 1}, 2, 1, 2, &rows);
   EXPECT_EQ(rows, (std::vector<float>{2, 20, 2, 20, 2, 20, 100, 100, 7, 70}));
+}
+
+// Noise of 3 grey levels is what patches without texture are told by.
+TEST(TexturedShare, IsAllOfATexturedSurfaceAndNoneOfAPlainOne) {
+  TriangleMesh mesh = Sphere(1.01, 40);
+  ComputeNormals(&mesh);
+  std::vector<uint32_t> all(mesh.vertices.size());
+  for (uint32_t v = 0; v < all.size(); ++v) all[v] = v;
+  Reporter silent;
+  const auto share = [&](const RefinementPhotoSource& photos, const std::vector<uint32_t>& vertices) {
+    return TexturedShare(photos, vertices, {}, mesh, silent);
+  };
+  const SpherePhotos textured(12, kThreeRings, Waves, 3);
+  const SpherePhotos plain(12, kThreeRings, Plain, 3);
+  ASSERT_TRUE(share(textured, all) && share(plain, all));
+  EXPECT_GT(*share(textured, all), 0.95);
+  EXPECT_LT(*share(plain, all), 0.05);
+  EXPECT_FALSE(share(plain, {}));
 }
 
 }  // namespace

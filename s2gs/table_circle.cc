@@ -1,0 +1,480 @@
+#include "s2gs/table_circle.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/binomial_tail.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kDirections = 36;           // so few that neighbours see different pieces of an edge.
+constexpr double kApart = 1.5;            // [px], to either side of an edge: lenses and JPEG soften it.
+constexpr double kAlone = 2.5;            // [px], within which one edge is the clearest.
+constexpr double kNear = 1.01;            // [px], to an edge that is the circle's.
+constexpr double kLeastPitch = 0.05;      // [px] of a step: a direction along the ray of sight shows no edge.
+constexpr double kDeviations = 3;         // of a surface's own changes of colour: an edge.
+constexpr double kNormalMedian = 0.6745;  // of the absolute value, in standard deviations.
+constexpr double kMinShare = 0.6;         // the sides of a square are less.
+constexpr double kMaxFalseAlarms = 1e-3;
+constexpr double kFartherOut =
+    1.25;                           // a ring on the table, or a round foot that stands on it, is further in.
+constexpr double kMinFacing = 0.5;  // cosine between a direction and that to the camera: its side is seen.
+constexpr double kSideReach = 0.5;  // below the top, in radii.
+constexpr double kBeyond = 1.25;    // in radii of a ring: where it is looked at what edges there are anyway,
+constexpr int kFarthest = 8;        // from so many steps beyond the ring on.
+constexpr double kStep = 0.5;       // [px], between circles that are tried
+// Neighbouring directions are further apart than one edge reaches.
+constexpr double kFirst = kDirections * kAlone / (2 * kPi);  // [px]
+constexpr int kFirstOfSide = 6;                              // [steps], beyond the rim's own edge
+constexpr double kClimb = 1;                                 // [px], between heights that are tried
+constexpr int kSameEnd = 4;  // [steps], either way: a pixel where the side is seen from above
+constexpr int kMaxRings = 2000;
+constexpr int kMaxHeights = 1000;
+constexpr int kLevels = 1024;  // of changes of colour, a quarter of a grey level each.
+constexpr float kLevelsPerGrey = 4;
+constexpr int kFiner = 4;  // parts of a pixel in which an edge is placed.
+constexpr int kPlaceRounds = 5;
+constexpr double kLeastTold = 1e-6;  // of radius and height by themselves.
+
+// Bilinear, of the most different channel.
+float MostDifferent(const Image8& image, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  const auto sample = [&](const Eigen::Vector2d& at) {
+    const double u = at.x() - 0.5;
+    const double v = at.y() - 0.5;
+    const auto x = static_cast<int>(u);
+    const auto y = static_cast<int>(v);
+    const auto fx = static_cast<float>(u - x);
+    const auto fy = static_cast<float>(v - y);
+    std::array<float, 3> color = {};
+    for (int c = 0; c < 3; ++c) {
+      const float above = (1 - fx) * image.Pixel(x, y)[c] + fx * image.Pixel(x + 1, y)[c];
+      const float below = (1 - fx) * image.Pixel(x, y + 1)[c] + fx * image.Pixel(x + 1, y + 1)[c];
+      color[c] = (1 - fy) * above + fy * below;
+    }
+    return color;
+  };
+  const std::array<float, 3> of_a = sample(a);
+  const std::array<float, 3> of_b = sample(b);
+  float most = 0;
+  for (int c = 0; c < 3; ++c) most = std::max(most, std::abs(of_a[c] - of_b[c]));
+  return most;
+}
+
+// The change of colour across a place, along a direction on its surface; nothing beyond the picture.
+struct Crossing {
+  float change = 0;
+  double pitch = 0;  // [px] of the direction's length
+};
+
+std::optional<Crossing> CrossingAt(const StillPicture& picture, const Eigen::Vector3d& x,
+                                   const Eigen::Vector3d& along) {
+  const PinholeView& view = picture.view;
+  const Eigen::Vector3d here = view.cam_from_world * x;
+  const Eigen::Vector3d there = view.cam_from_world * (x + along);
+  if (!(here.z() > view.near_depth) || !(there.z() > view.near_depth)) return std::nullopt;
+  const auto pixel = [&](const Eigen::Vector3d& in_camera) {
+    return Eigen::Vector2d(view.cx + view.fx * in_camera.x() / in_camera.z(),
+                           view.cy + view.fy * in_camera.y() / in_camera.z());
+  };
+  const Eigen::Vector2d at = pixel(here);
+  const double margin = kApart + 1;
+  if (!(at.x() > margin && at.y() > margin && at.x() < view.width - margin && at.y() < view.height - margin))
+    return std::nullopt;
+  const Eigen::Vector2d step = pixel(there) - at;
+  const double pitch = step.norm();
+  if (!(pitch > kLeastPitch)) return std::nullopt;
+  const Eigen::Vector2d apart = kApart / pitch * step;
+  return Crossing{MostDifferent(picture.image, at + apart, at - apart), pitch};
+}
+
+int LevelOf(float change) { return std::min(kLevels - 1, static_cast<int>(change * kLevelsPerGrey)); }
+
+// A straight line on a surface, from `start` in equal steps.
+struct SurfaceLine {
+  Eigen::Vector3d start;
+  Eigen::Vector3d step;
+  Eigen::Vector3d At(double s) const { return start + s * step; }
+};
+
+// What a picture shows along lines that lead across circles about the axis, one step on each line a circle.
+class PictureRings {
+ public:
+  PictureRings(const StillPicture& picture, const std::vector<SurfaceLine>& lines, int num_steps)
+      : num_lines_(lines.size()), num_steps_(num_steps) {
+    nearest_.reserve(lines.size() * num_steps);
+    for (const SurfaceLine& line : lines) AddLine(picture, line);
+    FindThresholds();
+  }
+
+  struct Ring {
+    int seen = 0;
+    int edges = 0;
+  };
+  Ring At(int s) const {
+    Ring ring;
+    for (size_t d = 0; d < num_lines_; ++d) {
+      const float nearest = nearest_[d * num_steps_ + s];
+      if (!(nearest >= 0)) continue;
+      ++ring.seen;
+      ring.edges += nearest > thresholds_[s] ? 1 : 0;
+    }
+    return ring;
+  }
+  // What is more than the changes of the surface within a ring.
+  float Threshold(int s) const { return thresholds_[s]; }
+  // The first edge on each line, from step `first` on; the number of steps where there is none.
+  std::vector<int> FirstEdges(int first, float threshold) const {
+    std::vector<int> places;
+    for (size_t d = 0; d < num_lines_; ++d) {
+      int s = first;
+      while (s < num_steps_ && !(edges_[d * num_steps_ + s] > threshold)) ++s;
+      places.push_back(s);
+    }
+    return places;
+  }
+
+  // That there is an edge of this ring's kind, from what lies beyond: what lies within may be plain.
+  double ChanceBeyond(int s) const {
+    int64_t seen = 1;
+    int64_t edges = 1;
+    const int last = std::min(num_steps_, static_cast<int>(kBeyond * (s + kFarthest)));
+    for (size_t d = 0; d < num_lines_; ++d) {
+      for (int t = s + kFarthest; t < last; ++t) {
+        const float nearest = nearest_[d * num_steps_ + t];
+        if (!(nearest >= 0)) continue;
+        ++seen;
+        edges += nearest > thresholds_[s] ? 1 : 0;
+      }
+    }
+    return static_cast<double>(edges) / static_cast<double>(seen);
+  }
+
+ private:
+  // The change at each step, and the clearest edge within kNear of it.
+  void AddLine(const StillPicture& picture, const SurfaceLine& line) {
+    std::vector<float> changes(num_steps_, -1);  // not seen
+    std::vector<double> pitches(num_steps_, 1);
+    for (int s = 0; s < num_steps_; ++s) {
+      const std::optional<Crossing> crossing = CrossingAt(picture, line.At(s + 0.5), line.step);
+      if (!crossing) continue;
+      changes[s] = crossing->change;
+      pitches[s] = crossing->pitch;
+    }
+    const auto reach = [&](int s, double pixels) {
+      return std::min(num_steps_, static_cast<int>(pixels / pitches[s]));
+    };
+    std::vector<float> edges(num_steps_, 0);
+    for (int s = 0; s < num_steps_; ++s) {
+      const int r = reach(s, kAlone);
+      const auto first = changes.begin() + std::max(0, s - r);
+      const auto last = changes.begin() + std::min(num_steps_, s + r + 1);
+      if (changes[s] >= *std::max_element(first, last)) edges[s] = changes[s];
+    }
+    for (int s = 0; s < num_steps_; ++s) {
+      const int r = reach(s, kNear);
+      const auto first = edges.begin() + std::max(0, s - r);
+      const auto last = edges.begin() + std::min(num_steps_, s + r + 1);
+      nearest_.push_back(changes[s] < 0 ? -1 : *std::max_element(first, last));
+    }
+    changes_.insert(changes_.end(), changes.begin(), changes.end());
+    edges_.insert(edges_.end(), edges.begin(), edges.end());
+  }
+
+  // Most of what lies within a circle is even: half of its changes are its own.
+  void FindThresholds() {
+    std::vector<int64_t> within(kLevels, 0);
+    int64_t num_within = 0;
+    for (int s = 0; s < num_steps_; ++s) {
+      int median = 0;
+      for (int64_t below = within[0]; median + 1 < kLevels && 2 * below < num_within;)
+        below += within[++median];
+      const double threshold = kDeviations / kNormalMedian * (median + 1) / kLevelsPerGrey;
+      thresholds_.push_back(static_cast<float>(threshold));
+      for (size_t d = 0; d < num_lines_; ++d) {
+        const float change = changes_[d * num_steps_ + s];
+        if (!(change >= 0)) continue;
+        ++within[LevelOf(change)];
+        ++num_within;
+      }
+    }
+  }
+
+  size_t num_lines_;
+  int num_steps_;
+  std::vector<float> changes_;     // by line and step; negative: not seen
+  std::vector<float> edges_;       // by line and step: the changes that are the clearest within kAlone
+  std::vector<float> nearest_;     // the clearest edge there, by line and step; negative: not seen
+  std::vector<float> thresholds_;  // by step: what is no change of the surface within
+};
+
+struct FoundRing {
+  int step = 0;
+  double share = 0;
+  double false_alarms = 1;
+};
+
+// \param rings      of each picture.
+// \param num_lines  of all. \param first  that is looked at.
+// \param num_tried  circles, of which this is one family.
+std::vector<FoundRing> FindRings(const std::vector<PictureRings>& rings, int num_lines, int first,
+                                 int num_rings, double num_tried) {
+  std::vector<FoundRing> found;
+  for (int s = first; s < num_rings; ++s) {
+    PictureRings::Ring sum;
+    for (const PictureRings& of_picture : rings) {
+      const PictureRings::Ring ring = of_picture.At(s);
+      sum.seen += ring.seen;
+      sum.edges += ring.edges;
+    }
+    const double share = sum.seen > 0 ? static_cast<double>(sum.edges) / sum.seen : 0;
+    if (2 * sum.seen < num_lines || !(share > kMinShare)) continue;
+    double expected = 0;
+    for (const PictureRings& of_picture : rings)
+      expected += of_picture.At(s).seen * of_picture.ChanceBeyond(s);
+    const double false_alarms = num_tried * BinomialTail(sum.edges, sum.seen, expected / sum.seen);
+    if (false_alarms < kMaxFalseAlarms) found.push_back({s, share, false_alarms});
+  }
+  return found;
+}
+
+// Of the frame about the axis.
+struct AxisFrame {
+  explicit AxisFrame(const TurntableAxis& axis) : point(axis.point), up(axis.direction) {
+    Eigen::Vector3d::Index least = 0;
+    up.cwiseAbs().minCoeff(&least);
+    x = up.cross(Eigen::Vector3d::Unit(least)).normalized();
+    y = up.cross(x);
+  }
+  Eigen::Vector3d Outwards(int direction) const {
+    const double angle = 2 * kPi * direction / kDirections;
+    return std::cos(angle) * x + std::sin(angle) * y;
+  }
+  Eigen::Vector3d point, up, x, y;
+};
+
+// What one pixel of the picture is at the axis.
+double PixelAt(const StillPicture& picture, const Eigen::Vector3d& x) {
+  return (picture.view.cam_from_world * x).z() / std::max(picture.view.fx, picture.view.fy);
+}
+
+class CircleFinder {
+ public:
+  CircleFinder(const std::vector<StillPicture>& pictures, const CircleSearch& search)
+      : pictures_(pictures), search_(search), frame_(search.axis) {
+    const Eigen::Vector3d middle = frame_.point + (search.low + search.high) / 2 * frame_.up;
+    for (const StillPicture& picture : pictures) {
+      const double pixel = PixelAt(picture, middle);
+      if (pixel > 0) step_ = std::min(step_, kStep * pixel);
+    }
+    if (!std::isfinite(step_)) return;
+    climb_ = std::max(kClimb / kStep * step_, (search.high - search.low) / kMaxHeights);
+    num_rings_ = static_cast<int>(std::min<double>(search.max_radius / step_, kMaxRings));
+    num_steps_ = static_cast<int>(kBeyond * (num_rings_ + kFarthest));
+    num_heights_ = static_cast<int>((search.high - search.low) / climb_) + 1;
+  }
+
+  std::optional<TableCircle> Find() {
+    if (num_rings_ <= FirstStep() || pictures_.empty()) return std::nullopt;
+    std::vector<std::vector<FoundRing>> found(num_heights_);
+    ParallelFor(num_heights_, 0, [&](int64_t h) {
+      found[h] = FindRings(Look(TopLines(HeightAt(static_cast<int>(h)))),
+                           kDirections * static_cast<int>(pictures_.size()), FirstStep(), num_rings_,
+                           static_cast<double>(num_heights_) * num_rings_);
+    });
+    std::optional<FoundRing> best;
+    int best_height = 0;
+    for (double least_radius = 0;;) {
+      std::optional<FoundRing> clearest;
+      for (int h = 0; h < num_heights_; ++h) {
+        for (const FoundRing& ring : found[h]) {
+          if (ring.step < least_radius || (clearest && ring.false_alarms >= clearest->false_alarms)) continue;
+          clearest = ring;
+          best_height = h;
+        }
+      }
+      if (!clearest) break;
+      best = clearest;
+      least_radius = kFartherOut * (clearest->step + 0.5);
+    }
+    if (!best) return std::nullopt;
+    TableCircle circle;
+    circle.share = best->share;
+    circle.false_alarms = best->false_alarms;
+    Place(HeightAt(best_height), (best->step + 0.5) * step_, &circle);
+    circle.side_end = SideEnd(circle);
+    return circle;
+  }
+
+ private:
+  static int FirstStep() { return static_cast<int>(kFirst / kStep); }
+  double HeightAt(int h) const { return search_.low + h * climb_; }
+
+  std::vector<std::vector<SurfaceLine>> TopLines(double height) const {
+    std::vector<SurfaceLine> lines;
+    lines.reserve(kDirections);
+    for (int d = 0; d < kDirections; ++d)
+      lines.push_back({frame_.point + height * frame_.up, step_ * frame_.Outwards(d)});
+    return std::vector<std::vector<SurfaceLine>>(pictures_.size(), lines);
+  }
+
+  // \param lines  by picture.
+  std::vector<PictureRings> Look(const std::vector<std::vector<SurfaceLine>>& lines) const {
+    std::vector<PictureRings> rings;
+    for (size_t i = 0; i < pictures_.size(); ++i) rings.emplace_back(pictures_[i], lines[i], num_steps_);
+    return rings;
+  }
+
+  // Where about a circle of the search the edges lie, to a part of a pixel: each direction tells one sum of
+  // radius and height, as far as they move the circle's picture along it.
+  void Place(double height, double radius, TableCircle* circle) const {
+    circle->height = height;
+    circle->radius = radius;
+    for (int round = 0; round < kPlaceRounds; ++round) {
+      Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+      Eigen::Vector2d right = Eigen::Vector2d::Zero();
+      for (const StillPicture& picture : pictures_) {
+        for (int d = 0; d < kDirections; ++d) {
+          const Eigen::Vector3d outwards = frame_.Outwards(d);
+          const Eigen::Vector3d x = frame_.point + circle->height * frame_.up + circle->radius * outwards;
+          const std::optional<double> offset = EdgeOffset(picture, x, outwards);
+          if (!offset) continue;
+          const Eigen::Vector2d row(1, RiseAlong(picture, x, outwards));
+          normal += row * row.transpose();
+          right += *offset * row;
+        }
+      }
+      if (!(normal.determinant() > kLeastTold * normal(0, 0) * normal(1, 1))) return;
+      const Eigen::Vector2d change = normal.ldlt().solve(right);
+      circle->radius += change[0];
+      circle->height += change[1];
+    }
+  }
+
+  // How far outwards the edge next to a place lies: the middle between where it falls to half on either side.
+  // Nothing where there is none within kAlone.
+  std::optional<double> EdgeOffset(const StillPicture& picture, const Eigen::Vector3d& x,
+                                   const Eigen::Vector3d& outwards) const {
+    const std::optional<Crossing> here = CrossingAt(picture, x, step_ * outwards);
+    if (!here) return std::nullopt;
+    const double unit = step_ / here->pitch / kFiner;  // a part of a pixel
+    const int reach = static_cast<int>(2 * kAlone * kFiner);
+    std::vector<float> changes;
+    for (int i = -reach; i <= reach; ++i) {
+      const std::optional<Crossing> crossing = CrossingAt(picture, x + i * unit * outwards, step_ * outwards);
+      if (!crossing) return std::nullopt;
+      changes.push_back(crossing->change);
+    }
+    const auto near = changes.begin() + reach / 2;
+    const auto best = static_cast<int>(std::max_element(near, near + reach + 1) - changes.begin());
+    int first = best;
+    int last = best;
+    while (first > 0 && 2 * changes[first] > changes[best]) --first;
+    while (last < 2 * reach && 2 * changes[last] > changes[best]) ++last;
+    if (first == 0 || last == 2 * reach) return std::nullopt;
+    return ((first + last) / 2.0 - reach) * unit;
+  }
+
+  // How far outwards the circle's picture moves for a unit of height.
+  double RiseAlong(const StillPicture& picture, const Eigen::Vector3d& x,
+                   const Eigen::Vector3d& outwards) const {
+    const auto pixel = [&](const Eigen::Vector3d& place) -> Eigen::Vector2d {
+      const Eigen::Vector3d in_camera = picture.view.cam_from_world * place;
+      return {picture.view.fx * in_camera.x() / in_camera.z(),
+              picture.view.fy * in_camera.y() / in_camera.z()};
+    };
+    const Eigen::Vector2d along = pixel(x + step_ * outwards) - pixel(x);
+    const Eigen::Vector2d up = pixel(x + step_ * frame_.up) - pixel(x);
+    // Edges show movements across them alone: that is the picture's direction at right angles to the circle.
+    const Eigen::Vector3d around = frame_.up.cross(outwards);
+    const Eigen::Vector2d tangent = pixel(x + step_ * around) - pixel(x);
+    const Eigen::Vector2d across(-tangent.y(), tangent.x());
+    return up.dot(across) / along.dot(across);
+  }
+
+  std::optional<double> SideEnd(const TableCircle& circle) const {
+    const int num_rings = static_cast<int>(kSideReach * circle.radius / step_);
+    const int num_steps = static_cast<int>(kBeyond * (num_rings + kFarthest));
+    const Eigen::Vector3d middle = frame_.point + circle.height * frame_.up;
+    std::vector<PictureRings> rings;
+    for (const StillPicture& picture : pictures_) {
+      const Eigen::Vector3d to_camera = picture.view.cam_from_world.Inverse().translation - middle;
+      const Eigen::Vector3d level = to_camera - to_camera.dot(frame_.up) * frame_.up;
+      std::vector<SurfaceLine> lines;
+      lines.reserve(kDirections);
+      for (int d = 0; d < kDirections; ++d) {
+        const Eigen::Vector3d outwards = frame_.Outwards(d);
+        if (!(outwards.dot(level) > kMinFacing * level.norm())) continue;
+        lines.push_back({middle + circle.radius * outwards, -step_ * frame_.up});
+      }
+      rings.emplace_back(picture, lines, num_steps);
+    }
+    std::vector<int> ends;
+    // The rim itself is most of what a picture shows of a narrow side: the top tells what is no edge.
+    const std::vector<PictureRings> top = Look(TopLines(circle.height));
+    const int rim = std::min(num_steps_ - 1, static_cast<int>(circle.radius / step_));
+    for (size_t i = 0; i < rings.size(); ++i) {
+      const std::vector<int> of_lines = rings[i].FirstEdges(kFirstOfSide, top[i].Threshold(rim));
+      ends.insert(ends.end(), of_lines.begin(), of_lines.end());
+    }
+    return MostCommonEnd(std::move(ends), num_rings, circle.height);
+  }
+
+  // Of where lines down the side end: the place that most share, if more do than chance would have it.
+  std::optional<double> MostCommonEnd(std::vector<int> ends, int num_rings, double top) const {
+    std::sort(ends.begin(), ends.end());
+    const auto count = static_cast<int>(ends.size());
+    int most = 0;
+    int first = 0;
+    for (int i = 0; i < count && ends[i] < num_rings; ++i) {
+      const auto beyond = std::upper_bound(ends.begin(), ends.end(), ends[i] + 2 * kSameEnd);
+      const auto same = static_cast<int>(beyond - ends.begin()) - i;
+      if (same > most) first = i;
+      most = std::max(most, same);
+    }
+    const double chance = (2.0 * kSameEnd + 1) / std::max(1, num_rings - kFirstOfSide);
+    const double false_alarms = num_rings * BinomialTail(most, count, chance);
+    if (!(most > kMinShare * count) || !(false_alarms < kMaxFalseAlarms)) return std::nullopt;
+    return top - (ends[first + most / 2] + 0.5) * step_;
+  }
+
+  const std::vector<StillPicture>& pictures_;
+  const CircleSearch& search_;
+  AxisFrame frame_;
+  double step_ = std::numeric_limits<double>::infinity();
+  double climb_ = 0;  // from height to height
+  int num_rings_ = 0;
+  int num_steps_ = 0;  // on to beyond the last ring
+  int num_heights_ = 0;
+};
+
+}  // namespace
+
+Image8 MedianPicture(const std::vector<Image8>& photos) {
+  S2GS_INVARIANT(!photos.empty());
+  Image8 median = photos.front();
+  const auto row = static_cast<size_t>(median.width) * median.channels;
+  ParallelFor(median.height, 0, [&](int64_t y) {
+    std::vector<uint8_t> values(photos.size());
+    for (size_t i = row * static_cast<size_t>(y); i < row * static_cast<size_t>(y + 1); ++i) {
+      for (size_t k = 0; k < photos.size(); ++k) values[k] = photos[k].pixels[i];
+      median.pixels[i] = UpperMedian(values);
+    }
+  });
+  return median;
+}
+
+std::optional<TableCircle> FindTableCircle(const std::vector<StillPicture>& pictures,
+                                           const CircleSearch& search) {
+  return CircleFinder(pictures, search).Find();
+}
+
+}  // namespace s2gs

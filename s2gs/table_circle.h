@@ -1,0 +1,46 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "s2gs/core/pinhole_view.h"
+#include "s2gs/image/image_file.h"
+#include "sfm_split/scene/scene.h"
+
+namespace s2gs {
+
+/// What a camera that stands still sees while the table turns, in the world's frame: what looks the same in
+/// most of its photos, as a plain table does.
+struct StillPicture {
+  PinholeView view;  ///< of the image's size.
+  Image8 image;      ///< RGB
+};
+
+/// Medians of each channel. \param photos  of one size, RGB; at least one.
+Image8 MedianPicture(const std::vector<Image8>& photos);
+
+/// Where a table's top may be. Lengths in the poses' unit.
+struct CircleSearch {
+  TurntableAxis axis;
+  double low = 0;  ///< along the axis from its point.
+  double high = 0;
+  double max_radius = 0;
+};
+
+/// A circle about the axis at right angles to it: the rim of a table's top.
+struct TableCircle {
+  double height = 0;  ///< along the axis from its point.
+  double radius = 0;
+  double share = 0;         ///< of the directions in which a picture shows its place: those with an edge.
+  double false_alarms = 1;  ///< how many such circles are expected by chance.
+  std::optional<double> side_end;  ///< where the side below it ends, along the axis from its point.
+};
+
+/// The circle at which an edge lies, to a pixel, in more directions from the axis than edges anywhere would
+/// make by chance, and in half of them at least; of several the outermost. What stands still has no reason to
+/// end in a circle about the axis. Its side, as far as it faces a camera, ends at a lower circle, which is
+/// looked for in the same way. Nothing when there is none.
+std::optional<TableCircle> FindTableCircle(const std::vector<StillPicture>& pictures,
+                                           const CircleSearch& search);
+
+}  // namespace s2gs

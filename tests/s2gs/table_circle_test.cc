@@ -1,0 +1,193 @@
+#include "s2gs/table_circle.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "s2gs/core/rng.h"
+#include "s2gs/rotating_mask.h"
+#include "sfm_split/base/angles.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kWidth = 240;
+constexpr int kHeight = 180;
+constexpr double kFocal = 260;
+constexpr double kDistance = 5;
+constexpr double kTop = 0.1;
+constexpr double kSideEnd = -0.15;
+constexpr double kRadius = 1;
+constexpr double kGround = -0.2;
+// Of a pixel of a table, across it.
+constexpr double kPixel = kDistance / kFocal;
+
+// From 30 degrees above, at this azimuth.
+PinholeView ViewFrom(double azimuth) {
+  PinholeView view;
+  view.width = kWidth;
+  view.height = kHeight;
+  view.fx = view.fy = kFocal;
+  view.cx = kWidth / 2.0;
+  view.cy = kHeight / 2.0;
+  const Eigen::Vector3d back(std::cos(azimuth) * std::sqrt(0.75), std::sin(azimuth) * std::sqrt(0.75), 0.5);
+  Eigen::Matrix3d rotation;
+  rotation.row(2) = -back;
+  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
+  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
+  view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
+  view.cam_from_object = view.cam_from_world;
+  return view;
+}
+
+// Grey values of tiles on the ground, each other than the next.
+int TileAt(const Eigen::Vector3d& x) {
+  const auto i = static_cast<uint64_t>(std::floor(x.x() / 0.4) + 1000);
+  const auto j = static_cast<uint64_t>(std::floor(x.y() / 0.4) + 1000);
+  return static_cast<int>(20 + 200 * UnitFloat(RandomBits(7, i, j).words[0]));
+}
+
+using Outline = std::function<bool(double, double)>;
+
+bool IsInCircle(double x, double y) { return std::hypot(x, y) < kRadius; }
+
+// A plain thing of this outline above tiled ground, with noise. Of each pixel four rays.
+Image8 PictureOf(const PinholeView& view, const Outline& is_inside, int grey_of_top, int grey_of_side) {
+  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
+  const auto grey_along = [&](double u, double v) {
+    const Eigen::Vector3d ray =
+        world_from_cam.rotation * Eigen::Vector3d((u - view.cx) / view.fx, (v - view.cy) / view.fy, 1);
+    const auto at = [&](double height) -> Eigen::Vector3d {
+      return world_from_cam.translation + (height - world_from_cam.translation.z()) / ray.z() * ray;
+    };
+    if (is_inside(at(kTop).x(), at(kTop).y())) return grey_of_top;
+    for (double z = kTop; z > kSideEnd; z -= 0.002) {
+      if (is_inside(at(z).x(), at(z).y())) return grey_of_side;
+    }
+    return TileAt(at(kGround));
+  };
+  Image8 image{view.width, view.height, 3, {}};
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      double sum = 0;
+      for (const double du : {0.25, 0.75}) {
+        for (const double dv : {0.25, 0.75}) sum += grey_along(x + du, y + dv) / 4.0;
+      }
+      const float noise = UnitFloat(RandomBits(3, x, y).words[0]) - 0.5F;
+      for (int c = 0; c < 3; ++c) image.pixels.push_back(static_cast<uint8_t>(sum + 4 * noise + 0.5));
+    }
+  }
+  return image;
+}
+
+CircleSearch SearchAboutTop() {
+  CircleSearch search;
+  search.low = -0.4;
+  search.high = 0.5;
+  search.max_radius = 1.6;
+  return search;
+}
+
+TEST(TableCircle, OfAPlainTableIsFoundByOneCamera) {
+  const PinholeView view = ViewFrom(0.3);
+  const std::optional<TableCircle> circle =
+      FindTableCircle({{view, PictureOf(view, IsInCircle, 150, 90)}}, SearchAboutTop());
+  ASSERT_TRUE(circle);
+  // A pixel of height is half a pixel of the picture from 30 degrees above.
+  EXPECT_NEAR(circle->height, kTop, kPixel);
+  EXPECT_NEAR(circle->radius, kRadius, kPixel);
+  EXPECT_LT(circle->false_alarms, 1e-6);
+  ASSERT_TRUE(circle->side_end);
+  EXPECT_NEAR(*circle->side_end, kSideEnd, 1.5 * kPixel);
+}
+
+TEST(TableCircle, IsFoundByTwoCamerasAboutAnotherAxisInAnotherUnit) {
+  constexpr double kScale = 0.25;
+  const Rigid3 moved{Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, -1).normalized())),
+                     {0.3, -0.2, 0.1}};
+  std::vector<StillPicture> pictures;
+  for (const double azimuth : {0.3, 1.9}) {
+    PinholeView view = ViewFrom(azimuth);
+    const Image8 image = PictureOf(view, IsInCircle, 150, 90);
+    view.cam_from_world.translation *= kScale;
+    view.cam_from_world = view.cam_from_world * moved.Inverse();
+    pictures.push_back({view, image});
+  }
+  CircleSearch search = SearchAboutTop();
+  search.axis.point = moved.translation;
+  search.axis.direction = moved.rotation * Eigen::Vector3d::UnitZ();
+  for (double* length : {&search.low, &search.high, &search.max_radius}) *length *= kScale;
+  const std::optional<TableCircle> circle = FindTableCircle(pictures, search);
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->height, kScale * kTop, kScale * kPixel);
+  EXPECT_NEAR(circle->radius, kScale * kRadius, kScale * kPixel);
+}
+
+TEST(TableCircle, NoneOfWhatIsNoCircleAboutTheAxis) {
+  const PinholeView view = ViewFrom(0.3);
+  const Outline square = [](double x, double y) { return std::max(std::abs(x), std::abs(y)) < kRadius; };
+  const Outline aside = [](double x, double y) { return std::hypot(x - 0.2, y) < kRadius; };
+  const Outline nothing = [](double, double) { return false; };
+  for (const Outline& outline : {square, aside, nothing}) {
+    EXPECT_FALSE(FindTableCircle({{view, PictureOf(view, outline, 150, 90)}}, SearchAboutTop()));
+  }
+}
+
+TEST(TableCircle, OfSeveralTheOutermost) {
+  const PinholeView view = ViewFrom(0.3);
+  Image8 picture = PictureOf(view, IsInCircle, 150, 90);
+  // A round mat on the table.
+  PixelMask mat{view.width, view.height, std::vector<uint8_t>(picture.pixels.size() / 3, 0)};
+  AddRegion({TurntableAxis(), kRadius / 2, kTop, kTop}, view, &mat);
+  for (size_t i = 0; i < picture.pixels.size(); ++i) {
+    if (mat.inside[i / 3] != 0) picture.pixels[i] = 230;
+  }
+  const std::optional<TableCircle> circle = FindTableCircle({{view, picture}}, SearchAboutTop());
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->radius, kRadius, kPixel);
+}
+
+TEST(TableCircle, NothingFromNothing) { EXPECT_FALSE(FindTableCircle({}, SearchAboutTop())); }
+
+TEST(MedianPicture, LeavesOutWhatIsInFewPhotos) {
+  std::vector<Image8> photos;
+  for (int i = 0; i < 5; ++i) {
+    Image8 photo{2, 1, 3, {10, 20, 30, 40, 50, 60}};
+    photo.pixels[i] = 200;
+    photos.push_back(photo);
+  }
+  EXPECT_EQ(MedianPicture(photos).pixels, (std::vector<uint8_t>{10, 20, 30, 40, 50, 60}));
+}
+
+// Against rays that march through the cylinder.
+TEST(AddRegion, IsWhereRaysMeetTheCylinder) {
+  const PinholeView view = ViewFrom(0.3);
+  const RotatingRegion region{TurntableAxis(), kRadius, kSideEnd, kTop};
+  PixelMask mask{view.width, view.height, std::vector<uint8_t>(static_cast<size_t>(kWidth) * kHeight, 0)};
+  AddRegion(region, view, &mask);
+  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
+  int differ = 0;
+  int inside = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const Eigen::Vector3d ray = world_from_cam.rotation * Eigen::Vector3d((x + 0.5 - view.cx) / view.fx,
+                                                                            (y + 0.5 - view.cy) / view.fy, 1);
+      bool meets = false;
+      for (double depth = 3; depth < 8 && !meets; depth += 0.005) {
+        meets = region.Contains(world_from_cam.translation + depth * ray, 0);
+      }
+      const bool has = mask.inside[static_cast<size_t>(y) * kWidth + x] != 0;
+      inside += has ? 1 : 0;
+      differ += has != meets ? 1 : 0;
+    }
+  }
+  EXPECT_GT(inside, 5000);
+  EXPECT_LT(differ, 20);  // steps miss where a ray grazes an edge
+}
+
+}  // namespace
+}  // namespace s2gs
