@@ -171,11 +171,9 @@ json ToJson(const std::vector<GuidedPhoto>& photos) {
 
 json ToJson(const PhotoAdjustment& photos) {
   const auto change = [](const HeldBackChange& held_back) {
-    return json{{"points", held_back.points},
-                {"before_px", held_back.before_px},
-                {"after_px", held_back.after_px},
-                {"gain", held_back.gain},
-                {"gain_sigma", held_back.gain_sigma}};
+    return json{{"points", held_back.points},         {"before_px", held_back.before_px},
+                {"after_px", held_back.after_px},     {"gain", held_back.gain},
+                {"gain_sigma", held_back.gain_sigma}, {"overdispersion", held_back.overdispersion}};
   };
   return {{"taken", photos.is_taken},
           {"finding", photos.finding},

@@ -353,6 +353,7 @@ PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& fe
     errors.insert(errors.end(), of_other.begin(), of_other.end());
   }
   result.patches = ChangeOf(errors);
+  result.patches.overdispersion = std::max(1.0, kSigmaOfMedian * result.patches.after_px / result.sigma_px);
   const std::string change = PxText(result.patches.before_px) + " to " + PxText(result.patches.after_px);
   if (!result.patches.HasFallen())
     return finish("patches do not tell better poses for each other: " + change);

@@ -22,9 +22,13 @@ struct HeldBackChange {
   /// What a point's loss (the adjustment's) fell by, in the mean, and the standard deviation of this mean.
   double gain = 0;
   double gain_sigma = 0;
+  /// How many times larger errors are than places say of themselves, 1 at least. What is more than noise
+  /// (shading that stays in the world, a lens or a sheet that bends otherwise) is alike at neighbours, so
+  /// that points are no longer witnesses of their own.
+  double overdispersion = 1;
 
   /// By more than chance does once in e^8.
-  bool HasFallen() const { return points > 1 && gain > 3.4 * gain_sigma; }
+  bool HasFallen() const { return points > 1 && gain > 3.4 * overdispersion * gain_sigma; }
 };
 
 struct PhotoAdjustment {

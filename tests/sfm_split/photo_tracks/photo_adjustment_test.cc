@@ -175,6 +175,8 @@ TEST(HeldBackChange, ChanceIsNoChange) {
   EXPECT_FALSE(HeldBackChange().HasFallen());
   EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.35, 0.1}).HasFallen());
   EXPECT_FALSE((HeldBackChange{100, 1, 0.5, 0.3, 0.1}).HasFallen());
+  EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.7, 0.1, 2}).HasFallen());
+  EXPECT_FALSE((HeldBackChange{100, 1, 0.5, 0.67, 0.1, 2}).HasFallen());
 }
 
 }  // namespace
