@@ -379,6 +379,7 @@ void TurntableMapper::Place() {
   };
   const SteadyCameras cameras(input_.features,
                               objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
+  ScanFeatures steadied;  // a copy only where there is something to take off
   if (cameras.AnyMoved()) {
     reporter_.Info(
         fmt::format("the tripod moved: its camera turned by up to {:.3f} degrees, which the "
@@ -387,8 +388,9 @@ void TurntableMapper::Place() {
     report["tripod_turn_deg"] = cameras.LargestTurn() / kDegree;
     for (ColmapModel& model : objects) model = cameras.Steady(model);
     for (ColmapModel& model : backgrounds) model = cameras.Steady(model);
+    steadied = cameras.Steady(input_.features);
   }
-  const ScanFeatures steady = cameras.Steady(input_.features);
+  const ScanFeatures& steady = cameras.AnyMoved() ? steadied : input_.features;
   ReadGreyPhoto read_photo;
   if (settings_.adjust_to_photos) {
     read_photo = [&](const std::string& name) { return SteadyPhoto(ReadPhoto(name), name, cameras); };

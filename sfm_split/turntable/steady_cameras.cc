@@ -48,16 +48,16 @@ Rigid3 Turned(const Eigen::Quaterniond& turn, const Rigid3& cam_from_world) {
   return Rigid3{turn, Eigen::Vector3d::Zero()} * cam_from_world;
 }
 
-}  // namespace
-
-Eigen::Quaterniond ShakeOfCamera(const Camera& camera, const Eigen::Matrix3d& photo_from_first) {
-  if (photo_from_first == Eigen::Matrix3d::Identity()) return Eigen::Quaterniond::Identity();
+// The turn that moves the picture as `photo_from_first` does, nearly: photo_cam_from_first_cam.
+Eigen::Quaterniond TurnOf(const Camera& camera, const Eigen::Matrix3d& photo_from_first) {
   return NearestTurn(camera, [&](const Eigen::Vector2d& xy) -> std::optional<Eigen::Vector2d> {
     const Eigen::Vector3d moved = photo_from_first * xy.homogeneous();
     if (moved.z() <= 0) return std::nullopt;
     return moved.hnormalized();
   });
 }
+
+}  // namespace
 
 SteadyCameras::SteadyCameras(const ScanFeatures& features, const std::map<uint32_t, Camera>& cameras) {
   for (const ScanImage& image : features.images) {
@@ -68,7 +68,7 @@ SteadyCameras::SteadyCameras(const ScanFeatures& features, const std::map<uint32
     photo.camera = known != cameras.end() ? known->second : stated->second;
     photo.has_moved =
         image.photo_from_first != Eigen::Matrix3d::Identity() && InfoOf(photo.camera.model).has_projection;
-    if (photo.has_moved) photo.turn = ShakeOfCamera(photo.camera, image.photo_from_first);
+    if (photo.has_moved) photo.turn = TurnOf(photo.camera, image.photo_from_first);
     any_moved_ = any_moved_ || photo.has_moved;
     photos_.emplace(image.name, std::move(photo));
   }
@@ -135,21 +135,21 @@ Eigen::Quaterniond SteadyCameras::TurnBy(const Photo& photo, const Camera& camer
 void SteadyCameras::Shake(AlignedScene* aligned) const {
   std::map<uint32_t, const Camera*> cameras;
   for (const Camera& camera : aligned->scene.cameras) cameras[camera.camera_id] = &camera;
-  const auto turn_of = [&](const std::string& name, uint32_t camera_id) {
-    const Photo& photo = photos_.at(name);
+  const auto turn_of = [&](const Photo& photo, uint32_t camera_id) {
     const auto camera = cameras.find(camera_id);
     return camera == cameras.end() ? photo.turn : TurnBy(photo, *camera->second);
   };
   for (View& view : aligned->scene.views) {
     if (HasMoved(view.name))
-      view.cam_from_world = Turned(turn_of(view.name, view.camera_id), view.cam_from_world);
+      view.cam_from_world = Turned(turn_of(photos_.at(view.name), view.camera_id), view.cam_from_world);
   }
   for (ColmapModel* model : {&aligned->object, &aligned->background}) {
     for (auto& [id, image] : model->images) {
       if (!HasMoved(image.name)) continue;
-      image.cam_from_world = Turned(turn_of(image.name, image.camera_id), image.cam_from_world);
+      const Photo& photo = photos_.at(image.name);
+      image.cam_from_world = Turned(turn_of(photo, image.camera_id), image.cam_from_world);
       for (ColmapPoint2D& point : image.points2D)
-        point.xy = PhotographedPixel(image.name, point.xy).value_or(point.xy);
+        point.xy = TurnedPixel(photo.camera, photo.turn, point.xy).value_or(point.xy);
     }
   }
 }

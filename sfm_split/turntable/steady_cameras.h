@@ -12,12 +12,6 @@
 
 namespace s2gs {
 
-/// The turn of a camera about its own centre that moves its picture as `photo_from_first` does: the rotation
-/// `photo_cam_from_first_cam` nearest to it over a grid of the picture's pixels. The identity for a map that
-/// is one exactly, and where the camera sees fewer than three of the grid's pixels.
-/// \param photo_from_first  [px of the photo]
-Eigen::Quaterniond ShakeOfCamera(const Camera& camera, const Eigen::Matrix3d& photo_from_first);
-
 /// A tripod that is knocked or bends turns its camera about its centre, by as much as the background's
 /// picture says and whatever stands where. Here keypoints and poses are taken to the camera as it stood at
 /// the station's first photo, so that a station's photos share one pose exactly, and back.
