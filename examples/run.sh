@@ -11,7 +11,7 @@ cd "$(dirname "$0")/.."
 bash .ci/install_packages build
 
 build_dir=${BUILD_DIR:-build/examples}
-cmake -S . -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release -DS2GS_TESTS=OFF
+cmake -S . -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON -DS2GS_TESTS=OFF
 cmake --build "$build_dir"
 
 s2gs=$build_dir/s2gs

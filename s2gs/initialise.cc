@@ -8,13 +8,13 @@
 
 #include "s2gs/core/knn.h"
 #include "s2gs/core/rng.h"
+#include "s2gs/kernel/sh.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kShBand0 = 0.28209479177387814;  // 1 / (2 sqrt(pi)): the constant spherical harmonic.
 constexpr int kScaleNeighbours = 3;
 constexpr float kMinDistance = 1e-7F;  // of duplicate points, in scene sizes squared, as 2DGS.
 constexpr double kDefaultSide = 0.5;   // of the cube when no point says how large the rotating part is.

@@ -20,7 +20,7 @@ if ! cmp -s tests/interop/requirements.txt "$venv/requirements.txt"; then
   cp tests/interop/requirements.txt "$venv/requirements.txt"
 fi
 
-cmake -S . -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_EXPORT_COMPILE_COMMANDS=ON \
+cmake -S . -B "$build_dir" -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON \
   -DS2GS_CUDA="${S2GS_CUDA:-AUTO}" ${S2GS_CUDA_ARCHITECTURES:+-DS2GS_CUDA_ARCHITECTURES="$S2GS_CUDA_ARCHITECTURES"} \
   -DS2GS_TEST_PYTHON="$PWD/$venv/bin/python"
 cmake --build "$build_dir"

@@ -2,18 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <set>
 #include <tuple>
 #include <utility>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 Spread SpreadOf(const std::vector<double>& values) {
   if (values.empty()) return {kInfinity, kInfinity, kInfinity};

@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <set>
 #include <utility>
 #include <vector>
@@ -15,6 +14,7 @@
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
@@ -31,7 +31,6 @@ constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
 constexpr int kWobbleRounds = 8;           // at most: its deviations and the poses are found by turns
 constexpr double kWobbleSettled = 0.05;    // relative change of its standard deviations
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The loss' scale that the residuals of a problem ask for.
 double LossScaleOf(const JointProblem& problem) {

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <utility>
 #include <vector>
 
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/infinity.h"
 
 namespace s2gs {
 namespace {
@@ -18,7 +18,6 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 using Covariances = std::array<const Eigen::MatrixXd*, 3>;
 using ParameterIndex = std::map<std::pair<int, int>, int>;  // of a block's value in the covariances

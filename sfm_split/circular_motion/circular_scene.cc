@@ -8,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/circular_ties.h"
 #include "sfm_split/circular_motion/match_mixture.h"
@@ -19,7 +20,6 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 constexpr size_t kMaxCrossing = 60;  // matches of a pair of photos of two stations
 
 // What a station's keypoints that move say about the object: where it is and how large it looks.

@@ -5,9 +5,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/scene/projection_jacobians.h"
@@ -22,7 +22,6 @@ using Eigen::Vector3d;
 constexpr int kMostPhotos = 8;  // in memory at a time
 constexpr double kSplineMarginPx = 5;
 constexpr double kLeastFacing = 0.3;  // cosine between a first normal and the middle view
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct Observation {
   const ColmapImage* image = nullptr;

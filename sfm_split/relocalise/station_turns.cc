@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <string>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/relocalise/match_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
@@ -22,7 +22,6 @@ constexpr size_t kLeastOfStation = 4;    // photos that are a turn
 constexpr size_t kSearchMatches = 6000;  // that find other turns; all decide
 constexpr double kSearchStep = 1;        // of the noise, as the object's points move
 constexpr double kCertain = 8;           // e^8 to one
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // What is asked of a table angle; the others lead there.
 constexpr std::array<double, 3> kTurnsDeg = {0.25, 0.5, 1};
 

@@ -15,19 +15,19 @@ constexpr double kConverged = 1e-12;  // of the radius
 // A radius that is less sure than this says nothing of the scale.
 constexpr double kMaxSigmaRel = 0.1;
 
-struct Line {
+struct SideLine {
   Eigen::Vector3d origin, direction;  // in a frame whose z axis is the table's
 };
 
 // Where a line meets the plane at a height: its distance from the axis. Nothing behind the camera.
-std::optional<double> RadiusAt(const Line& line, double height) {
+std::optional<double> RadiusAt(const SideLine& line, double height) {
   const double depth = (height - line.origin.z()) / line.direction.z();
   if (!(depth > 0) || !std::isfinite(depth)) return std::nullopt;
   return (line.origin + depth * line.direction).head<2>().norm();
 }
 
 // A place's line, and those of its neighbours one pixel to the right and one below.
-using Lines = std::array<Line, 3>;
+using Lines = std::array<SideLine, 3>;
 
 // Its radius at a height, and the standard deviation of that for one of a pixel.
 struct Place {

@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <numeric>
 #include <random>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
@@ -25,7 +25,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::vector<TurntableMeasurement> Measure(const std::vector<TurntablePose>& poses) {
   std::vector<TurntableMeasurement> all;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/tukey_reweighting.h"
 
@@ -16,7 +17,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The samples to try: all of them when there are few.
 std::vector<std::pair<int, int>> PairsToTry(int n, int max_pairs, std::mt19937* rng) {

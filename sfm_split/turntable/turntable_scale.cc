@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/tukey_reweighting.h"
 
 namespace s2gs {
@@ -15,7 +16,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 class OffsetSolver {
  public:

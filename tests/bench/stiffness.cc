@@ -18,6 +18,7 @@
 #include "mesh/fusion/tsdf.h"
 #include "s2gs/core/gpu_info.h"
 #include "s2gs/train_options.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "tests/bench/markdown_rows.h"
@@ -31,7 +32,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 // --- Adam
 // ---------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "tests/bench/markdown_rows.h"
@@ -26,7 +27,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = 3.14159265358979323846 / 180;
 
 // --- The joint adjustment
 // -----------------------------------------------------------------------------------

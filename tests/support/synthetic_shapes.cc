@@ -2,16 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/infinity.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Both roots of a t^2 + 2 b t + c = 0 in order, free of cancellation; nothing when there are none.
 std::optional<std::pair<double, double>> Roots(double a, double b, double c) {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/circular_likelihood.h"
 #include "sfm_split/circular_motion/circular_scene.h"
@@ -17,7 +18,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kDegree = EIGEN_PI / 180;
 
 // A texture-poor object: few points a photo, which match a few steps apart, the end of the turn included.
 SyntheticTurntableOptions Poor(uint64_t seed) {

@@ -3,13 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <limits>
 #include <string>
+
+#include "sfm_split/base/infinity.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // Four photos at two stations, and a lens.
 TurntableScene MakeScene() {
