@@ -1,7 +1,5 @@
 #include "s2gs/training_scene.h"
 
-#include <omp.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <atomic>
@@ -497,7 +495,7 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
   }
   const int64_t bytes_of_one = std::max<int64_t>(1, kLoadingBytesPerPixel * largest_file);
   const auto at_once = static_cast<int>(std::clamp<int64_t>(
-      kMostLoadingBytes / bytes_of_one, 1, std::min<int64_t>(size.num_photos, omp_get_max_threads())));
+      kMostLoadingBytes / bytes_of_one, 1, std::min<int64_t>(size.num_photos, NumThreadsOf(0))));
   size.loading_bytes = at_once * bytes_of_one;
   if (before_photos) before_photos(size);
   std::atomic<int64_t> num_read = 0;

@@ -1,7 +1,6 @@
 #include "mesh/fusion/tsdf.h"
 
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <algorithm>
 #include <array>
@@ -33,10 +32,6 @@ constexpr uint64_t kBlockBytes = 2 * sizeof(float) * kBlockVoxels + 24;
 constexpr uint64_t kExtractionBytesPerBlock = 5200;
 // Colours come from views that see a vertex within this distance of their surface [voxels].
 constexpr float kColorDistance = 1.5F;
-
-int NumThreads(const TsdfOptions& options) {
-  return options.num_threads > 0 ? options.num_threads : omp_get_max_threads();
-}
 
 }  // namespace
 
@@ -75,7 +70,7 @@ TsdfFusion::TsdfFusion(const DepthViewSource& source, const TsdfOptions& options
     throw UserError("TsdfOptions: " + fault->field + " is " + fault->value + ", needed is " + fault->bound);
   }
   const double start = SteadySeconds();
-  views_ = std::make_unique<TsdfViewCache>(source, options_, NumThreads(options_),
+  views_ = std::make_unique<TsdfViewCache>(source, options_, NumThreadsOf(options_.num_threads),
                                            static_cast<uint64_t>(options_.max_memory_gib * kGiB / 2));
   PlanGrid();
   FindBlocks();
@@ -88,7 +83,7 @@ void TsdfFusion::PlanGrid() {
   std::vector<TsdfSurfaceSample> samples;
   views_->ForEachBatch("read depth maps", reporter_, [&](const std::vector<const TsdfView*>& views) {
     std::vector<std::vector<TsdfSurfaceSample>> of_view(views.size());
-    ParallelFor(static_cast<int64_t>(views.size()), NumThreads(options_),
+    ParallelFor(static_cast<int64_t>(views.size()), options_.num_threads,
                 [&](int64_t i) { of_view[i] = SampleTsdfSurface(*views[i], kSamplesPerView); });
     for (size_t i = 0; i < views.size(); ++i) {
       samples.insert(samples.end(), of_view[i].begin(), of_view[i].end());
@@ -168,12 +163,12 @@ void TsdfFusion::FindBlocks() {
   request.max_blocks = max_blocks;
   std::vector<uint64_t> keys;
   views_->ForEachBatch("find surface", reporter_, [&](const std::vector<const TsdfView*>& views) {
-    const size_t group = 2 * static_cast<size_t>(NumThreads(options_));
+    const size_t group = 2 * static_cast<size_t>(NumThreadsOf(options_.num_threads));
     for (size_t begin = 0; begin < views.size(); begin += group) {
       const size_t count = std::min(group, views.size() - begin);
       std::vector<std::vector<uint64_t>> of_view(count);
       std::vector<int64_t> outliers(count);
-      ParallelFor(static_cast<int64_t>(count), NumThreads(options_), [&](int64_t i) {
+      ParallelFor(static_cast<int64_t>(count), options_.num_threads, [&](int64_t i) {
         of_view[i] = FindViewBlocks(*views[begin + static_cast<size_t>(i)], request, &outliers[i]);
       });
       for (size_t i = 0; i < count; ++i) {
@@ -209,7 +204,7 @@ TsdfVolume TsdfFusion::Fuse() {
       throw UserError("No GPU can be used by this program (`s2gs --version` says why). Use the CPU");
     }
   }
-  if (integrator == nullptr) integrator = MakeCpuIntegrator(NumThreads(options_), &volume);
+  if (integrator == nullptr) integrator = MakeCpuIntegrator(NumThreadsOf(options_.num_threads), &volume);
   views_->ForEachBatch("fuse depth maps", reporter_, [&](const std::vector<const TsdfView*>& views) {
     integrator->Add(views, voxel_params_);
   });
@@ -277,11 +272,11 @@ void TsdfFusion::ColorVertices(TriangleMesh* mesh) const {
   views_->ForEachBatch("colour the mesh", reporter_, [&](const std::vector<const TsdfView*>& views) {
     std::vector<TsdfViewParams> params(views.size());
     std::vector<TsdfDepthTiles> tiles(views.size());
-    ParallelFor(static_cast<int64_t>(views.size()), NumThreads(options_), [&](int64_t i) {
+    ParallelFor(static_cast<int64_t>(views.size()), options_.num_threads, [&](int64_t i) {
       params[i] = ViewParams(*views[i], origin_, summary_.voxel_size);
       tiles[i] = MakeTsdfDepthTiles(*views[i], summary_.truncation, summary_.voxel_size);
     });
-    ParallelFor(num_groups, NumThreads(options_), 16, [&](int64_t group) {
+    ParallelFor(num_groups, options_.num_threads, 16, [&](int64_t group) {
       const int64_t first = group * kPointGroup;
       const auto size = static_cast<int>(std::min<int64_t>(kPointGroup, count - first));
       AddColors(views, params, tiles, &mesh->vertices[first], size, &sums[first]);
@@ -298,7 +293,7 @@ void TsdfFusion::ColorVertices(TriangleMesh* mesh) const {
 TriangleMesh MeshFromDepthMaps(const DepthViewSource& source, const TsdfOptions& options, Reporter& reporter,
                                TsdfSummary* summary) {
   TsdfFusion fusion(source, options, reporter);
-  TriangleMesh mesh = MarchingCubes(fusion.Fuse(), NumThreads(options));
+  TriangleMesh mesh = MarchingCubes(fusion.Fuse(), NumThreadsOf(options.num_threads));
   fusion.ColorVertices(&mesh);
   if (summary != nullptr) *summary = fusion.summary();
   return mesh;

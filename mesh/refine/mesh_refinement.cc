@@ -1,7 +1,6 @@
 #include "mesh/refine/mesh_refinement.h"
 
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <algorithm>
 #include <array>
@@ -64,7 +63,7 @@ class Refiner {
  public:
   Refiner(const MeshRefinementOptions& options, Reporter& reporter, TriangleMesh* mesh)
       : options_(options),
-        num_threads_(options.num_threads > 0 ? options.num_threads : omp_get_max_threads()),
+        num_threads_(NumThreadsOf(options.num_threads)),
         reporter_(reporter),
         mesh_(*mesh),
         photos_(num_threads_, reporter),

@@ -1,7 +1,5 @@
 #include "mesh/refine/table_texture.h"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <cstddef>
 
@@ -38,7 +36,7 @@ std::optional<double> TexturedShare(const RefinementPhotoSource& photos,
                                     const MeshRefinementOptions& options, const TriangleMesh& mesh,
                                     Reporter& reporter) {
   if (vertices.empty() || mesh.triangles.empty()) return std::nullopt;
-  const int num_threads = options.num_threads > 0 ? options.num_threads : omp_get_max_threads();
+  const int num_threads = NumThreadsOf(options.num_threads);
   RefinementPhotos chosen(num_threads, reporter);
   chosen.Load(EvenlyChosen(photos), mesh, options.max_memory_gib);
   const std::vector<VertexFlags> visible = chosen.FindVisible(mesh, {kMinSeenCosine, kPatchSide / 2});

@@ -1,7 +1,5 @@
 #include "mesh/surface/mesh_error.h"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <cmath>
 #include <flann/flann.hpp>
@@ -135,7 +133,7 @@ std::vector<double> NearestDistances(const std::vector<Vector3d>& queries,
   flann::Matrix<size_t> index_rows(indices.data(), queries.size(), 1);
   flann::Matrix<double> distance_rows(distances.data(), queries.size(), 1);
   flann::SearchParams exact(flann::FLANN_CHECKS_UNLIMITED);
-  exact.cores = omp_get_max_threads();
+  exact.cores = NumThreadsOf(0);
   tree.knnSearch(query_rows, index_rows, distance_rows, 1, exact);
   for (double& squared : distances) squared = std::sqrt(squared);
   return distances;
@@ -163,7 +161,7 @@ std::vector<TriangleCorners> TrianglesInside(const TriangleMesh& mesh, const Sim
 std::vector<int> CountViewsSeen(const std::vector<Vector3d>& points, const std::vector<Vector3d>& occluders,
                                 const std::vector<ObjectView>& views, double depth_tolerance) {
   std::vector<int> counts(points.size());
-  std::vector<std::vector<int>> counts_of_thread(omp_get_max_threads());
+  std::vector<std::vector<int>> counts_of_thread(NumThreadsOf(0));
   ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t i) {
     std::vector<int>& own_counts = counts_of_thread[LoopThread()];
     own_counts.resize(points.size());

@@ -1,7 +1,6 @@
 #include "mesh/texture/texture_mesh.h"
 
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <algorithm>
 #include <array>
@@ -64,7 +63,7 @@ class Texturer {
       : mesh_(mesh),
         source_(source),
         options_(options),
-        num_threads_(options.num_threads > 0 ? options.num_threads : omp_get_max_threads()),
+        num_threads_(NumThreadsOf(options.num_threads)),
         reporter_(reporter),
         summary_(*summary),
         light_(*light) {}

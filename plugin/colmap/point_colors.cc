@@ -1,7 +1,5 @@
 #include "plugin/colmap/point_colors.h"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -68,7 +66,7 @@ void ColorPoints(const std::filesystem::path& image_folder, const std::vector<Co
   }
   const std::vector<std::string> names(distinct.begin(), distinct.end());
   std::vector<PhotoColors> photos(names.size());
-  const int num_threads = std::min(kMostPhotos, omp_get_max_threads());
+  const int num_threads = std::min(kMostPhotos, NumThreadsOf(0));
   ParallelFor(static_cast<int64_t>(names.size()), num_threads, [&](int64_t i) {
     if (reporter.StopRequested()) throw Interrupted();
     const std::string& name = names[static_cast<size_t>(i)];

@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <omp.h>
 
 #include <algorithm>
 #include <cmath>
@@ -87,7 +86,7 @@ void LookAt(const ReportInput& input, int side, Photo* photo) {
 void LookAtAll(const ReportInput& input, Reporter& reporter, std::vector<Photo>* photos) {
   std::vector<std::string> problems(photos->size());
   const int side = ThumbnailSide(photos->size());
-  const int threads = std::clamp(omp_get_max_threads(), 1, 8);
+  const int threads = std::clamp(NumThreadsOf(0), 1, 8);
   // In parts, so that progress and Ctrl-C come from this thread.
   const size_t part = 8 * static_cast<size_t>(threads);
   for (size_t first = 0; first < photos->size(); first += part) {

@@ -1,4 +1,3 @@
-#include <omp.h>
 
 #include <algorithm>
 #include <array>
@@ -14,6 +13,7 @@
 #include "s2gs/cpu/tile_lists.h"
 #include "s2gs/cpu/view_buffers.h"
 #include "s2gs/kernel/adam.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/thread_pool.h"
 
 namespace s2gs {
@@ -32,8 +32,7 @@ Gaussians ZerosLike(const Gaussians& gaussians) {
 // in the order of its slots, rows of the image.
 class CpuBackend : public Backend {
  public:
-  explicit CpuBackend(int num_threads)
-      : threads_(num_threads > 0 ? num_threads : omp_get_max_threads()), kernels_(BestTileKernels()) {}
+  explicit CpuBackend(int num_threads) : threads_(NumThreadsOf(num_threads)), kernels_(BestTileKernels()) {}
 
   BackendInfo Info() const override {
     BackendInfo info;

@@ -1,7 +1,5 @@
 #include "sfm_split/adjust/dense_schur.h"
 
-#include <omp.h>
-
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
@@ -61,7 +59,7 @@ class Solver {
  public:
   Solver(const JointSystem& system, const ceres::LossFunction* loss, const DenseSchurOptions& options)
       : system_(system), loss_(loss) {
-    const int asked = options.num_threads > 0 ? options.num_threads : omp_get_max_threads();
+    const int asked = NumThreadsOf(options.num_threads);
     num_threads_ = static_cast<int>(
         std::clamp<size_t>(system.terms().size() / kTermsOfAThread, 1, static_cast<size_t>(asked)));
     ListColumns();

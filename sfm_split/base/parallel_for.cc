@@ -40,9 +40,10 @@ SharedPool& Shared() {
 
 int LoopThread() { return place.thread; }
 
+int NumThreadsOf(int num_threads) { return num_threads > 0 ? num_threads : omp_get_max_threads(); }
+
 void ForBlocks(int64_t count, int num_threads, const std::function<void(int64_t block)>& block) {
-  const int asked = num_threads > 0 ? num_threads : omp_get_max_threads();
-  const auto num_used = static_cast<int>(std::min<int64_t>(asked, count));
+  const auto num_used = static_cast<int>(std::min<int64_t>(NumThreadsOf(num_threads), count));
   std::unique_lock<std::mutex> lock(Shared().mutex, std::defer_lock);
   if (num_used <= 1 || place.is_divided || !lock.try_lock()) {
     const InLoop inside({0, place.is_divided});

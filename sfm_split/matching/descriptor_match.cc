@@ -1,7 +1,5 @@
 #include "sfm_split/matching/descriptor_match.h"
 
-#include <omp.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -231,7 +229,7 @@ DescriptorMatcher::DescriptorMatcher(const DescriptorMatchOptions& options, int 
     : max_ratio_(static_cast<float>(options.max_ratio)),
       max_distance_(static_cast<float>(options.max_distance)),
       cross_check_(options.cross_check),
-      num_threads_(num_threads > 0 ? num_threads : omp_get_max_threads()),
+      num_threads_(NumThreadsOf(num_threads)),
       instructions_(instructions == MatchInstructions::kAuto ? Fastest() : instructions) {
   S2GS_INVARIANT(!options.Check().has_value());
   S2GS_INVARIANT(MatchInstructionsAvailable(instructions_));

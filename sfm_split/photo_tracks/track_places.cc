@@ -1,7 +1,5 @@
 #include "sfm_split/photo_tracks/track_places.h"
 
-#include <omp.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
@@ -119,7 +117,7 @@ void CutParts(const ReadGreyPhoto& read, const TrackPlacesOptions& options, std:
   std::vector<const ColmapImage*> images;
   images.reserve(of_image.size());
   for (const auto& [image, parts] : of_image) images.push_back(image);
-  const int num_threads = std::min(kMostPhotos, omp_get_max_threads());
+  const int num_threads = std::min(kMostPhotos, NumThreadsOf(0));
   ParallelFor(static_cast<int64_t>(images.size()), num_threads, [&](int64_t i) {
     if (reporter.StopRequested()) throw Interrupted();
     const ColmapImage* image = images[static_cast<size_t>(i)];

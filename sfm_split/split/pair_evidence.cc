@@ -1,7 +1,5 @@
 #include "sfm_split/split/pair_evidence.h"
 
-#include <omp.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -115,7 +113,7 @@ std::vector<PairSupport> FindPairSupport(const std::vector<Keypoints>& keypoints
     std::vector<int64_t> noted;
     int64_t stamp = 0;
   };
-  std::vector<Notes> notes_of_thread(omp_get_max_threads());
+  std::vector<Notes> notes_of_thread(NumThreadsOf(0));
   for (Notes& notes : notes_of_thread) {
     notes.seen.assign(keypoints.size(), 0);
     notes.noted.assign(keypoints.size(), -1);
