@@ -13,7 +13,6 @@
 namespace s2gs {
 namespace {
 
-
 Spread SpreadOf(const std::vector<double>& values) {
   if (values.empty()) return {kInfinity, kInfinity, kInfinity};
   const Summary summary = Summarize(values);

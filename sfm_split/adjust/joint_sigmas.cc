@@ -18,7 +18,6 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-
 using Covariances = std::array<const Eigen::MatrixXd*, 3>;
 using ParameterIndex = std::map<std::pair<int, int>, int>;  // of a block's value in the covariances
 

@@ -25,7 +25,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-
 std::vector<TurntableMeasurement> Measure(const std::vector<TurntablePose>& poses) {
   std::vector<TurntableMeasurement> all;
   all.reserve(poses.size());

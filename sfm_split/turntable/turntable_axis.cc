@@ -17,7 +17,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-
 // The samples to try: all of them when there are few.
 std::vector<std::pair<int, int>> PairsToTry(int n, int max_pairs, std::mt19937* rng) {
   std::vector<std::pair<int, int>> pairs;

@@ -16,7 +16,6 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-
 class OffsetSolver {
  public:
   OffsetSolver(const std::vector<TurntableMeasurement>& all, std::vector<int> use,

@@ -27,7 +27,6 @@
 namespace s2gs {
 namespace {
 
-
 // --- The joint adjustment
 // -----------------------------------------------------------------------------------
 SyntheticTurntableOptions Capture(int steps) {

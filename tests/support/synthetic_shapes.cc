@@ -11,7 +11,6 @@
 namespace s2gs {
 namespace {
 
-
 /// Both roots of a t^2 + 2 b t + c = 0 in order, free of cancellation; nothing when there are none.
 std::optional<std::pair<double, double>> Roots(double a, double b, double c) {
   const double discriminant = b * b - a * c;

@@ -18,7 +18,6 @@
 namespace s2gs {
 namespace {
 
-
 // A texture-poor object: few points a photo, which match a few steps apart, the end of the turn included.
 SyntheticTurntableOptions Poor(uint64_t seed) {
   SyntheticTurntableOptions options;

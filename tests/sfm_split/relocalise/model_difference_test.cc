@@ -10,7 +10,6 @@
 namespace s2gs {
 namespace {
 
-
 // Four photos at two stations, and a lens.
 TurntableScene MakeScene() {
   TurntableScene scene;
