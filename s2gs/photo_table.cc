@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "s2gs/image/photos.h"
+#include "s2gs/opaque_region.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table_circle.h"
 #include "sfm_split/base/statistics.h"

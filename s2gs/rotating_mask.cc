@@ -166,33 +166,6 @@ RenderRequest MaskRequest(const TrainingScene& scene, const std::optional<Rotati
   return request;
 }
 
-void AddRegion(const RotatingRegion& region, const PinholeView& view, PixelMask* mask) {
-  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
-  const Eigen::Vector3d& up = region.axis.direction;
-  const Eigen::Vector3d from = world_from_cam.translation - region.axis.point;
-  const double from_height = from.dot(up);
-  const Eigen::Vector3d from_level = from - from_height * up;
-  for (int y = 0; y < mask->height; ++y) {
-    for (int x = 0; x < mask->width; ++x) {
-      const Eigen::Vector3d in_camera((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
-      const Eigen::Vector3d ray = world_from_cam.rotation * in_camera;
-      const double climb = ray.dot(up);
-      const Eigen::Vector3d level = ray - climb * up;
-      // Between where the ray enters and leaves the endless cylinder and the slab.
-      const double a = level.squaredNorm();
-      const double b = level.dot(from_level);
-      const double c = from_level.squaredNorm() - region.radius * region.radius;
-      if (!(b * b >= a * c) || !(a > 0)) continue;
-      const double root = std::sqrt(b * b - a * c);
-      const double to_low = (region.low - from_height) / climb;
-      const double to_high = (region.high - from_height) / climb;
-      const double first = std::max({(-b - root) / a, std::min(to_low, to_high), view.near_depth});
-      const double last = std::min((-b + root) / a, std::max(to_low, to_high));
-      if (first <= last) mask->inside[static_cast<size_t>(y) * mask->width + x] = 1;
-    }
-  }
-}
-
 PixelMask RotatingMask(const RenderedView& view) {
   PixelMask mask{view.width, view.height, {}};
   mask.inside.reserve(view.foreground.size());

@@ -34,9 +34,6 @@ void CountTableAsRotating(const TableRim& table, RotatingShape* shape);
 RenderRequest MaskRequest(const TrainingScene& scene, const std::optional<RotatingShape>& shape,
                           const PinholeView& view);
 
-/// Adds the pixels that show the region, as if nothing stood before it.
-void AddRegion(const RotatingRegion& region, const PinholeView& view, PixelMask* mask);
-
 /// The pixels where the map of the indicator p >= tau is above one half.
 PixelMask RotatingMask(const RenderedView& view);
 

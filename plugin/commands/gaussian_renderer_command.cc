@@ -28,6 +28,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
+#include "s2gs/opaque_region.h"
 #include "s2gs/photo_table.h"
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
@@ -394,15 +395,19 @@ class Renderer {
   void WriteStereo(const ImageName& name, PinholeView view) {
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
-    Later([path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"), drawn = Render(silhouette)] {
-      WriteImage(path, MaskImage(OpaqueMask(drawn)));
+    PixelMask opaque = OpaqueMask(Render(silhouette));
+    if (plain_table_) AddRegion(*plain_table_, view, &opaque);
+    Later([path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"), opaque = std::move(opaque)] {
+      WriteImage(path, MaskImage(opaque));
     });
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
+    RenderedView drawn = Render(ForMaps(view));
+    if (plain_table_) DrawOpaqueRegion(*plain_table_, view, &drawn);
     Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
-           drawn = Render(ForMaps(view)), kind = a_.depth,
+           drawn = std::move(drawn), kind = a_.depth,
            size = scene_.size] { WriteMaps(drawn, kind, size, depth_path, normal_path); });
   }
 
@@ -436,7 +441,7 @@ class Renderer {
   std::optional<RotatingShape> shape_;
   std::optional<TableRim> table_;
   std::optional<TableCircle> circle_;
-  std::optional<RotatingRegion> plain_table_;  // drawn into masks
+  std::optional<RotatingRegion> plain_table_;  // drawn into masks and maps
   size_t num_beside_table_ = 0;                // Gaussians
   fs::path output_;
   ImageOutputs in_workspace_;

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -124,27 +125,37 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
       << "written          " << summary.output_path.string() << '\n';
 }
 
+void Flatten(const TablePlane& plane, const std::vector<uint32_t>& top, TriangleMesh* mesh) {
+  MoveToHeight(plane.height, top, mesh);
+  MoveToHeight(plane.height, StepsOnPlane(plane, top, *mesh), mesh);
+}
+
 // Where the renderer found its rim and photos see no texture on it, which would tell its shape.
-void FlattenTable(const Workspace& workspace, const RefinementPhotoSource& photos,
-                  const MeshRefinementOptions& options, Reporter& reporter, TriangleMesh* mesh) {
-  if (!Exists(workspace.MaskLog()) || mesh->triangles.empty()) return;
+// \return  whether the top was made a plane.
+std::optional<TablePlane> FlattenTable(const Workspace& workspace, const RefinementPhotoSource& photos,
+                                       const MeshRefinementOptions& options, Reporter& reporter,
+                                       TriangleMesh* mesh) {
+  if (!Exists(workspace.MaskLog()) || mesh->triangles.empty()) return std::nullopt;
   const nlohmann::json line =
       nlohmann::json::parse(ReadWholeFile(workspace.MaskLog(), kMaxMaskLogBytes), nullptr, false);
   const auto is_number = [&](const char* name) { return line.contains(name) && line[name].is_number(); };
-  if (!line.is_object() || !is_number("top") || !is_number("top_radius")) return;
+  if (!line.is_object() || !is_number("top") || !is_number("top_radius")) return std::nullopt;
+  TablePlane plane = {line["top"], line["top_radius"], std::numeric_limits<double>::infinity()};
+  for (int i = 0; i < photos.size(); ++i)
+    plane.seen_from = std::min(plane.seen_from, photos.Camera(i).cam_from_object.Inverse().translation.z());
   const TurntableAxis axis = ReadTurntableFile(workspace.Turntable()).axis;
-  const bool is_z =
-      axis.direction.z() > kAlongZ && axis.point.head<2>().norm() < kOffZ * double{line["top_radius"]};
-  if (!is_z) return;
-  const std::vector<uint32_t> top = LevelFromRim(line["top"], line["top_radius"], *mesh);
-  if (top.empty()) return;
+  const bool is_z = axis.direction.z() > kAlongZ && axis.point.head<2>().norm() < kOffZ * plane.radius;
+  if (!is_z) return std::nullopt;
+  const std::vector<uint32_t> top = LevelFromRim(plane, *mesh);
+  if (top.empty()) return std::nullopt;
   ComputeNormals(mesh);
   const std::optional<double> textured = TexturedShare(photos, top, options, *mesh, reporter);
-  if (!textured) return;
+  if (!textured) return std::nullopt;
   const bool is_plain = *textured < kMaxTextured;
-  if (is_plain) MoveToHeight(line["top"], top, mesh);
+  if (is_plain) Flatten(plane, top, mesh);
   reporter.Info(fmt::format("{:.0f} % of the table's top have texture: its {} vertices {}", 100 * *textured,
                             top.size(), is_plain ? "are moved to its plane" : "stay where photos see them"));
+  return is_plain ? std::make_optional(plane) : std::nullopt;
 }
 
 // s2gs/mesh_log.jsonl: what the photos say of the mesh over time, as the training's log does.
@@ -189,8 +200,9 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   // Without a table that turns, z is no direction of the scene.
   cleanup.is_axis_known =
       Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
+  std::optional<TablePlane> plane;
   if (options.flatten_table && cleanup.is_axis_known) {
-    FlattenTable(workspace, GreyPhotos(files), options.refinement, reporter, &mesh);
+    plane = FlattenTable(workspace, GreyPhotos(files), options.refinement, reporter, &mesh);
   }
   // First what is not the object: it would hide the object from the photos.
   MeshCleanupOptions clusters_only = cleanup;
@@ -205,6 +217,8 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     summary.fused_seconds = watch.Lap();
     summary.refinement = RefineMesh(GreyPhotos(files), refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
+    // Shadows stand still on a plain top that turns: what little photos see there is not its place.
+    if (plane) Flatten(*plane, LevelFromRim(*plane, mesh), &mesh);
   }
   cleanup.remove_disc = false;
   cleanup.cut_at_table = false;

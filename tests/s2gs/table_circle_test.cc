@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "s2gs/core/rng.h"
-#include "s2gs/rotating_mask.h"
+#include "s2gs/opaque_region.h"
 #include "sfm_split/base/angles.h"
 
 namespace s2gs {
@@ -161,32 +161,6 @@ TEST(MedianPicture, LeavesOutWhatIsInFewPhotos) {
     photos.push_back(photo);
   }
   EXPECT_EQ(MedianPicture(photos).pixels, (std::vector<uint8_t>{10, 20, 30, 40, 50, 60}));
-}
-
-// Against rays that march through the cylinder.
-TEST(AddRegion, IsWhereRaysMeetTheCylinder) {
-  const PinholeView view = ViewFrom(0.3);
-  const RotatingRegion region{TurntableAxis(), kRadius, kSideEnd, kTop};
-  PixelMask mask{view.width, view.height, std::vector<uint8_t>(static_cast<size_t>(kWidth) * kHeight, 0)};
-  AddRegion(region, view, &mask);
-  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
-  int differ = 0;
-  int inside = 0;
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
-      const Eigen::Vector3d ray = world_from_cam.rotation * Eigen::Vector3d((x + 0.5 - view.cx) / view.fx,
-                                                                            (y + 0.5 - view.cy) / view.fy, 1);
-      bool meets = false;
-      for (double depth = 3; depth < 8 && !meets; depth += 0.005) {
-        meets = region.Contains(world_from_cam.translation + depth * ray, 0);
-      }
-      const bool has = mask.inside[static_cast<size_t>(y) * kWidth + x] != 0;
-      inside += has ? 1 : 0;
-      differ += has != meets ? 1 : 0;
-    }
-  }
-  EXPECT_GT(inside, 5000);
-  EXPECT_LT(differ, 20);  // steps miss where a ray grazes an edge
 }
 
 }  // namespace

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "sfm_split/base/angles.h"
+
 namespace s2gs {
 namespace {
 
@@ -47,7 +49,7 @@ TriangleMesh ThingOnDome() {
 TEST(TablePlane, ADomeIsFlattenedAndWhatStandsOnItStays) {
   const TriangleMesh before = ThingOnDome();
   TriangleMesh mesh = before;
-  MoveToHeight(kTop, LevelFromRim(kTop, kRadius, mesh), &mesh);
+  MoveToHeight(kTop, LevelFromRim({kTop, kRadius, 1}, mesh), &mesh);
   ASSERT_EQ(mesh.normals.size(), mesh.vertices.size());
   for (size_t i = 0; i < mesh.vertices.size(); ++i) {
     const Eigen::Vector3f& x = before.vertices[i];
@@ -64,9 +66,66 @@ TEST(TablePlane, ADomeIsFlattenedAndWhatStandsOnItStays) {
 
 TEST(TablePlane, NothingIsLevelFromARimThatTheSurfaceDoesNotReach) {
   const TriangleMesh mesh = ThingOnDome();
-  EXPECT_TRUE(LevelFromRim(kTop + 0.15, kRadius, mesh).empty());
-  EXPECT_TRUE(LevelFromRim(kTop - 0.2, kRadius, mesh).empty());
-  EXPECT_TRUE(LevelFromRim(kTop, kRadius, TriangleMesh()).empty());
+  EXPECT_TRUE(LevelFromRim({kTop + 0.15, kRadius, 1}, mesh).empty());
+  EXPECT_TRUE(LevelFromRim({kTop - 0.2, kRadius, 1}, mesh).empty());
+  EXPECT_TRUE(LevelFromRim({kTop, kRadius, 1}, TriangleMesh()).empty());
+}
+
+constexpr uint32_t kCorners = 24;
+
+// Rings about the axis of these radii and heights above the top, each joined to the next; the first and the
+// last on the plane are level.
+struct Ring {
+  double radius;
+  double above;
+};
+
+TriangleMesh Rings(const std::vector<Ring>& rings) {
+  TriangleMesh mesh;
+  for (const Ring& ring : rings) {
+    for (uint32_t i = 0; i < kCorners; ++i) {
+      const double turn = 2 * kPi * i / kCorners;
+      mesh.vertices.push_back(
+          Eigen::Vector3d(ring.radius * std::cos(turn), ring.radius * std::sin(turn), kTop + ring.above)
+              .cast<float>());
+    }
+  }
+  for (uint32_t first = 0; first + kCorners < mesh.vertices.size(); first += kCorners) {
+    for (uint32_t i = 0; i < kCorners; ++i) {
+      const uint32_t a = first + i;
+      const uint32_t b = first + (i + 1) % kCorners;
+      mesh.triangles.emplace_back(a, b, b + kCorners);
+      mesh.triangles.emplace_back(a, b + kCorners, a + kCorners);
+    }
+  }
+  return mesh;
+}
+
+std::vector<uint32_t> StepsOf(const TriangleMesh& mesh, double seen_from) {
+  std::vector<uint32_t> level;
+  for (uint32_t v = 0; v < mesh.vertices.size(); ++v) {
+    if (mesh.vertices[v].z() == static_cast<float>(kTop)) level.push_back(v);
+  }
+  return StepsOnPlane({kTop, kRadius, seen_from}, level, mesh);
+}
+
+// What is left of a step whose both edges were moved to the plane.
+TEST(TablePlane, AStepThatTheTopHadIsNoBody) {
+  const TriangleMesh fold = Rings({{0.5, 0}, {0.5, 0.1}, {0.49, 0}});
+  EXPECT_EQ(StepsOf(fold, 1).size(), kCorners);
+}
+
+TEST(TablePlane, ABodyOnThePlaneIsNoStep) {
+  EXPECT_TRUE(StepsOf(Rings({{0.1, 0}, {0.06, 0.15}, {1e-3, 0.15}}), 1).empty());               // a frustum
+  EXPECT_TRUE(StepsOf(Rings({{0.05, 0}, {1e-3, 0.4}}), 1).empty());                             // a spike
+  EXPECT_TRUE(StepsOf(Rings({{0.02, 0}, {0.1, 0.1}, {0.08, 0.15}, {1e-3, 0.17}}), 1).empty());  // a ball
+}
+
+// Wider above than where it stands.
+TEST(TablePlane, ABodyWhoseTopNoCameraSawStays) {
+  const TriangleMesh cup = Rings({{0.1, 0}, {0.3, 0.4}});
+  EXPECT_TRUE(StepsOf(cup, kTop + 0.39).empty());
+  EXPECT_EQ(StepsOf(cup, kTop + 0.41).size(), kCorners);
 }
 
 // A dish: what lies lower than the rim is no dome.
@@ -77,7 +136,7 @@ TEST(TablePlane, WhatLiesDeepBelowTheRimStays) {
     if (r < kRadius) x.z() = static_cast<float>(kTop - 0.15 * (1 - r * r));
   }
   const TriangleMesh before = mesh;
-  MoveToHeight(kTop, LevelFromRim(kTop, kRadius, mesh), &mesh);
+  MoveToHeight(kTop, LevelFromRim({kTop, kRadius, 1}, mesh), &mesh);
   const size_t middle = (kSide / 2) * kSide + kSide / 2;
   EXPECT_EQ(mesh.vertices[middle], before.vertices[middle]);
 }

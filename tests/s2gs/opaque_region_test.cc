@@ -1,0 +1,132 @@
+#include "s2gs/opaque_region.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+namespace s2gs {
+namespace {
+
+constexpr int kWidth = 240;
+constexpr int kHeight = 180;
+constexpr double kDistance = 5;
+constexpr size_t kNumPixels = size_t{kWidth} * kHeight;
+const RotatingRegion kRegion{TurntableAxis(), 1, -0.15, 0.1};
+
+// From 30 degrees above.
+PinholeView ViewFromAbove() {
+  PinholeView view;
+  view.width = kWidth;
+  view.height = kHeight;
+  view.fx = view.fy = 260;
+  view.cx = kWidth / 2.0;
+  view.cy = kHeight / 2.0;
+  const Eigen::Vector3d back =
+      Eigen::Vector3d(std::cos(0.3) * std::sqrt(0.75), std::sin(0.3) * std::sqrt(0.75), 0.5);
+  Eigen::Matrix3d rotation;
+  rotation.row(2) = -back;
+  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
+  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
+  view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
+  view.cam_from_object = view.cam_from_world;
+  return view;
+}
+
+Eigen::Vector3d RayOf(const PinholeView& view, int x, int y) {
+  return view.cam_from_world.Inverse().rotation *
+         Eigen::Vector3d((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
+}
+
+// Against rays that march through the cylinder.
+TEST(AddRegion, IsWhereRaysMeetTheCylinder) {
+  const PinholeView view = ViewFromAbove();
+  PixelMask mask{kWidth, kHeight, std::vector<uint8_t>(kNumPixels, 0)};
+  AddRegion(kRegion, view, &mask);
+  const Eigen::Vector3d eye = view.cam_from_world.Inverse().translation;
+  int differ = 0;
+  int inside = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      bool meets = false;
+      for (double depth = 3; depth < 8 && !meets; depth += 0.005)
+        meets = kRegion.Contains(eye + depth * RayOf(view, x, y), 0);
+      const bool has = mask.inside[static_cast<size_t>(y) * kWidth + x] != 0;
+      inside += has ? 1 : 0;
+      differ += has != meets ? 1 : 0;
+    }
+  }
+  EXPECT_GT(inside, 5000);
+  EXPECT_LT(differ, 20);  // steps miss where a ray grazes an edge
+}
+
+TEST(RegionView, HitsLieOnTheSurfaceAndNormalsPointOutwards) {
+  const PinholeView view = ViewFromAbove();
+  const RegionView seen(kRegion, view);
+  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
+  int on_top = 0;
+  int on_side = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const std::optional<RegionHit> hit = seen.At(x, y);
+      if (!hit) continue;
+      const Eigen::Vector3d place = world_from_cam.translation + hit->depth * RayOf(view, x, y);
+      const Eigen::Vector3d normal = world_from_cam.rotation * hit->normal;
+      if (std::abs(place.z() - kRegion.high) < 1e-9) {
+        ++on_top;
+        EXPECT_NEAR(normal.z(), 1, 1e-9);
+        EXPECT_LE(place.head<2>().norm(), kRegion.radius + 1e-9);
+      } else {
+        ++on_side;
+        EXPECT_NEAR(place.head<2>().norm(), kRegion.radius, 1e-9);
+        EXPECT_NEAR((normal - Eigen::Vector3d(place.x(), place.y(), 0)).norm(), 0, 1e-9);
+      }
+    }
+  }
+  EXPECT_GT(on_top, 4000);
+  EXPECT_GT(on_side, 300);
+}
+
+RenderedView Rendered(float alpha, float depth) {
+  RenderedView rendered;
+  rendered.width = kWidth;
+  rendered.height = kHeight;
+  rendered.alpha.assign(kNumPixels, alpha);
+  rendered.median_depth.assign(kNumPixels, depth);
+  rendered.expected_depth.assign(kNumPixels, depth);
+  rendered.normal.assign(3 * kNumPixels, 0.5F);
+  return rendered;
+}
+
+TEST(DrawOpaqueRegion, HidesWhatLiesBehindAndFillsWhatIsOpen) {
+  const PinholeView view = ViewFromAbove();
+  const RegionView seen(kRegion, view);
+  for (const RenderedView& before : {Rendered(0, 0), Rendered(1, 9), Rendered(0.3F, 1)}) {
+    RenderedView after = before;
+    DrawOpaqueRegion(kRegion, view, &after);
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        const size_t i = static_cast<size_t>(y) * kWidth + x;
+        const std::optional<RegionHit> hit = seen.At(x, y);
+        const float depth = hit ? static_cast<float>(hit->depth) : before.median_depth[i];
+        ASSERT_EQ(after.median_depth[i], depth);
+        ASSERT_EQ(after.expected_depth[i], depth);
+        ASSERT_EQ(after.alpha[i], hit ? 1 : before.alpha[i]);
+      }
+    }
+  }
+}
+
+TEST(DrawOpaqueRegion, LeavesWhatStandsBeforeIt) {
+  const RenderedView before = Rendered(0.9F, 3);
+  RenderedView after = before;
+  DrawOpaqueRegion(kRegion, ViewFromAbove(), &after);
+  EXPECT_EQ(after.median_depth, before.median_depth);
+  EXPECT_EQ(after.alpha, before.alpha);
+  EXPECT_EQ(after.normal, before.normal);
+}
+
+}  // namespace
+}  // namespace s2gs
