@@ -297,10 +297,8 @@ void FindPhotos(const Workspace& workspace, Settings* settings) {
   if (settings->mask_path == settings->given_path) settings->mask_path = settings->image_path;
 }
 
-}  // namespace
-
-void RunAutomaticScanner(CommandContext& context) {
-  Settings settings;
+// Every option of the scan, with what -h says of it.
+Options& DeclareOptions(CommandContext& context, Settings* settings) {
   Options& options = context.Declare(
       "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
       "model, object masks and a textured mesh. Runs the other commands one after another; what is done is "
@@ -312,112 +310,156 @@ void RunAutomaticScanner(CommandContext& context) {
       "follow it. Each step's own command line is printed: run it by hand to change more of it. Ends with "
       "report.html, which judges the scan and shows all of it.",
       "--workspace_path scan --image_path photos --quality medium");
-  options.Add("workspace_path", &settings.workspace_path, "the workspace; created when it does not exist")
+  options.Add("workspace_path", &settings->workspace_path, "the workspace; created when it does not exist")
       .Required();
   options.Add(
-      "image_path", &settings.given_path,
+      "image_path", &settings->given_path,
       "the photos, in whatever format and in folders, or a video file; empty: images in the workspace");
-  options.Add("video_frames", &settings.video_frames,
+  options.Add("video_frames", &settings->video_frames,
               "frames taken of a video: the sharpest of so many intervals");
-  options.Add("ffmpeg_path", &settings.ffmpeg_path,
+  options.Add("ffmpeg_path", &settings->ffmpeg_path,
               "the ffmpeg executable or its folder, for videos; empty: searched for on PATH");
-  options.Add("mask_path", &settings.mask_path,
+  options.Add("mask_path", &settings->mask_path,
               "masks of the rotating part, if there are any (COLMAP's: a.jpg.png for a.jpg); empty: none");
-  options.AddEnum("quality", &settings.quality, kQualityNames,
+  options.AddEnum("quality", &settings->quality, kQualityNames,
                   "how much time to spend; auto: high on a GPU, low without one");
-  options.AddEnum("until", &settings.until,
+  options.AddEnum("until", &settings->until,
                   {{"split", Until::kSplit}, {"train", Until::kTrain}, {"mesh", Until::kMesh}},
                   "the last part to run: poses and sparse models, the Gaussian model, or all");
-  options.Add("use_gpu", &settings.use_gpu, "auto, 0 or 1");
-  options.Add("test_every", &settings.test_every,
+  options.Add("use_gpu", &settings->use_gpu, "auto, 0 or 1");
+  options.Add("test_every", &settings->test_every,
               "hold every n-th photo out of training and of the texture, and measure both on it; 0: none");
-  options.Add("num_iterations", &settings.num_iterations, "steps of training; empty: as --quality says");
+  options.Add("num_iterations", &settings->num_iterations, "steps of training; empty: as --quality says");
   options
-      .Add("max_image_size", &settings.max_image_size,
+      .Add("max_image_size", &settings->max_image_size,
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add(
-      "first_octave", &settings.first_octave,
+      "first_octave", &settings->first_octave,
       "0: features are looked for at the photos' own size, not at twice that: poses take half of the CPU "
       "seconds, errors are up to twice as large, and plain objects may find no place; empty: COLMAP's, -1");
-  options.AddEnum("plain_table", &settings.plain_table, {{"object", "object"}, {"background", "background"}},
+  options.AddEnum("plain_table", &settings->plain_table, {{"object", "object"}, {"background", "background"}},
                   "whose, in masks, a plain table with a round top is: photos do not tell whether it turns");
-  options.Add("keep_disc", &settings.keep_disc, "leave the table's disc in the mesh");
-  AddScaleOptions(&options, &settings.scale);
-  options.Add("angles_path", &settings.angles_path,
+  options.Add("keep_disc", &settings->keep_disc, "leave the table's disc in the mesh");
+  AddScaleOptions(&options, &settings->scale);
+  options.Add("angles_path", &settings->angles_path,
               "table angles that are known: a CSV file of NAME,ANGLE in degrees, or the folder of OpenScan's "
               "scan or project; used where the photos bear them out; empty: none");
-  options.Add("step_deg", &settings.step_deg, "the table's step from photo to photo by name; 0: unknown")
+  options.Add("step_deg", &settings->step_deg, "the table's step from photo to photo by name; 0: unknown")
       .Unit("degrees");
-  options.Add("texture", &settings.texture,
+  options.Add("texture", &settings->texture,
               "give the mesh the colours of the photos: dense/0/textured-tsdf.glb, .obj and .ply");
-  options.Add("force", &settings.force,
+  options.Add("force", &settings->force,
               "1: go on to training when the poses are doubtful or have failed; without it the scan stops "
               "there, with exit code 3. Names of parts or stages, separated by commas: run what the plan "
               "leaves out (scan_planner lists the parts)");
-  options.Add("colmap_path", &settings.colmap_path,
+  options.Add("colmap_path", &settings->colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
+  return options;
+}
+
+// The steps one after another, what each of them says about the rest, and the report at the end.
+class Scan {
+ public:
+  Scan(const Settings& settings, const Options& options, const Workspace& workspace, std::ostream& out,
+       Reporter& reporter)
+      : settings_(settings),
+        options_(options),
+        workspace_(workspace),
+        out_(out),
+        reporter_(reporter),
+        steps_(MakeSteps(settings, options)) {}
+
+  const std::vector<Step>& steps() const { return steps_; }
+
+  void Run() {
+    size_t next = 0;
+    if (settings_.Imports()) summary_.steps.push_back(RunStep(steps_[next++], 1, NumSteps(), out_));
+    plan_ = MakeScanPlan(PlanOf(settings_), reporter_);
+    PrintScanPlan(plan_, out_);
+    WriteScanPlan(workspace_.Plan(), plan_);
+    for (; next < steps_.size(); ++next) {
+      if (reporter_.StopRequested()) throw Interrupted();
+      RunOne(next);
+      const bool is_last = next + 1 == steps_.size();
+      if (steps_[next].command == "turntable_mapper" && !is_last) StopWhereDoubtful();
+    }
+    Finish();
+  }
+
+ private:
+  // With the report, which is a step of its own.
+  size_t NumSteps() const { return steps_.size() + 1; }
+
+  void RunOne(size_t i) {
+    const std::string& command = steps_[i].command;
+    const std::map<std::string, StageStamp> before = ReadStamps(workspace_, command);
+    ScanSummary::Step step;
+    try {
+      step = RunStep(steps_[i], i + 1, NumSteps(), out_);
+    } catch (const UserError&) {
+      // Where no photo found a place, the report shows why; without that the message says all there is.
+      if (command == "turntable_mapper" && ReadPoseVerdict(workspace_).verdict == "failed") Finish();
+      throw;
+    }
+    step.has_run = AddStages(workspace_, command, before, &summary_);
+    summary_.steps.push_back(step);
+    PlanAgain();
+  }
+
+  // What a step has measured decides more.
+  void PlanAgain() {
+    const ScanPlan now = MakeScanPlan(PlanOf(settings_), reporter_);
+    PrintNewDecisions(plan_, now, out_);
+    WriteScanPlan(workspace_.Plan(), now);
+    plan_ = now;
+  }
+
+  void StopWhereDoubtful() {
+    if (settings_.forced.count("doubtful_poses") > 0) return;
+    const ScanSummary::PoseVerdict poses = ReadPoseVerdict(workspace_);
+    if (poses.verdict.empty() || poses.poses_hold) return;
+    Finish();
+    throw DoubtfulResult("the poses " +
+                         std::string(poses.verdict == "failed" ? "have failed" : "are doubtful") +
+                         ", so that training on them was not begun. They are kept in " +
+                         workspace_.root.string() + "; --force 1 goes on with them.");
+  }
+
+  void Finish() {
+    WriteScanRecord(workspace_.ScanRecord(), summary_);
+    summary_.steps.push_back(RunStep(ReportStep(settings_, options_), NumSteps(), NumSteps(), out_));
+    CollectFigures(workspace_, &summary_);
+    PrintScanSummary(summary_, out_);
+  }
+
+  const Settings& settings_;
+  const Options& options_;
+  const Workspace& workspace_;
+  std::ostream& out_;
+  Reporter& reporter_;
+  std::vector<Step> steps_;
+  ScanPlan plan_;
+  ScanSummary summary_;
+};
+
+}  // namespace
+
+void RunAutomaticScanner(CommandContext& context) {
+  Settings settings;
+  const Options& options = DeclareOptions(context, &settings);
   Reporter& reporter = context.Parse();
   settings.forced = ForcedParts(settings.force);
   RequireComplete(settings.scale);
 
   const Workspace workspace{settings.workspace_path};
   FindPhotos(workspace, &settings);
-  const std::vector<Step> steps = MakeSteps(settings, options);
-  RequireSoundScan(RequestOf(settings, steps), reporter);
+  Scan scan(settings, options, workspace, context.out(), reporter);
+  RequireSoundScan(RequestOf(settings, scan.steps()), reporter);
   CreateFolder(workspace.Own());
   // Each command locks the workspace for itself; another scan may not come between them.
   const WorkspaceLock lock(workspace, workspace.ScanLockFile(), reporter);
-
-  ScanSummary summary;
-  size_t first = 0;
-  if (settings.Imports()) {
-    summary.steps.push_back(RunStep(steps[0], 1, steps.size() + 1, context.out()));
-    first = 1;
-  }
-  ScanPlan plan = MakeScanPlan(PlanOf(settings), reporter);
-  PrintScanPlan(plan, context.out());
-  WriteScanPlan(workspace.Plan(), plan);
-  // What a step has measured decides more.
-  const auto plan_again = [&] {
-    const ScanPlan now = MakeScanPlan(PlanOf(settings), reporter);
-    PrintNewDecisions(plan, now, context.out());
-    WriteScanPlan(workspace.Plan(), now);
-    plan = now;
-  };
-  const auto finish = [&] {
-    WriteScanRecord(workspace.ScanRecord(), summary);
-    const Step report = ReportStep(settings, options);
-    summary.steps.push_back(RunStep(report, steps.size() + 1, steps.size() + 1, context.out()));
-    CollectFigures(workspace, &summary);
-    PrintScanSummary(summary, context.out());
-  };
-  for (size_t i = first; i < steps.size(); ++i) {
-    if (reporter.StopRequested()) throw Interrupted();
-    const std::map<std::string, StageStamp> before = ReadStamps(workspace, steps[i].command);
-    ScanSummary::Step step;
-    try {
-      step = RunStep(steps[i], i + 1, steps.size() + 1, context.out());
-    } catch (const UserError&) {
-      // Where no photo found a place, the report shows why; without that the message says all there is.
-      if (steps[i].command == "turntable_mapper" && ReadPoseVerdict(workspace).verdict == "failed") finish();
-      throw;
-    }
-    step.has_run = AddStages(workspace, steps[i].command, before, &summary);
-    summary.steps.push_back(step);
-    plan_again();
-    if (steps[i].command == "turntable_mapper" && i + 1 < steps.size() &&
-        settings.forced.count("doubtful_poses") == 0) {
-      const ScanSummary::PoseVerdict poses = ReadPoseVerdict(workspace);
-      const std::string& verdict = poses.verdict;
-      if (verdict.empty() || poses.poses_hold) continue;
-      finish();
-      throw DoubtfulResult("the poses " + std::string(verdict == "failed" ? "have failed" : "are doubtful") +
-                           ", so that training on them was not begun. They are kept in " +
-                           workspace.root.string() + "; --force 1 goes on with them.");
-    }
-  }
-  finish();
+  scan.Run();
 }
 
 }  // namespace s2gs
