@@ -131,7 +131,7 @@ void Flatten(const TablePlane& plane, const std::vector<uint32_t>& top, Triangle
 }
 
 // Where the renderer found its rim and photos see no texture on it, which would tell its shape.
-// \return  whether the top was made a plane.
+// \return  the plane that its top was made; nothing where it was left as it is.
 std::optional<TablePlane> FlattenTable(const Workspace& workspace, const RefinementPhotoSource& photos,
                                        const MeshRefinementOptions& options, Reporter& reporter,
                                        TriangleMesh* mesh) {

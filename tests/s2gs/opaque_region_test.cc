@@ -7,6 +7,8 @@
 #include <optional>
 #include <vector>
 
+#include "tests/support/view_from_above.h"
+
 namespace s2gs {
 namespace {
 
@@ -16,24 +18,7 @@ constexpr double kDistance = 5;
 constexpr size_t kNumPixels = size_t{kWidth} * kHeight;
 const RotatingRegion kRegion{TurntableAxis(), 1, -0.15, 0.1};
 
-// From 30 degrees above.
-PinholeView ViewFromAbove() {
-  PinholeView view;
-  view.width = kWidth;
-  view.height = kHeight;
-  view.fx = view.fy = 260;
-  view.cx = kWidth / 2.0;
-  view.cy = kHeight / 2.0;
-  const Eigen::Vector3d back =
-      Eigen::Vector3d(std::cos(0.3) * std::sqrt(0.75), std::sin(0.3) * std::sqrt(0.75), 0.5);
-  Eigen::Matrix3d rotation;
-  rotation.row(2) = -back;
-  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
-  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
-  view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
-  view.cam_from_object = view.cam_from_world;
-  return view;
-}
+PinholeView View() { return ViewFromAbove(kWidth, kHeight, 260, 0.3, kDistance); }
 
 Eigen::Vector3d RayOf(const PinholeView& view, int x, int y) {
   return view.cam_from_world.Inverse().rotation *
@@ -42,7 +27,7 @@ Eigen::Vector3d RayOf(const PinholeView& view, int x, int y) {
 
 // Against rays that march through the cylinder.
 TEST(AddRegion, IsWhereRaysMeetTheCylinder) {
-  const PinholeView view = ViewFromAbove();
+  const PinholeView view = View();
   PixelMask mask{kWidth, kHeight, std::vector<uint8_t>(kNumPixels, 0)};
   AddRegion(kRegion, view, &mask);
   const Eigen::Vector3d eye = view.cam_from_world.Inverse().translation;
@@ -63,7 +48,7 @@ TEST(AddRegion, IsWhereRaysMeetTheCylinder) {
 }
 
 TEST(RegionView, HitsLieOnTheSurfaceAndNormalsPointOutwards) {
-  const PinholeView view = ViewFromAbove();
+  const PinholeView view = View();
   const RegionView seen(kRegion, view);
   const Rigid3 world_from_cam = view.cam_from_world.Inverse();
   int on_top = 0;
@@ -101,7 +86,7 @@ RenderedView Rendered(float alpha, float depth) {
 }
 
 TEST(DrawOpaqueRegion, HidesWhatLiesBehindAndFillsWhatIsOpen) {
-  const PinholeView view = ViewFromAbove();
+  const PinholeView view = View();
   const RegionView seen(kRegion, view);
   for (const RenderedView& before : {Rendered(0, 0), Rendered(1, 9), Rendered(0.3F, 1)}) {
     RenderedView after = before;
@@ -122,7 +107,7 @@ TEST(DrawOpaqueRegion, HidesWhatLiesBehindAndFillsWhatIsOpen) {
 TEST(DrawOpaqueRegion, LeavesWhatStandsBeforeIt) {
   const RenderedView before = Rendered(0.9F, 3);
   RenderedView after = before;
-  DrawOpaqueRegion(kRegion, ViewFromAbove(), &after);
+  DrawOpaqueRegion(kRegion, View(), &after);
   EXPECT_EQ(after.median_depth, before.median_depth);
   EXPECT_EQ(after.alpha, before.alpha);
   EXPECT_EQ(after.normal, before.normal);

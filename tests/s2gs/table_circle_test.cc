@@ -11,6 +11,7 @@
 #include "s2gs/core/rng.h"
 #include "s2gs/opaque_region.h"
 #include "sfm_split/base/angles.h"
+#include "tests/support/view_from_above.h"
 
 namespace s2gs {
 namespace {
@@ -26,23 +27,7 @@ constexpr double kGround = -0.2;
 // Of a pixel of a table, across it.
 constexpr double kPixel = kDistance / kFocal;
 
-// From 30 degrees above, at this azimuth.
-PinholeView ViewFrom(double azimuth) {
-  PinholeView view;
-  view.width = kWidth;
-  view.height = kHeight;
-  view.fx = view.fy = kFocal;
-  view.cx = kWidth / 2.0;
-  view.cy = kHeight / 2.0;
-  const Eigen::Vector3d back(std::cos(azimuth) * std::sqrt(0.75), std::sin(azimuth) * std::sqrt(0.75), 0.5);
-  Eigen::Matrix3d rotation;
-  rotation.row(2) = -back;
-  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
-  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
-  view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
-  view.cam_from_object = view.cam_from_world;
-  return view;
-}
+PinholeView ViewFrom(double azimuth) { return ViewFromAbove(kWidth, kHeight, kFocal, azimuth, kDistance); }
 
 // Grey values of tiles on the ground, each other than the next.
 int TileAt(const Eigen::Vector3d& x) {

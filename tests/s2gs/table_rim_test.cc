@@ -12,6 +12,7 @@
 #include "s2gs/rotating_mask.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
+#include "tests/support/view_from_above.h"
 
 namespace s2gs {
 namespace {
@@ -136,18 +137,7 @@ TrainingScene SceneOf(int num_stations) {
   for (int station = 0; station < num_stations; ++station) {
     ScenePhoto photo;
     photo.station = station;
-    PinholeView& view = photo.view;
-    view.width = view.height = kSize;
-    view.fx = view.fy = kFocal;
-    view.cx = view.cy = kSize / 2.0;
-    const double azimuth = 2 * kPi / 3 * station;
-    const Eigen::Vector3d back(std::cos(azimuth) * std::sqrt(0.75), std::sin(azimuth) * std::sqrt(0.75), 0.5);
-    Eigen::Matrix3d rotation;
-    rotation.row(2) = -back;
-    rotation.row(0) = Eigen::Vector3d::UnitZ().cross(back).normalized();
-    rotation.row(1) = rotation.row(2).cross(rotation.row(0));
-    view.cam_from_world = {Eigen::Quaterniond(rotation), {0, 0, kDistance}};
-    view.cam_from_object = view.cam_from_world;
+    photo.view = ViewFromAbove(kSize, kSize, kFocal, 2 * kPi / 3 * station, kDistance);
     scene.photos.push_back(photo);
   }
   return scene;
