@@ -49,6 +49,8 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"untold_stations", evidence.untold_stations},
                    {"seam", ToJson(evidence.seam)},
                    {"seam_pairs", evidence.seam_pairs},
+                   {"closing", ToJson(evidence.closing)},
+                   {"closed_stations", evidence.closed_stations},
                    {"contradicted_seams", evidence.contradicted_seams},
                    {"neighbour_apart_deg", Number(evidence.neighbour_apart_deg)},
                    {"far_pairs", evidence.far_pairs},

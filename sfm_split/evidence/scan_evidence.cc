@@ -1,6 +1,7 @@
 #include "sfm_split/evidence/scan_evidence.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -84,7 +85,27 @@ class Gatherer {
     }
     return result;
   }
-  bool CameBack(int station) const;
+  enum Kind { kNeighbours, kSeam };
+  struct ProvenPair {
+    int station = 0;
+    double apart_deg = 0;  // of the table, between its photos
+    bool is_contradicted = false;
+    AgreeingMatches matches;
+  };
+  // How a station's photos end, by the poses.
+  enum class End {
+    kOpen,      // far from where they began, or nobody knows: an arc, or names that do not follow the table
+    kClosed,    // next to where they began, after going round without a gap
+    kCameBack,  // next to where they began, by the way that they went
+  };
+  struct Ending {
+    End end = End::kOpen;
+    double step_deg = 0;  // between photos that follow each other (median)
+  };
+  Ending EndingOf(int station) const;
+  std::array<std::vector<const ImagePairMatches*>, 2> PairsInOrder() const;
+  std::optional<ProvenPair> Prove(const ImagePairMatches& pair, double risk, ScanEvidence* evidence);
+  void RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidence* evidence) const;
 
   const ScanFeatures& features_;
   double bound_px_;
@@ -157,84 +178,103 @@ void Gatherer::SupportOfPhotos(bool has_one_angle_each, ScanEvidence* evidence) 
   }
 }
 
-void Gatherer::ProvenPairs(ScanEvidence* evidence) {
+// Of photos of one station next to each other in order, and of its last ones with its first.
+std::array<std::vector<const ImagePairMatches*>, 2> Gatherer::PairsInOrder() const {
   std::map<int, int> place;
   for (const auto& [station, images] : order_) {
     for (size_t k = 0; k < images.size(); ++k) place[images[k]] = static_cast<int>(k);
   }
-  enum Kind { kNeighbours, kSeam };
-  std::vector<const ImagePairMatches*> pairs[2];
+  std::array<std::vector<const ImagePairMatches*>, 2> pairs;
   for (const ImagePairMatches& pair : features_.raw_pairs) {
     if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
     const int station = StationOf(pair.image1);
     if (station != StationOf(pair.image2)) continue;
     const int apart = std::abs(place[pair.image1] - place[pair.image2]);
-    const int count = static_cast<int>(order_[station].size());
+    const int count = static_cast<int>(order_.at(station).size());
     if (apart <= kNextInOrder) {
       pairs[kNeighbours].push_back(&pair);
     } else if (count >= kLeastOfTurn && count - apart <= kNextInOrder) {
       pairs[kSeam].push_back(&pair);
     }
   }
-  struct Apart {
-    double angle_deg = 0;  // of the table, between a pair's photos
-    double matches = 0;
-    bool is_contradicted = false;
+  return pairs;
+}
+
+// What a pair proves, if anything, counts for its kind. Keypoints of other bodies are remembered.
+std::optional<Gatherer::ProvenPair> Gatherer::Prove(const ImagePairMatches& pair, double risk,
+                                                    ScanEvidence* evidence) {
+  const FeatureMatches possible = PossibleObjectMatches(features_, pair);
+  const MatchError posed = [&](const Eigen::Vector2d& xy1, const Eigen::Vector2d& xy2) {
+    return MatchErrorPx(posed_[static_cast<size_t>(pair.image1)], posed_[static_cast<size_t>(pair.image2)],
+                        xy1, xy2);
   };
-  std::vector<Apart> apart[2];
-  std::set<int> closed;  // stations whose end shows what their beginning does
+  const PairProof proof =
+      ProvePair(KeypointsOf(pair.image1), KeypointsOf(pair.image2), possible, posed, bound_px_, risk);
+  for (const int m : proof.others) {
+    const FeatureMatch& match = possible[static_cast<size_t>(m)];
+    of_others_.insert({pair.image1, match.point2D_idx1});
+    of_others_.insert({pair.image2, match.point2D_idx2});
+  }
+  if (!proof.is_proven) return std::nullopt;
+  evidence->other_bodies += proof.has_other_body ? 1 : 0;
+  FeatureMatches proven;
+  for (const int m : proof.proven) proven.push_back(possible[static_cast<size_t>(m)]);
+  const double turned = view_of_[static_cast<size_t>(pair.image2)]->angle_deg -
+                        view_of_[static_cast<size_t>(pair.image1)]->angle_deg;
+  return ProvenPair{StationOf(pair.image1), std::abs(WrapAngle(turned * kDegree)) / kDegree,
+                    proof.is_contradicted, Compare(pair, proven)};
+}
+
+void Gatherer::ProvenPairs(ScanEvidence* evidence) {
+  const std::array<std::vector<const ImagePairMatches*>, 2> pairs = PairsInOrder();
+  std::array<std::vector<ProvenPair>, 2> proven;
   const auto num_pairs = static_cast<double>(pairs[kNeighbours].size() + pairs[kSeam].size());
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
     AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
+    int& contradicted =
+        kind == kNeighbours ? evidence->contradicted_neighbours : evidence->contradicted_seams;
     for (size_t p = 0; p < pairs[kind].size(); p += stride) {
-      const ImagePairMatches& pair = *pairs[kind][p];
-      const FeatureMatches possible = PossibleObjectMatches(features_, pair);
-      const MatchError posed = [&](const Eigen::Vector2d& xy1, const Eigen::Vector2d& xy2) {
-        return MatchErrorPx(posed_[static_cast<size_t>(pair.image1)],
-                            posed_[static_cast<size_t>(pair.image2)], xy1, xy2);
-      };
-      const PairProof proof = ProvePair(KeypointsOf(pair.image1), KeypointsOf(pair.image2), possible, posed,
-                                        bound_px_, kRisk / num_pairs);
-      for (const int m : proof.others) {
-        const FeatureMatch& match = possible[static_cast<size_t>(m)];
-        of_others_.insert({pair.image1, match.point2D_idx1});
-        of_others_.insert({pair.image2, match.point2D_idx2});
-      }
-      if (!proof.is_proven) continue;
-      FeatureMatches proven;
-      for (const int m : proof.proven) proven.push_back(possible[static_cast<size_t>(m)]);
-      const AgreeingMatches compared = Compare(pair, proven);
-      sum.Add(compared);
-      const double turned = view_of_[static_cast<size_t>(pair.image2)]->angle_deg -
-                            view_of_[static_cast<size_t>(pair.image1)]->angle_deg;
-      const bool is_contradicted = proof.is_contradicted;
-      apart[kind].push_back({std::abs(WrapAngle(turned * kDegree)) / kDegree,
-                             static_cast<double>(proven.size()), is_contradicted});
-      evidence->neighbour_pairs += kind == kNeighbours ? 1 : 0;
-      evidence->contradicted_neighbours += kind == kNeighbours && is_contradicted ? 1 : 0;
-      evidence->seam_pairs += kind == kSeam ? 1 : 0;
-      evidence->other_bodies += proof.has_other_body ? 1 : 0;
-      evidence->contradicted_seams += kind == kSeam && is_contradicted ? 1 : 0;
-      if (kind == kSeam && !is_contradicted) closed.insert(StationOf(pair.image1));
+      const std::optional<ProvenPair> pair = Prove(*pairs[kind][p], kRisk / num_pairs, evidence);
+      if (!pair) continue;
+      proven[kind].push_back(*pair);
+      sum.Add(pair->matches);
+      contradicted += pair->is_contradicted ? 1 : 0;
     }
   }
-  if (!apart[kNeighbours].empty()) {
-    std::vector<double> angles;
-    for (const Apart& pair : apart[kNeighbours]) angles.push_back(pair.angle_deg);
-    const double median = UpperMedian(angles);
-    evidence->neighbour_apart_deg = median;
-    const double mean = static_cast<double>(evidence->neighbours.all) / evidence->neighbour_pairs;
-    for (const auto& kind : apart) {
-      for (const Apart& pair : kind) {
-        if (!pair.is_contradicted || pair.angle_deg <= kFarApart * median || 2 * pair.matches < mean)
-          continue;
-        ++evidence->far_pairs;
-        evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), pair.angle_deg);
-      }
+  evidence->neighbour_pairs = static_cast<int>(proven[kNeighbours].size());
+  evidence->seam_pairs = static_cast<int>(proven[kSeam].size());
+  RecordClosing(proven[kSeam], evidence);
+  if (proven[kNeighbours].empty()) return;
+  std::vector<double> angles;
+  for (const ProvenPair& pair : proven[kNeighbours]) angles.push_back(pair.apart_deg);
+  const double median = UpperMedian(angles);
+  evidence->neighbour_apart_deg = median;
+  const double mean = static_cast<double>(evidence->neighbours.all) / evidence->neighbour_pairs;
+  for (const auto& kind : proven) {
+    for (const ProvenPair& pair : kind) {
+      if (!pair.is_contradicted || pair.apart_deg <= kFarApart * median ||
+          2 * static_cast<double>(pair.matches.all) < mean)
+        continue;
+      ++evidence->far_pairs;
+      evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), pair.apart_deg);
     }
   }
-  for (const int station : closed) evidence->turns_of_nothing += CameBack(station) ? 1 : 0;
+}
+
+// Which of the pairs of last photos and first ones are neighbours across the end of a turn.
+void Gatherer::RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidence* evidence) const {
+  std::set<int> closed;
+  std::set<int> came_back;
+  for (const ProvenPair& pair : seam) {
+    const Ending ending = EndingOf(pair.station);
+    if (ending.end == End::kCameBack && !pair.is_contradicted) came_back.insert(pair.station);
+    if (ending.end != End::kClosed || pair.apart_deg > kFarApart * ending.step_deg) continue;
+    evidence->closing.Add(pair.matches);
+    if (!pair.is_contradicted) closed.insert(pair.station);
+  }
+  evidence->closed_stations = static_cast<int>(closed.size());
+  evidence->turns_of_nothing = static_cast<int>(came_back.size());
 }
 
 // What the matches of photos near each other say of each angle.
@@ -252,11 +292,11 @@ void Gatherer::Angles(const std::vector<bool>& is_in_steps, ScanEvidence* eviden
   for (const int image : steps.untold_stations) evidence->untold_stations.push_back(name(image));
 }
 
-// Whether a station's steps in order, and the one from its last photo to its first, make no turn at all and
-// the last photo is as near to the first as photos that follow each other: an arc ends far from where it
-// began. Not where more than a tenth of the steps are wider than a quarter turn: names that do not follow the
-// table add up to any number.
-bool Gatherer::CameBack(int station) const {
+// A station's steps in order, and the one from its last photo to its first, make a turn when they go round
+// and each is about as wide as the others, the one across the end too; none when they add up to nothing.
+// Neither where more than a tenth of them are wider than a quarter turn: names that do not follow the table
+// add up to any number.
+Gatherer::Ending Gatherer::EndingOf(int station) const {
   std::vector<double> steps;
   const View* first = nullptr;
   const View* before = nullptr;
@@ -270,15 +310,24 @@ bool Gatherer::CameBack(int station) const {
     if (first == nullptr) first = view;
     before = view;
   }
-  if (first == nullptr) return false;
+  Ending ending;
+  if (first == nullptr) return ending;
   add_step(*before, *first);
   const double sum = std::accumulate(steps.begin(), steps.end(), 0.0);
   for (double& step : steps) step = std::abs(step);
+  const double last = steps.back();
+  const double widest = *std::max_element(steps.begin(), steps.end());
+  const double median = UpperMedian(steps);
+  ending.step_deg = median / kDegree;
   const auto wide =
       std::count_if(steps.begin(), steps.end(), [](double step) { return step > 90 * kDegree; });
-  if (10 * static_cast<size_t>(wide) > steps.size() || std::lround(sum / (360 * kDegree)) != 0) return false;
-  const double last = steps.back();
-  return last <= kFarApart * UpperMedian(std::move(steps));
+  if (10 * static_cast<size_t>(wide) > steps.size() || last > kFarApart * median) return ending;
+  if (std::lround(sum / (360 * kDegree)) == 0) {
+    ending.end = End::kCameBack;
+  } else if (widest <= kFarApart * median) {
+    ending.end = End::kClosed;
+  }
+  return ending;
 }
 
 // A point that turns by an angle moves no farther than its distance from the axis times the angle; what the

@@ -184,12 +184,14 @@ class Judge {
         {kTexture, kSmallerSteps, kFullTurn});
   }
 
+  // By matches across the end of the turn, at each station.
   bool Closes() const {
     const auto bears_out = [](const AgreeingMatches& matches) {
       return matches.all >= kLeastMatches && matches.Share().value_or(0) >= kMost;
     };
-    return evidence_.turns_of_nothing == 0 && evidence_.contradicted_seams == 0 &&
-           bears_out(evidence_.seam) && bears_out(evidence_.neighbours);
+    return evidence_.closed_stations >= evidence_.stations && evidence_.turns_of_nothing == 0 &&
+           evidence_.contradicted_seams == 0 && bears_out(evidence_.closing) &&
+           bears_out(evidence_.neighbours);
   }
 
   void JudgePairs() {
@@ -308,9 +310,9 @@ class Judge {
       }
     };
     add(evidence_.held_back, "that were held back");
-    if (evidence_.seam.agreeing > 0) {
+    if (evidence_.closing.agreeing > 0) {
       reasons.push_back(Text("%lld matches across the end of the turn bear out the poses",
-                             static_cast<long long>(evidence_.seam.agreeing)));
+                             static_cast<long long>(evidence_.closing.agreeing)));
     }
     add(evidence_.across_stations, "between camera places");
     return reasons;

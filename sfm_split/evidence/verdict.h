@@ -53,9 +53,13 @@ struct ScanEvidence {
   AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
   /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
   /// geometry, the poses' or their own, more of them than chance explains (ProvePair), whether or not the
-  /// split kept them. Of photos next to each other, and of those across the end of the turn.
+  /// split kept them. Of photos next to each other, and of a station's last photos with its first.
   AgreeingMatches neighbours;
   AgreeingMatches seam;
+  /// Those of the last whose photos are neighbours across the end of a turn that goes round by the poses: an
+  /// arc's last photos may show what its first do, and say nothing of a turn that closes.
+  AgreeingMatches closing;
+  int closed_stations = 0;  ///< those that have such a pair that does not contradict the poses.
   int neighbour_pairs = 0;
   int contradicted_neighbours = 0;  ///< pairs that prove another motion than the poses'.
   int seam_pairs = 0;

@@ -32,6 +32,8 @@ ScanEvidence GoodEvidence() {
   evidence.neighbour_pairs = 44;
   evidence.seam = {80, 78, 2};
   evidence.seam_pairs = 3;
+  evidence.closing = evidence.seam;
+  evidence.stations = evidence.closed_stations = 1;
   evidence.median_step_deg = 15;
   evidence.least_step_deg = 4;
   evidence.adjusted_noise_px = 0.4;
@@ -174,9 +176,10 @@ TEST(Verdict, AClosedTurnNeedsNoFarPairs) {
   evidence.verified = {5000, 2300, 50};
   evidence.held_back = {500, 220, 5};
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
-  const std::array<std::function<void(ScanEvidence*)>, 6> changes = {
-      [](ScanEvidence* e) { e->seam = {}; },
-      [](ScanEvidence* e) { e->seam.agreeing = 66; },
+  const std::array<std::function<void(ScanEvidence*)>, 7> changes = {
+      [](ScanEvidence* e) { e->closing = {}; },  // as an arc's, whose last photos may match its first
+      [](ScanEvidence* e) { e->closing.agreeing = 66; },
+      [](ScanEvidence* e) { e->stations = 2; },  // one of which is an arc
       [](ScanEvidence* e) { e->neighbours.agreeing = 1700; },
       [](ScanEvidence* e) { e->contradicted_seams = 1; },
       [](ScanEvidence* e) { e->turns_of_nothing = 1; },
@@ -277,6 +280,8 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_GT(*evidence.verified.Share(), 0.95);
   EXPECT_GT(*evidence.seam.Share(), 0.95);
   EXPECT_GT(evidence.seam_pairs, 2);
+  EXPECT_EQ(evidence.closing.all, evidence.seam.all);
+  EXPECT_EQ(evidence.closed_stations, 2);
   EXPECT_GT(*evidence.across_stations.Share(), 0.95);
   // As many pairs are two steps of 20 degrees apart as one; the median is the upper of both.
   EXPECT_NEAR(*evidence.median_step_deg, 40, 1e-9);
@@ -300,7 +305,13 @@ TEST(ScanEvidence, AnArcIsNoTurnThatCameBack) {
   EXPECT_GT(evidence.seam_pairs, 2);
   EXPECT_EQ(evidence.turns_of_nothing, 0);
   EXPECT_EQ(evidence.far_pairs, 0);
-  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood) << JudgeScan(evidence).reasons[0];
+  EXPECT_EQ(evidence.closing.all, 0);
+  EXPECT_EQ(evidence.closed_stations, 0);
+  const ScanVerdict verdict = JudgeScan(evidence);
+  EXPECT_EQ(verdict.verdict, Verdict::kGood) << verdict.reasons[0];
+  for (const std::string& reason : verdict.reasons) {
+    EXPECT_EQ(reason.find("end of the turn"), std::string::npos) << reason;
+  }
 }
 
 // The second half of the angles, mirrored: the table went and came back the same way.
