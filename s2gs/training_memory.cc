@@ -34,9 +34,10 @@ constexpr int64_t kHostPerPixel = 4 * 20;  // maps of a view that was drawn
 
 constexpr int64_t kProgram = 70'000'000;  // with its libraries and the sparse models
 
-// turn_evidence.h looks at photos of this many pixels at most: a picture, what is covered, what is seen.
+// turn_evidence.h looks at photos of this many pixels at most: a picture, what is outside the photo, covered,
+// seen.
 constexpr int64_t kEvidencePixels = 400 * 400;
-constexpr int64_t kEvidencePerPixel = 3 + 1 + 1 + 4;
+constexpr int64_t kEvidencePerPixel = 3 + 1 + 1 + 1 + 4;
 
 std::string InMegabytes(int64_t bytes) {
   const int64_t megabytes = (bytes + 999'999) / 1'000'000;

@@ -103,6 +103,53 @@ PinholeView ReducedView(const PinholeView& view) {
                     std::max(1, static_cast<int>(view.height * scale)));
 }
 
+// A camera that has only turned, as on a tripod that was knocked, turned back to how another looks.
+PinholeView TurnedTo(const PinholeView& other, const PinholeView& view) {
+  const Rigid3 turn = {other.cam_from_world.rotation * view.cam_from_world.rotation.conjugate(),
+                       Eigen::Vector3d::Zero()};
+  PinholeView turned = view;
+  turned.cam_from_world = turn * view.cam_from_world;
+  turned.cam_from_object = turn * view.cam_from_object;
+  return turned;
+}
+
+// The picture of `view` as `turned` sees it, which stands in the same place. \param is_outside  1 where
+// `view` does not see it.
+Image8 TurnedPicture(const PinholeView& view, const PinholeView& turned, const Image8& picture,
+                     std::vector<uint8_t>* is_outside) {
+  const Eigen::Matrix3d from_turned =
+      (view.cam_from_world.rotation * turned.cam_from_world.rotation.conjugate()).toRotationMatrix();
+  Image8 result = picture;
+  is_outside->assign(static_cast<size_t>(picture.width) * picture.height, 0);
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      const Eigen::Vector3d ray = from_turned * Eigen::Vector3d((x + 0.5 - turned.cx) / turned.fx,
+                                                                (y + 0.5 - turned.cy) / turned.fy, 1);
+      // From the centres of the first pixels.
+      const double column = view.cx + view.fx * ray.x() / ray.z() - 0.5;
+      const double row = view.cy + view.fy * ray.y() / ray.z() - 0.5;
+      if (!(ray.z() > 0 && column >= 0 && row >= 0 && column < picture.width - 1 &&
+            row < picture.height - 1)) {
+        (*is_outside)[static_cast<size_t>(y) * picture.width + x] = 1;
+        continue;
+      }
+      const auto left = static_cast<int>(column);
+      const auto top = static_cast<int>(row);
+      const double right_share = column - left;
+      const double low_share = row - top;
+      for (int c = 0; c < 3; ++c) {
+        const double upper =
+            (1 - right_share) * picture.Pixel(left, top)[c] + right_share * picture.Pixel(left + 1, top)[c];
+        const double lower = (1 - right_share) * picture.Pixel(left, top + 1)[c] +
+                             right_share * picture.Pixel(left + 1, top + 1)[c];
+        result.Pixel(x, y)[c] =
+            static_cast<uint8_t>(std::lround((1 - low_share) * upper + low_share * lower));
+      }
+    }
+  }
+  return result;
+}
+
 // Sums over the patches about the pixels of one row of two grey pictures. Whole numbers: exact in any order.
 struct PatchSums {
   int32_t a = 0, b = 0, aa = 0, bb = 0, ab = 0;
@@ -230,7 +277,8 @@ TurnEvidence::TurnEvidence(const TrainingScene& scene) {
   for (const ScenePhoto& photo : scene.photos) {
     if (photo.held_out || photo.image.pixels.empty()) continue;
     const auto same = std::find_if(groups.begin(), groups.end(), [&](const auto& group) {
-      return IsSameCamera(scene, group.front()->view, photo.view);
+      const PinholeView& first = group.front()->view;
+      return IsSameCamera(scene, first, TurnedTo(first, photo.view));
     });
     if (same != groups.end()) {
       same->push_back(&photo);
@@ -245,8 +293,14 @@ TurnEvidence::TurnEvidence(const TrainingScene& scene) {
     const size_t count = std::min(group.size(), kMaxPhotos);
     for (size_t i = 0; i < count; ++i) {
       const ScenePhoto& photo = *group[i * group.size() / count];
-      views_.push_back(ReducedView(photo.view));
-      pictures_.push_back(ResizeByArea(photo.image, views_.back().width, views_.back().height));
+      const PinholeView view = ReducedView(photo.view);
+      views_.push_back(view);
+      pictures_.push_back(ResizeByArea(photo.image, view.width, view.height));
+      is_outside_.emplace_back(static_cast<size_t>(view.width) * view.height, 0);
+      // What has hardly moved stays as it is, and as sharp.
+      if (IsSameCamera(scene, group.front()->view, photo.view)) continue;
+      views_.back() = TurnedTo(group.front()->view, view);
+      pictures_.back() = TurnedPicture(view, views_.back(), pictures_.back(), &is_outside_.back());
     }
     camera.end = pictures_.size();
     // Most of a picture stands still: half of the differences are noise alone, or that and drifting light.
@@ -281,6 +335,9 @@ std::vector<std::vector<PixelSight>> TurnEvidence::Look(
     ParallelFor(static_cast<int64_t>(camera.end - camera.first), 0, [&](int64_t i) {
       const size_t picture = camera.first + static_cast<size_t>(i);
       sights[picture] = Compare(camera, pictures_[picture], background, behind, is_seen);
+      for (size_t p = 0; p < sights[picture].size(); ++p) {
+        if (is_outside_[picture][p] != 0) sights[picture][p] = PixelSight::kNeverFree;
+      }
     });
   }
   return sights;
@@ -297,7 +354,7 @@ Image8 TurnEvidence::Background(const Camera& camera, const std::vector<std::vec
     for (size_t p = width * static_cast<size_t>(y); p < width * static_cast<size_t>(y + 1); ++p) {
       for (std::vector<uint8_t>& channel : channels) channel.clear();
       for (size_t i = camera.first; i < camera.end; ++i) {
-        if (covered[i][p] != 0) continue;
+        if (covered[i][p] != 0 || is_outside_[i][p] != 0) continue;
         for (int c = 0; c < 3; ++c) channels[c].push_back(pictures_[i].pixels[3 * p + c]);
       }
       if (channels[0].size() < kMinUncovered) continue;

@@ -29,9 +29,10 @@ struct SightVotes {
 };
 
 /// What turns hides the background, and shows it again as it goes on. From photos of a camera that does not
-/// move: where the rotating part leaves a pixel free in some of them, these show what stands behind it, and
-/// any other photo in which the same texture is seen there has nothing before it that turns, whatever a model
-/// says. Plain backgrounds tell nothing, since a plain thing before them looks the same.
+/// move, or only turns, as on a tripod that is touched: where the rotating part leaves a pixel free in some
+/// of them, these show what stands behind it, and any other photo in which the same texture is seen there has
+/// nothing before it that turns, whatever a model says. Plain backgrounds tell nothing, since a plain thing
+/// before them looks the same.
 class TurnEvidence {
  public:
   /// From the photos that are not held out. Cameras that took fewer than ten from one place say nothing.
@@ -62,7 +63,8 @@ class TurnEvidence {
                                          const std::vector<uint8_t>& is_seen);
 
   std::vector<PinholeView> views_;
-  std::vector<Image8> pictures_;  // RGB
+  std::vector<Image8> pictures_;                  // RGB
+  std::vector<std::vector<uint8_t>> is_outside_;  // by picture and pixel: not in the photo
   std::vector<Camera> cameras_;
 };
 
