@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "s2gs/image/bilinear.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/binomial_tail.h"
 #include "sfm_split/base/error.h"
@@ -45,25 +46,10 @@ constexpr int kFiner = 4;  // parts of a pixel in which an edge is placed.
 constexpr int kPlaceRounds = 5;
 constexpr double kLeastTold = 1e-6;  // of radius and height by themselves.
 
-// Bilinear, of the most different channel.
+// Of the most different channel.
 float MostDifferent(const Image8& image, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  const auto sample = [&](const Eigen::Vector2d& at) {
-    const double u = at.x() - 0.5;
-    const double v = at.y() - 0.5;
-    const auto x = static_cast<int>(u);
-    const auto y = static_cast<int>(v);
-    const auto fx = static_cast<float>(u - x);
-    const auto fy = static_cast<float>(v - y);
-    std::array<float, 3> color = {};
-    for (int c = 0; c < 3; ++c) {
-      const float above = (1 - fx) * image.Pixel(x, y)[c] + fx * image.Pixel(x + 1, y)[c];
-      const float below = (1 - fx) * image.Pixel(x, y + 1)[c] + fx * image.Pixel(x + 1, y + 1)[c];
-      color[c] = (1 - fy) * above + fy * below;
-    }
-    return color;
-  };
-  const std::array<float, 3> of_a = sample(a);
-  const std::array<float, 3> of_b = sample(b);
+  const std::array<float, 3> of_a = BilinearColor(image, a);
+  const std::array<float, 3> of_b = BilinearColor(image, b);
   float most = 0;
   for (int c = 0; c < 3; ++c) most = std::max(most, std::abs(of_a[c] - of_b[c]));
   return most;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "s2gs/core/knn.h"
+#include "s2gs/image/bilinear.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/kernel/foreground.h"
 #include "sfm_split/base/parallel_for.h"
@@ -125,26 +126,14 @@ Image8 TurnedPicture(const PinholeView& view, const PinholeView& turned, const I
     for (int x = 0; x < picture.width; ++x) {
       const Eigen::Vector3d ray = from_turned * Eigen::Vector3d((x + 0.5 - turned.cx) / turned.fx,
                                                                 (y + 0.5 - turned.cy) / turned.fy, 1);
-      // From the centres of the first pixels.
-      const double column = view.cx + view.fx * ray.x() / ray.z() - 0.5;
-      const double row = view.cy + view.fy * ray.y() / ray.z() - 0.5;
-      if (!(ray.z() > 0 && column >= 0 && row >= 0 && column < picture.width - 1 &&
-            row < picture.height - 1)) {
+      const Eigen::Vector2d at(view.cx + view.fx * ray.x() / ray.z(), view.cy + view.fy * ray.y() / ray.z());
+      if (!(ray.z() > 0 && at.x() >= 0.5 && at.y() >= 0.5 && at.x() < picture.width - 0.5 &&
+            at.y() < picture.height - 0.5)) {
         (*is_outside)[static_cast<size_t>(y) * picture.width + x] = 1;
         continue;
       }
-      const auto left = static_cast<int>(column);
-      const auto top = static_cast<int>(row);
-      const double right_share = column - left;
-      const double low_share = row - top;
-      for (int c = 0; c < 3; ++c) {
-        const double upper =
-            (1 - right_share) * picture.Pixel(left, top)[c] + right_share * picture.Pixel(left + 1, top)[c];
-        const double lower = (1 - right_share) * picture.Pixel(left, top + 1)[c] +
-                             right_share * picture.Pixel(left + 1, top + 1)[c];
-        result.Pixel(x, y)[c] =
-            static_cast<uint8_t>(std::lround((1 - low_share) * upper + low_share * lower));
-      }
+      const std::array<float, 3> color = BilinearColor(picture, at);
+      for (int c = 0; c < 3; ++c) result.Pixel(x, y)[c] = static_cast<uint8_t>(std::lround(color[c]));
     }
   }
   return result;
