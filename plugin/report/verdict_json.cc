@@ -68,6 +68,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"angle_prior_share", Number(evidence.angle_prior_share)},
                    {"angle_sigma_median_deg", Number(evidence.angle_sigma_median_deg)},
                    {"angle_sigma_max_deg", Number(evidence.angle_sigma_max_deg)},
+                   {"axis_sigma_deg", Number(evidence.axis_sigma_deg)},
                    {"scale_sigma_rel", Number(evidence.scale_sigma_rel)},
                    {"free_object", evidence.is_object_free}};
   return {{"verdict", VerdictName(verdict.verdict)},

@@ -13,6 +13,7 @@
 #include "sfm_split/adjust/joint_solve.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/wobble_prior.h"
+#include "sfm_split/adjust/wrong_pull.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
@@ -265,6 +266,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
   report.sigma_px = RobustSigmaPx(residuals.coordinates, solved.parameters);
   if (options.compute_covariance) {
     report.observability = AnalyzeObservability(working, options, true, report.sigma_px);
+    FillPullOfWrongOnes(working, options, report.sigma_px, reporter, &report.observability);
     FillSigmas(working, options, &report);
   }
   *problem = std::move(working);

@@ -103,8 +103,15 @@ struct Observability {
   Eigen::MatrixXd robust_covariance;
   /// And when those in one part of the photos do, too; from few parts, so that it may come out too small.
   Eigen::MatrixXd regional_covariance;
+  /// And when those of the points of one ring about the axis do: of highlights, say. From few rings, and not
+  /// for a photo's own parameters, which the points of one may tell alone.
+  Eigen::MatrixXd ring_covariance;
   /// What of each of these comes from priors; empty without priors.
   Eigen::MatrixXd prior_covariance;
+  /// What wrong observations pull the parameters by (PullOfWrongOnes); empty when not computed.
+  Eigen::VectorXd pull;
+  /// The variance of the pull when there are no wrong ones, over `covariance`.
+  double pull_variance = 0;
 };
 
 struct JointReport {
@@ -123,10 +130,11 @@ struct JointReport {
   std::string linear_solver;
   std::vector<ModelTest> tests;
 
-  // Standard deviations, the largest of those by the three covariances; negative when not computed, infinite
-  // when not observable.
-  double axis_direction_sigma_deg = -1;  ///< the worse direction.
-  double axis_point_sigma = -1;          ///< across the axis, the worse direction, world units.
+  // Standard deviations, the largest of those by the covariances, and what wrong observations pull by beyond
+  // what noise explains; negative when not computed, infinite when not observable.
+  /// The worse direction; of a free object, of the axis that its poses turn about.
+  double axis_direction_sigma_deg = -1;
+  double axis_point_sigma = -1;  ///< across the axis, the worse direction, world units.
   /// Per image; 0 where held, infinite where no background point ties its station to the reference's.
   std::vector<double> angle_sigma_deg;
   std::vector<double> focal_sigma_px;  ///< per camera; 0 where held.

@@ -2,7 +2,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <utility>
@@ -15,15 +14,69 @@
 namespace s2gs {
 namespace {
 
+using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-using Covariances = std::array<const Eigen::MatrixXd*, 3>;
+using Covariances = std::vector<const Eigen::MatrixXd*>;
 using ParameterIndex = std::map<std::pair<int, int>, int>;  // of a block's value in the covariances
+
+// What wrong observations add to the variance of a sum of parameters: the square of their pull, less what of
+// it noise alone explains.
+double VarianceByPull(const Observability& of, const VectorXd& weights) {
+  if (of.pull.size() == 0) return 0;
+  const double pull = weights.dot(of.pull);
+  return std::max(0.0, pull * pull - of.pull_variance * weights.dot(of.covariance * weights));
+}
+
+// The same of two parameters at once.
+Eigen::Matrix2d CovarianceByPull(const Observability& of,
+                                 const Eigen::Matrix<double, Eigen::Dynamic, 2>& pick) {
+  if (of.pull.size() == 0) return Eigen::Matrix2d::Zero();
+  const Eigen::Vector2d pull = pick.transpose() * of.pull;
+  const Eigen::Matrix2d beyond =
+      pull * pull.transpose() - of.pull_variance * pick.transpose() * of.covariance * pick;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(beyond);
+  return eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).asDiagonal() *
+         eigen.eigenvectors().transpose();
+}
+
+// How the axis about which an object turns that has a pose of its own in each photo, R_i, moves with these
+// poses, in the two directions across it: the least squares of (R_i - I) (a + da) + w_i x a over photos.
+MatrixXd AxisOfFreePoses(const JointProblem& problem, const JointSystem& system,
+                         const ParameterIndex& index_of, int num_parameters) {
+  const Vector3d axis = problem.AxisDirection();
+  Eigen::Matrix<double, 3, 2> across;
+  across.col(0) = axis.unitOrthogonal();
+  across.col(1) = axis.cross(across.col(0));
+  const Eigen::Matrix3d reference =
+      problem.WorldFromObject(problem.reference).rotation.toRotationMatrix().transpose();
+  Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+  MatrixXd of_axis = MatrixXd::Zero(num_parameters, 2);
+  for (size_t i = 0; i < problem.images.size(); ++i) {
+    const Eigen::Matrix3d turn =
+        problem.WorldFromObject(static_cast<int>(i)).rotation.toRotationMatrix() * reference;
+    const Eigen::Matrix2d moved = across.transpose() * (turn - Eigen::Matrix3d::Identity()) * across;
+    normal += moved.transpose() * moved;
+    for (int k = 0; k < 3; ++k) {
+      const auto found = index_of.find({system.ObjectPoseBlock(static_cast<int>(i)), k});
+      if (found == index_of.end()) continue;
+      const Eigen::Vector2d pushed = across.transpose() * Vector3d::Unit(k).cross(axis);
+      of_axis.row(found->second) -= (moved.transpose() * pushed).transpose();
+    }
+  }
+  return of_axis * normal.completeOrthogonalDecomposition().pseudoInverse();
+}
+
+double WorstSigma(const Eigen::Matrix2d& covariance) {
+  return std::sqrt(
+      std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()(1)));
+}
 
 // log(scale) = log(distance of the anchor from the axis) - log(distance of the anchor from the station
 // farthest from it), by differences over the parameters that it depends on. Infinite when not observable.
-double ScaleSigmaRel(const JointProblem& problem, const JointSystem& system, const Covariances& covariances,
+double ScaleSigmaRel(const JointProblem& problem, const JointSystem& system,
+                     const Observability& observability, const Covariances& covariances,
                      const ParameterIndex& index_of) {
   std::vector<bool> has_background(problem.cam_from_world.size(), false);
   for (const JointObservation& observation : problem.background.observations) {
@@ -65,7 +118,7 @@ double ScaleSigmaRel(const JointProblem& problem, const JointSystem& system, con
   double scale_variance = 0;
   for (const Eigen::MatrixXd* covariance : covariances)
     scale_variance = std::max(scale_variance, gradient.dot(*covariance * gradient));
-  return std::sqrt(scale_variance);
+  return std::sqrt(scale_variance + VarianceByPull(observability, gradient));
 }
 
 }  // namespace
@@ -77,8 +130,11 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
   for (size_t k = 0; k < observability.parameters.size(); ++k) {
     index_of[observability.parameters[k]] = static_cast<int>(k);
   }
-  const Covariances covariances = {&observability.covariance, &observability.robust_covariance,
-                                   &observability.regional_covariance};
+  // A photo's own parameters may rest on the points of one ring; what all photos share does not.
+  const Covariances of_photos = {&observability.covariance, &observability.robust_covariance,
+                                 &observability.regional_covariance};
+  Covariances covariances = of_photos;
+  covariances.push_back(&observability.ring_covariance);
   const JointSystem system(problem, options, true);
   const auto variance = [&](int block, int value) {
     const auto found = index_of.find({block, value});
@@ -86,7 +142,8 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     double largest = 0;
     for (const Eigen::MatrixXd* covariance : covariances)
       largest = std::max(largest, (*covariance)(found->second, found->second));
-    return largest;
+    return largest +
+           VarianceByPull(observability, VectorXd::Unit(observability.num_parameters, found->second));
   };
   const Eigen::MatrixXd& of_priors = observability.prior_covariance;
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
@@ -113,9 +170,14 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
   };
   const auto variance_of = [&](const Weights& weights) {
     double largest = 0;
-    for (const Eigen::MatrixXd* covariance : covariances)
+    for (const Eigen::MatrixXd* covariance : of_photos)
       largest = std::max(largest, variance_by(weights, *covariance));
-    return largest;
+    VectorXd of_all = VectorXd::Zero(observability.num_parameters);
+    for (const auto& [parameter, weight] : weights) {
+      const auto found = index_of.find(parameter);
+      if (found != index_of.end()) of_all(found->second) += weight;
+    }
+    return largest + VarianceByPull(observability, of_all);
   };
   const Vector3d axis_direction = problem.AxisDirection();
   std::vector<int> images_of_pose(problem.cam_from_world.size(), 0);
@@ -147,28 +209,36 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     const bool has_prior = of_priors.size() > 0 && of_angle > 0;
     report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);
   }
-  if (problem.free_object) return;
+  if (problem.free_object) {
+    const MatrixXd of_axis = AxisOfFreePoses(problem, system, index_of, observability.num_parameters);
+    const Eigen::Matrix2d pull = CovarianceByPull(observability, of_axis);
+    report->axis_direction_sigma_deg = 0;
+    for (const Eigen::MatrixXd* covariance : of_photos) {
+      const Eigen::Matrix2d axis = of_axis.transpose() * *covariance * of_axis;
+      report->axis_direction_sigma_deg =
+          std::max(report->axis_direction_sigma_deg, WorstSigma(axis + pull) * 180 / kPi);
+    }
+    return;
+  }
   if (!system.blocks()[system.AxisBlock()].used) return;
-  const auto worst = [](const Eigen::Matrix2d& covariance) {
-    return std::sqrt(
-        std::max(0.0, Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance).eigenvalues()(1)));
-  };
+  // What of all parameters is the axis: four columns, of zeros where one is held.
+  MatrixXd of_axis = MatrixXd::Zero(observability.num_parameters, 4);
+  for (int k = 0; k < 4; ++k) {
+    const auto found = index_of.find({system.AxisBlock(), k});
+    if (found != index_of.end()) of_axis(found->second, k) = 1;
+  }
+  const Eigen::Matrix2d direction_pull = CovarianceByPull(observability, of_axis.leftCols<2>());
+  const Eigen::Matrix2d point_pull = CovarianceByPull(observability, of_axis.rightCols<2>());
   report->axis_direction_sigma_deg = report->axis_point_sigma = 0;
   for (const Eigen::MatrixXd* covariance : covariances) {
-    Eigen::Matrix4d axis = Eigen::Matrix4d::Zero();
-    for (int a = 0; a < 4; ++a) {
-      for (int b = 0; b < 4; ++b) {
-        const auto first = index_of.find({system.AxisBlock(), a});
-        const auto second = index_of.find({system.AxisBlock(), b});
-        if (first == index_of.end() || second == index_of.end()) continue;
-        axis(a, b) = (*covariance)(first->second, second->second);
-      }
-    }
+    Eigen::Matrix4d axis = of_axis.transpose() * *covariance * of_axis;
+    axis.topLeftCorner<2, 2>() += direction_pull;
+    axis.bottomRightCorner<2, 2>() += point_pull;
     report->axis_direction_sigma_deg =
-        std::max(report->axis_direction_sigma_deg, worst(axis.topLeftCorner<2, 2>()) * 180 / kPi);
-    report->axis_point_sigma = std::max(report->axis_point_sigma, worst(axis.bottomRightCorner<2, 2>()));
+        std::max(report->axis_direction_sigma_deg, WorstSigma(axis.topLeftCorner<2, 2>()) * 180 / kPi);
+    report->axis_point_sigma = std::max(report->axis_point_sigma, WorstSigma(axis.bottomRightCorner<2, 2>()));
   }
-  report->scale_sigma_rel = ScaleSigmaRel(problem, system, covariances, index_of);
+  report->scale_sigma_rel = ScaleSigmaRel(problem, system, observability, covariances, index_of);
 }
 
 }  // namespace s2gs

@@ -201,10 +201,9 @@ void SolveByCeres(const JointSystem& system, int camera_parameters, const JointO
 
 }  // namespace
 
-JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
-                           JointProblem* problem) {
+JointSolved SolveSystem(const JointSystem& system, const JointOptions& options, double function_tolerance,
+                        Reporter& reporter) {
   JointSolved solved;
-  JointSystem system(*problem, options, true);
   int camera_parameters = 0;
   for (const JointSystem::Block& block : system.blocks()) {
     if (block.used) camera_parameters += static_cast<int>(block.free.size());
@@ -231,6 +230,13 @@ JointSolved SolveJointOnce(const JointOptions& options, double function_toleranc
   } else {
     SolveByCeres(system, camera_parameters, options, function_tolerance, reporter, &solved);
   }
+  return solved;
+}
+
+JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
+                           JointProblem* problem) {
+  const JointSystem system(*problem, options, true);
+  JointSolved solved = SolveSystem(system, options, function_tolerance, reporter);
   system.WriteBack(problem);
   return solved;
 }

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/adjust/joint_system.h"
 
 namespace s2gs {
 
@@ -19,5 +20,10 @@ struct JointSolved {
 /// Throws Interrupted when the reporter asks to stop.
 JointSolved SolveJointOnce(const JointOptions& options, double function_tolerance, Reporter& reporter,
                            JointProblem* problem);
+
+/// The same for a system as it stands, whose free parameters and points are moved. The options' loss may be
+/// another than that the system's priors were weighed by.
+JointSolved SolveSystem(const JointSystem& system, const JointOptions& options, double function_tolerance,
+                        Reporter& reporter);
 
 }  // namespace s2gs

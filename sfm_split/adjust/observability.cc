@@ -24,6 +24,7 @@ constexpr double kRounding = 1e-16;
 constexpr int kCells = 12;        // of a photo, in each direction, in which errors may depend on each other
 constexpr int kQuadrature = 400;  // quantiles of a Rayleigh-distributed error, at which a mean is taken
 constexpr double kLeastCurvature = 0.1;  // of the robust cost, over that of squares
+constexpr size_t kRings = 6;             // of the object about the axis, each with as many points
 
 struct Column {
   int block;
@@ -36,6 +37,7 @@ struct PointScore {
   MatrixXd by_cameras;  // two rows for each observation
   VectorXd residuals;
   std::vector<int> cells;  // where in the photos each observation lies
+  int ring = -1;           // about the axis, in which the point lies; -1: of the background
 
   VectorXd Gradient() const { return by_cameras.transpose() * residuals; }
   VectorXd GradientOf(Eigen::Index observation) const {
@@ -73,7 +75,25 @@ int CellOf(const JointProblem& problem, const JointSystem::Term& term) {
          place(xy.x(), static_cast<double>(size.width));
 }
 
+// Heights of the object's observed points along the axis at which one ring ends and the next begins.
+std::vector<double> RingBounds(const JointProblem& problem) {
+  std::vector<bool> is_seen(problem.object.points.size(), false);
+  for (const JointObservation& observation : problem.object.observations) {
+    if (observation.active) is_seen[static_cast<size_t>(observation.point)] = true;
+  }
+  std::vector<double> heights;
+  for (size_t p = 0; p < is_seen.size(); ++p) {
+    if (is_seen[p]) heights.push_back(problem.AxisDirection().dot(problem.object.points[p]));
+  }
+  std::sort(heights.begin(), heights.end());
+  std::vector<double> bounds;
+  for (size_t ring = 1; ring < kRings && !heights.empty(); ++ring)
+    bounds.push_back(heights[ring * heights.size() / kRings]);
+  return bounds;
+}
+
 void EliminatePoint(const JointProblem& problem, const JointSystem& system, const ceres::LossFunction* loss,
+                    const std::vector<double>& ring_bounds,
                     const std::vector<const JointSystem::Term*>& terms, ReducedSystem* reduced) {
   std::vector<int> touched;
   for (const JointSystem::Term* term : terms) {
@@ -148,6 +168,12 @@ void EliminatePoint(const JointProblem& problem, const JointSystem& system, cons
   residuals.head(qr.rank()).setZero();
   by_cameras.applyOnTheLeft(qr.householderQ());
   residuals.applyOnTheLeft(qr.householderQ());
+  if (terms[0]->of_object) {
+    const double height =
+        problem.AxisDirection().dot(problem.object.points[static_cast<size_t>(terms[0]->point)]);
+    score.ring = static_cast<int>(std::upper_bound(ring_bounds.begin(), ring_bounds.end(), height) -
+                                  ring_bounds.begin());
+  }
   score.columns = std::move(touched);
   score.by_cameras = std::move(by_cameras);
   score.residuals = std::move(residuals);
@@ -172,7 +198,9 @@ ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system,
   std::map<std::pair<bool, int>, std::vector<const JointSystem::Term*>> by_point;
   for (const JointSystem::Term& term : system.terms())
     by_point[{term.of_object, term.point}].push_back(&term);
-  for (const auto& [point, terms] : by_point) EliminatePoint(problem, system, loss, terms, &reduced);
+  const std::vector<double> ring_bounds = RingBounds(problem);
+  for (const auto& [point, terms] : by_point)
+    EliminatePoint(problem, system, loss, ring_bounds, terms, &reduced);
   return reduced;
 }
 
@@ -206,7 +234,47 @@ PriorSums SumPriors(const JointSystem& system, const ReducedSystem& reduced) {
 struct ScoreCovariance {
   MatrixXd of_points;   // errors of the keypoints of one point may depend on each other
   MatrixXd of_regions;  // and so may those in one part of the photos
+  MatrixXd of_rings;    // or in one ring about the axis
 };
+
+// All that the points of one ring say.
+struct RingScore {
+  VectorXd gradient;
+  MatrixXd information;
+};
+
+// The points of a ring pass the same places of the picture in the same light, so that highlights, shading and
+// foreshortening, which stay in the world, move all of them alike, however many they are: rings as clusters,
+// each left out in turn (the jackknife). Background points stay clusters of their own.
+MatrixXd CovarianceOfRings(const ReducedSystem& reduced, const MatrixXd& inverse_system,
+                           const MatrixXd& of_background) {
+  const auto size = reduced.s.rows();
+  std::map<int, RingScore> rings;
+  for (const PointScore& score : reduced.scores) {
+    if (score.ring < 0) continue;
+    RingScore& ring =
+        rings.try_emplace(score.ring, RingScore{VectorXd::Zero(size), MatrixXd::Zero(size, size)})
+            .first->second;
+    const VectorXd gradient = score.Gradient();
+    const MatrixXd square = score.by_cameras.transpose() * score.by_cameras;
+    for (size_t a = 0; a < score.columns.size(); ++a) {
+      ring.gradient(score.columns[a]) += gradient(static_cast<Eigen::Index>(a));
+      for (size_t b = 0; b < score.columns.size(); ++b) {
+        ring.information(score.columns[a], score.columns[b]) +=
+            square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
+      }
+    }
+  }
+  MatrixXd sum = of_background;
+  const auto count = static_cast<double>(rings.size());
+  for (const auto& [height, ring] : rings) {
+    const MatrixXd left = MatrixXd::Identity(size, size) - ring.information * inverse_system;
+    VectorXd without = left.partialPivLu().solve(ring.gradient);
+    if (!without.allFinite()) without = ring.gradient;
+    sum += (count - 1) / count * without * without.transpose();
+  }
+  return sum;
+}
 
 // Liang and Zeger's estimate with points as clusters, with the gradients that these would have without their
 // own pull on the parameters (the jackknife, Bell and McCaffrey's CR3): with few points to many parameters,
@@ -217,7 +285,8 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
   const auto size = reduced.s.rows();
   const auto redundancy = static_cast<double>(reduced.redundancy);
   const double growth = redundancy / std::max(1.0, redundancy - static_cast<double>(size));
-  ScoreCovariance sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
+  ScoreCovariance sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size), MatrixXd()};
+  MatrixXd of_background = MatrixXd::Zero(size, size);
   std::map<int, VectorXd> by_cell;
   for (const PointScore& score : reduced.scores) {
     const auto columns = static_cast<Eigen::Index>(score.columns.size());
@@ -240,6 +309,7 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
     for (Eigen::Index a = 0; a < columns; ++a) {
       for (Eigen::Index b = 0; b < columns; ++b) {
         sums.of_points(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
+        if (score.ring < 0) of_background(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
         sums.of_regions(score.columns[a], score.columns[b]) -= of_observations(a, b);
       }
     }
@@ -250,6 +320,7 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
   const auto num_cells = static_cast<double>(by_cell.size());
   sums.of_regions += sums.of_points;
   sums.of_regions += cells * cells.transpose() * (growth * num_cells / std::max(1.0, num_cells - 1));
+  sums.of_rings = CovarianceOfRings(reduced, inverse_system, of_background);
   return sums;
 }
 
@@ -380,7 +451,9 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system);
   result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
   result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
+  result.ring_covariance = inverse_system * scores.of_rings * inverse_system / (share * share);
   if (has_priors) {
+    result.ring_covariance += result.prior_covariance;
     result.robust_covariance += result.prior_covariance;
     result.regional_covariance += result.prior_covariance;
   }

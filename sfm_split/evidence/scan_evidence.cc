@@ -488,6 +488,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
     const auto prior = features.has_prior_focal.find(scene.cameras[c].camera_id);
     evidence.is_focal_guessed |= relative == 0 && prior != features.has_prior_focal.end() && !prior->second;
   }
+  if (joint.axis_direction_sigma_deg >= 0) evidence.axis_sigma_deg = joint.axis_direction_sigma_deg;
   if (joint.scale_sigma_rel >= 0) evidence.scale_sigma_rel = joint.scale_sigma_rel;
   return evidence;
 }

@@ -7,7 +7,8 @@
 namespace s2gs {
 namespace {
 
-// What is asked of a scan: table angles to a degree, but for one scan in 400, and a place for each photo.
+// What is asked of a scan: table angles and the axis to a degree, but for one scan in 400, and a place for
+// each photo.
 constexpr double kMaxAngleDeg = 1;
 constexpr double kSigmas = 3;
 // Single photos and pairs may fail where nine in ten do not.
@@ -71,6 +72,7 @@ class Judge {
       }
     }
     if (result.reasons.empty()) result.reasons = Good();
+    if (evidence_.is_one_body) result.reasons.emplace_back("of one body no angles of a table are told");
     if (evidence_.angle_prior_share && *evidence_.angle_prior_share > kMaxPriorShare) {
       result.reasons.emplace_back(
           "most of what is known of the table angles is that the table's steps are equal");
@@ -281,6 +283,15 @@ class Judge {
               : std::string("a table angle cannot be told from the photos"),
           evidence_.stations > 1 ? std::vector<std::string>{kBetween, kTexture, kSmallerSteps}
                                  : std::vector<std::string>{kTexture, kSmallerSteps, kFullTurn});
+    }
+    // Where the axis is wrong before the camera, the rotation of each photo of the station is, by as much.
+    if (evidence_.axis_sigma_deg && kSigmas * *evidence_.axis_sigma_deg > kMaxAngleDeg) {
+      Add(Verdict::kDoubtful,
+          std::isfinite(*evidence_.axis_sigma_deg)
+              ? Text("the direction of the table's axis is known to +- %.2g degrees only",
+                     *evidence_.axis_sigma_deg)
+              : std::string("the direction of the table's axis cannot be told from the photos"),
+          {kTexture, kLight, kFocal});
     }
   }
 

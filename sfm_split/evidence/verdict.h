@@ -101,6 +101,7 @@ struct ScanEvidence {
   std::optional<double> angle_prior_share;
   std::optional<double> angle_sigma_median_deg;
   std::optional<double> angle_sigma_max_deg;
+  std::optional<double> axis_sigma_deg;  ///< of the axis' direction before the camera, the worse one.
   std::optional<double> scale_sigma_rel;
   bool is_object_free = false;  ///< each photo has an object pose of its own.
 };

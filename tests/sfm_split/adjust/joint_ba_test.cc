@@ -293,6 +293,82 @@ TEST(JointBa, CovariancePredictsTheErrors) {
   EXPECT_THAT(std::sqrt(scale / seeds), testing::AllOf(testing::Ge(0.5), testing::Le(1.6)));
 }
 
+// Where each photo has a pose of the object of its own, the axis is what these turn about.
+TEST(JointBa, TheAxisOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) {
+  double axis = 0;
+  const int seeds = 12;
+  for (uint32_t seed = 0; seed < seeds; ++seed) {
+    Scene scene;
+    scene.stations = 1;
+    scene.background_points = 0;
+    scene.noise_px = 0.5;
+    scene.Build(500 + seed);
+    Reporter reporter;
+    JointOptions options;
+    options.model = JointModel::kFreeObject;
+    options.num_threads = 2;
+    const JointReport report = AdjustJointly(options, reporter, &scene.start);
+    ASSERT_EQ(report.model, JointModel::kFreeObject);
+    const JointProblem& found = scene.start;
+    const Matrix3d reference = found.WorldFromObject(found.reference).rotation.toRotationMatrix();
+    Matrix3d moved = Matrix3d::Zero();
+    for (size_t i = 0; i < found.images.size(); ++i) {
+      const Matrix3d turn =
+          found.WorldFromObject(static_cast<int>(i)).rotation.toRotationMatrix() * reference.transpose() -
+          Matrix3d::Identity();
+      moved += turn.transpose() * turn;
+    }
+    const Vector3d about = Eigen::SelfAdjointEigenSolver<Matrix3d>(moved).eigenvectors().col(0);
+    const double error = about.cross(scene.truth.AxisDirection()).norm() / kDegree;
+    axis += std::pow(error / report.axis_direction_sigma_deg, 2) / seeds;
+  }
+  EXPECT_THAT(std::sqrt(axis), testing::AllOf(testing::Ge(0.6), testing::Le(1.7)));
+}
+
+// Matches of highlights, which lie to one side of the true ones in the later photo of two: what they pull by
+// is no matter of chance, but stands in the axis' standard deviation.
+TEST(JointBa, TheAxisIsWrongByNoMoreThanItSaysWhenWrongTracksAllPullToOneSide) {
+  double stated = 0;
+  double by_noise = 0;
+  const int seeds = 8;
+  for (uint32_t seed = 0; seed < seeds; ++seed) {
+    Scene scene;
+    scene.stations = 1;
+    scene.background_points = 0;
+    scene.noise_px = 0.3;
+    scene.object_points = 1600;
+    scene.visible = 0.25;
+    scene.Build(300 + seed);
+    std::map<int, int> photos;
+    for (JointObservation& observation : scene.start.object.observations) {
+      const int nth = photos[observation.point]++;
+      observation.active = nth < 2;
+      if (nth == 1 && observation.point % 4 == 0) observation.xy.y() += 1;
+    }
+    Reporter reporter;
+    JointOptions options;
+    options.model = JointModel::kSharedStations;
+    options.num_threads = 2;
+    const JointReport report = AdjustJointly(options, reporter, &scene.start);
+    const Observability& of = report.observability;
+    ASSERT_TRUE(of.computed);
+    const double error = (scene.start.AxisDirection() - scene.truth.AxisDirection()).norm() / kDegree;
+    double noise = 0;  // variance
+    for (size_t k = 0; k < of.names.size(); ++k) {
+      const auto at = static_cast<Eigen::Index>(k);
+      if (of.names[k] != "axis direction") continue;
+      for (const Eigen::MatrixXd* covariance :
+           {&of.covariance, &of.robust_covariance, &of.regional_covariance})
+        noise = std::max(noise, (*covariance)(at, at));
+    }
+    stated += std::pow(error / report.axis_direction_sigma_deg, 2) / seeds;
+    by_noise += std::pow(error * kDegree, 2) / noise / seeds;
+  }
+  // .96 and 1.60 here.
+  EXPECT_LE(std::sqrt(stated), 1.35);
+  EXPECT_GE(std::sqrt(by_noise), 1.35);
+}
+
 // The standard deviations from the residuals, over those for independent errors, where errors are
 // independent.
 TEST(JointBa, RobustCovarianceIsTheOrdinaryOneForIndependentErrors) {

@@ -1,5 +1,6 @@
 #include "sfm_split/evidence/verdict.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -211,6 +212,17 @@ TEST(Verdict, AnglesAreGoodToADegreeButForOneScanInFourHundred) {
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
   evidence.angle_sigma_max_deg = 0.34;
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+}
+
+// Which all photos of a station are wrong by.
+TEST(Verdict, TheAxisIsAskedForAsTheAnglesAre) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.axis_sigma_deg = 0.33;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  evidence.axis_sigma_deg = 0.34;
+  const ScanVerdict verdict = JudgeScan(evidence);
+  EXPECT_EQ(verdict.verdict, Verdict::kDoubtful);
+  EXPECT_THAT(verdict.reasons[0], testing::HasSubstr("axis is known to +- 0.34 degrees only"));
 }
 
 TEST(Verdict, ChanceIsTakenOffAShare) {
