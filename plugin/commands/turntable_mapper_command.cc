@@ -30,6 +30,7 @@
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/evidence/scan_evidence.h"
+#include "sfm_split/relocalise/one_camera.h"
 #include "sfm_split/relocalise/place_scan.h"
 #include "sfm_split/scene/io/colmap_database.h"
 #include "sfm_split/scene/io/top_view.h"
@@ -183,6 +184,9 @@ class TurntableMapper {
   ScanVerdict RecordFailure(json report);
   [[noreturn]] void Fail(json report, const std::string& problem);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
+  void Describe(const ScanPlacement& placement, json* report);
+  bool PlaceBeforeCamera(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
+                         json report);
 
   const Settings& settings_;
   Workspace workspace_;
@@ -339,6 +343,34 @@ void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json 
   WriteJson(ReportPath(), report);
 }
 
+// What a placement found, and how long it took.
+void TurntableMapper::Describe(const ScanPlacement& placement, json* report) {
+  for (const auto& [name, seconds] : placement.durations) seconds_[name] = seconds;
+  (*report)["path"] = placement.path;
+  (*report)["path_reason"] = placement.findings;
+  if (placement.outcome != PlacementOutcome::kPlaced) return;
+  (*report)["guided"] = ToJson(placement.guided);
+  if (settings_.adjust_to_photos) (*report)["photos"] = ToJson(placement.photos);
+}
+
+// One body that turns before a camera, where it does.
+bool TurntableMapper::PlaceBeforeCamera(const std::vector<ColmapModel>& objects,
+                                        const ReadDescriptors& read_descriptors, json report) {
+  ReadGreyPhoto read_photo;
+  if (settings_.adjust_to_photos) read_photo = [&](const std::string& name) { return ReadPhoto(name); };
+  std::optional<OneCameraScan> scan = PlaceBeforeOneCamera(input_.features, objects, read_descriptors,
+                                                           read_photo, settings_.placement, reporter_);
+  if (!scan) return false;
+  input_.features = std::move(scan->features);
+  input_.capture_case = CaptureCase::kSingleStation;
+  report["case"] = CaptureCaseName(input_.capture_case);
+  report["reason"] = scan->finding;
+  Describe(scan->placement, &report);
+  const SteadyCameras cameras(input_.features, objects[0].cameras);
+  WriteScene(input_.features, cameras, &scan->placement.best, std::move(report));
+  return true;
+}
+
 void TurntableMapper::Place() {
   Stopwatch watch;
   json report = {{"version", 1},
@@ -356,10 +388,19 @@ void TurntableMapper::Place() {
     report["mapping"][body] = ToJson(attempts);
   }
   std::vector<ColmapModel> objects = ReadMappedModels(ObjectFolder(), reporter_);
+  std::optional<ColmapDatabase> database;
+  const ReadDescriptors read_descriptors = [&](int image) {
+    if (!database) {
+      database.emplace(ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly));
+    }
+    return ReadDescriptorsOf(*database, image);
+  };
   if (input_.capture_case == CaptureCase::kOneBody) {
-    report["path"] = "one body";
-    report["path_reason"] = input_.reason.empty() ? "the split found nothing to take apart" : input_.reason;
-    WriteOneBody(objects, report);
+    if (!PlaceBeforeCamera(objects, read_descriptors, report)) {
+      report["path"] = "one body";
+      report["path_reason"] = input_.reason.empty() ? "the split found nothing to take apart" : input_.reason;
+      WriteOneBody(objects, report);
+    }
     return;
   }
   std::vector<ColmapModel> backgrounds;
@@ -370,13 +411,6 @@ void TurntableMapper::Place() {
   }
   seconds_["read"] = watch.Lap();
 
-  std::optional<ColmapDatabase> database;
-  const ReadDescriptors read_descriptors = [&](int image) {
-    if (!database) {
-      database.emplace(ColmapDatabase::Open(workspace_.ObjectDatabase(), ColmapDatabase::Access::kReadOnly));
-    }
-    return ReadDescriptorsOf(*database, image);
-  };
   const SteadyCameras cameras(input_.features,
                               objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
   ScanFeatures steadied;  // a copy only where there is something to take off
@@ -397,12 +431,8 @@ void TurntableMapper::Place() {
   }
   ScanPlacement placement =
       PlaceScan(steady, objects, background, read_descriptors, read_photo, settings_.placement, reporter_);
-  for (const auto& [name, seconds] : placement.durations) seconds_[name] = seconds;
-  report["path"] = placement.path;
-  report["path_reason"] = placement.findings;
+  Describe(placement, &report);
   if (placement.outcome == PlacementOutcome::kPlaced) {
-    report["guided"] = ToJson(placement.guided);
-    if (settings_.adjust_to_photos) report["photos"] = ToJson(placement.photos);
     WriteScene(steady, cameras, &placement.best, report);
     return;
   }

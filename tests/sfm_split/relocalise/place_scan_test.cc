@@ -5,12 +5,14 @@
 #include <algorithm>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/relocalise/one_camera.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"
@@ -46,6 +48,7 @@ struct Scan {
   // Photos of which nothing matches.
   void Lose(const std::set<int>& images) {
     std::vector<std::string> names;
+    names.reserve(images.size());
     for (const int image : images) names.push_back(Name(image));
     RemoveImages(names, &object);
     auto& pairs = features.object_pairs;
@@ -172,6 +175,71 @@ TEST(PlaceScan, ATableThatStandsStillIsOneBody) {
   const ScanPlacement placement = scan.Place(free_sfm);
   EXPECT_EQ(placement.outcome, PlacementOutcome::kNothingRotates) << placement.findings;
   EXPECT_FALSE(placement.best.is_usable);
+}
+
+// As the split leaves photos in which nothing shows that stands still.
+Scan OfOneBody(const SyntheticTurntableOptions& options) {
+  Scan scan(options);
+  int station = 0;
+  for (ScanImage& image : scan.features.images) {
+    image.station = station++;
+    for (KeypointLabel& label : image.labels) {
+      if (label == KeypointLabel::kStatic) label = KeypointLabel::kUnknown;
+    }
+  }
+  scan.features.static_pairs.clear();
+  scan.features.raw_static_pairs.clear();
+  scan.background = ColmapModel();
+  DamageModel({0.05, 0.0005, 0.0005, 0, 0, 1}, 5, &scan.object);
+  return scan;
+}
+
+std::optional<OneCameraScan> BeforeOneCamera(const Scan& scan) {
+  const ReadDescriptors none = [](int) { return std::vector<uint8_t>(); };
+  Reporter reporter;
+  return PlaceBeforeOneCamera(scan.features, {scan.object}, none, {}, PlacementOptions(), reporter);
+}
+
+TEST(PlaceBeforeOneCamera, ACameraThatStandsBeforeATableTellsTheTablesAngles) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.stations = 1;
+  options.steps = 24;
+  options.step_deg = 15;
+  const Scan scan = OfOneBody(options);
+  const std::optional<OneCameraScan> placed = BeforeOneCamera(scan);
+  ASSERT_TRUE(placed.has_value());
+  EXPECT_LT(scan.WorstAngleDeg(placed->placement), 0.1);
+  const AlignedScene& aligned = placed->placement.best.aligned;
+  ASSERT_EQ(aligned.scene.views.size(), 24U);
+  std::map<std::string, Rigid3> written;  // sparse/0
+  for (const auto& [id, image] : aligned.object.images) written[image.name] = image.cam_from_world;
+  const View* reference = aligned.scene.Reference();
+  for (const View& view : aligned.scene.views) {
+    EXPECT_EQ(view.station, 0);
+    EXPECT_LT(view.cam_from_world.rotation.angularDistance(reference->cam_from_world.rotation), 1e-9);
+    const Rigid3 turned{
+        Eigen::Quaterniond(Eigen::AngleAxisd(view.angle_deg * kPi / 180, Eigen::Vector3d::UnitZ())),
+        Eigen::Vector3d::Zero()};
+    EXPECT_LT(view.world_from_object.rotation.angularDistance(turned.rotation), 1e-9);
+    const Rigid3& pose = written.at(view.name);
+    EXPECT_LT(pose.rotation.angularDistance(view.CamFromObject().rotation), 1e-9);
+    EXPECT_LT((pose.translation - view.CamFromObject().translation).norm(), 1e-9);
+  }
+}
+
+TEST(PlaceBeforeOneCamera, ACameraInTheHandIsNone) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.stations = 1;
+  options.steps = 24;
+  options.step_deg = 15;
+  // Around the object on a circle as well as a hand can, a centimetre and a degree off; or anywhere.
+  options.shake_deg = 1;
+  options.shake_distance = 0.01;
+  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options)).has_value());
+  options = SmallScan();
+  options.turning = false;
+  options.hand_held = true;
+  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options)).has_value());
 }
 
 TEST(PlaceScan, PhotosWithoutMatchesComeByWhatThePointsLookLike) {
