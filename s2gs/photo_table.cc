@@ -1,14 +1,19 @@
 #include "s2gs/photo_table.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <map>
+#include <utility>
 #include <vector>
 
 #include "s2gs/image/photos.h"
+#include "s2gs/image/picture_noise.h"
+#include "s2gs/kernel/foreground.h"
 #include "s2gs/opaque_region.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table_circle.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -21,37 +26,17 @@ constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to sta
 constexpr double kFew = 0.05;      // of the points: outliers.
 // The table lies where the rotating points begin, so many of their heights about it.
 constexpr double kAround = 0.5;
-constexpr double kReach = 4;  // the same: a small thing on a large table.
+constexpr double kReach = 4;                // the same: a small thing on a large table.
+constexpr int kPatchRadius = 3;             // [px], of what may be texture
+constexpr float kPhotoNoise = 2;            // [grey levels], at least: what the mesh's refinement is blind to
+constexpr float kTextureFactor = 2;         // its standard deviation, in the noise's
+constexpr double kSamePlace = 0.5;          // how far the room's picture may move [px], and poses err
+constexpr int64_t kGaussiansAtOnce = 1000;  // that one thread looks at
 
 PinholeView Reduced(const PinholeView& view) {
   const double scale = std::min(1.0, static_cast<double>(kLongSide) / std::max(view.width, view.height));
   return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
                     std::max(1, static_cast<int>(view.height * scale)));
-}
-
-std::vector<StillPicture> StillPictures(const TrainingScene& scene, const LoadPhoto& load,
-                                        Reporter& reporter) {
-  std::map<int, std::vector<const ScenePhoto*>> stations;
-  for (const ScenePhoto& photo : scene.photos) {
-    if (photo.held_out) continue;
-    std::vector<const ScenePhoto*>& station = stations[photo.station];
-    const bool fits = station.empty() || (photo.view.width == station.front()->view.width &&
-                                          photo.view.height == station.front()->view.height);
-    if (fits) station.push_back(&photo);
-  }
-  std::vector<StillPicture> pictures;
-  for (const auto& [number, photos] : stations) {
-    if (photos.size() < kMinPhotos) continue;
-    const size_t count = std::min(photos.size(), kMaxPhotos);
-    const PinholeView view = Reduced(photos.front()->view);
-    std::vector<Image8> images;
-    for (size_t i = 0; i < count; ++i) {
-      if (reporter.StopRequested()) throw Interrupted();
-      images.push_back(ResizeByArea(load(*photos[i * photos.size() / count]), view.width, view.height));
-    }
-    pictures.push_back({view, MedianPicture(images)});
-  }
-  return pictures;
 }
 
 // Pixels that the model does not take to rotate.
@@ -92,11 +77,125 @@ double StaticShare(const TrainingScene& scene, const RotatingRegion& region,
   return std::max(top.Share(), side.Share());
 }
 
+// Of the grey values about a pixel, without their slope: so shading and the soft borders of shadows are
+// plain. \param image  holds the patch.
+float DeviationAt(const Image8& image, int x, int y) {
+  constexpr double kSide = 2 * kPatchRadius + 1;
+  constexpr double kCount = kSide * kSide;
+  constexpr double kSquaresAlong = kCount * (kSide * kSide - 1) / 12;  // sum of u^2 over the patch
+  double sum = 0;
+  double along_x = 0;
+  double along_y = 0;
+  double squares = 0;
+  for (int v = -kPatchRadius; v <= kPatchRadius; ++v) {
+    for (int u = -kPatchRadius; u <= kPatchRadius; ++u) {
+      const double grey = GreyFromRgb(image.Pixel(x + u, y + v));
+      sum += grey;
+      along_x += u * grey;
+      along_y += v * grey;
+      squares += grey * grey;
+    }
+  }
+  const double left = squares - sum * sum / kCount - (along_x * along_x + along_y * along_y) / kSquaresAlong;
+  return static_cast<float>(std::sqrt(std::max(0.0, left) / (kCount - 3)));
+}
+
+// How the brightness changes at a pixel of the image's inner part, per pixel.
+float SlopeAt(const Image8& image, int x, int y) {
+  return (MostDifferentChannel(image.Pixel(x - 1, y), image.Pixel(x + 1, y)) +
+          MostDifferentChannel(image.Pixel(x, y - 1), image.Pixel(x, y + 1))) /
+         2;
+}
+
+// Where the views see a point; nothing behind the camera or at the picture's border.
+std::optional<Eigen::Vector2d> PixelOf(const PinholeView& view, const Eigen::Vector3d& in_camera) {
+  if (!(in_camera.z() > view.near_depth)) return std::nullopt;
+  const Eigen::Vector2d pixel(view.cx + view.fx * in_camera.x() / in_camera.z(),
+                              view.cy + view.fy * in_camera.y() / in_camera.z());
+  const bool is_inside =
+      pixel.x() >= 1 && pixel.y() >= 1 && pixel.x() < view.width - 1 && pixel.y() < view.height - 1;
+  return is_inside ? std::make_optional(pixel) : std::nullopt;
+}
+
+// A station's photos as witnesses of what stands still.
+class StillWitness {
+ public:
+  StillWitness(const StationPhotos& station, const RotatingRegion& table)
+      : station_(station), noise_(MeasurePictureNoise(station.images.data(), station.images.size())) {
+    tables_.reserve(station.views.size());
+    for (const PinholeView& view : station.views) tables_.emplace_back(table, view);
+  }
+
+  // Photos that show something else at the point than most do, less those that show the same.
+  int Changes(const Eigen::Vector3d& x_in_object) const {
+    int changes = 0;
+    for (size_t i = 0; i < station_.views.size(); ++i) {
+      const PinholeView& view = station_.views[i];
+      const Eigen::Vector3d in_camera = view.cam_from_object * x_in_object;
+      const std::optional<Eigen::Vector2d> pixel = PixelOf(view, in_camera);
+      if (!pixel || !(MovedBy(view, in_camera, *pixel) < kSamePlace)) continue;
+      const auto x = static_cast<int>(pixel->x());
+      const auto y = static_cast<int>(pixel->y());
+      const std::optional<RegionHit> hit = tables_[i].At(x, y);
+      if (hit && hit->depth < in_camera.z()) continue;
+      const float most = noise_.tolerance + static_cast<float>(kSamePlace) * SlopeAt(station_.still, x, y);
+      const bool is_other =
+          MostDifferentChannel(station_.images[i].Pixel(x, y), station_.still.Pixel(x, y)) > most;
+      changes += is_other ? 1 : -1;
+    }
+    return changes;
+  }
+
+ private:
+  // A camera that was touched sees the room elsewhere than the first view, of which the still picture is
+  // [px].
+  double MovedBy(const PinholeView& view, const Eigen::Vector3d& in_camera,
+                 const Eigen::Vector2d& pixel) const {
+    const PinholeView& first = station_.views.front();
+    const std::optional<Eigen::Vector2d> there =
+        PixelOf(first, first.cam_from_world * (view.cam_from_world.Inverse() * in_camera));
+    return there ? (*there - pixel).norm() : kSamePlace;
+  }
+
+  const StationPhotos& station_;
+  PictureNoise noise_;
+  std::vector<RegionView> tables_;  // by photo
+};
+
 }  // namespace
 
-std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene, const LoadPhoto& load,
+std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,
                                              Reporter& reporter) {
-  if (!scene.region || scene.mode != TrainMode::kS2gs) return std::nullopt;
+  if (!scene.region || scene.mode != TrainMode::kS2gs) return {};
+  std::map<int, std::vector<const ScenePhoto*>> by_number;
+  for (const ScenePhoto& photo : scene.photos) {
+    if (photo.held_out) continue;
+    std::vector<const ScenePhoto*>& station = by_number[photo.station];
+    const bool fits = station.empty() || (photo.view.width == station.front()->view.width &&
+                                          photo.view.height == station.front()->view.height);
+    if (fits) station.push_back(&photo);
+  }
+  std::vector<StationPhotos> stations;
+  for (const auto& [number, photos] : by_number) {
+    if (photos.size() < kMinPhotos) continue;
+    const size_t count = std::min(photos.size(), kMaxPhotos);
+    StationPhotos station;
+    for (size_t i = 0; i < count; ++i) {
+      if (reporter.StopRequested()) throw Interrupted();
+      const ScenePhoto& photo = *photos[i * photos.size() / count];
+      const PinholeView view = Reduced(photo.view);
+      station.views.push_back(view);
+      station.images.push_back(ResizeByArea(load(photo), view.width, view.height));
+    }
+    station.still = MedianPicture(station.images);
+    stations.push_back(std::move(station));
+  }
+  return stations;
+}
+
+std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
+                                             const std::vector<StationPhotos>& stations) {
+  if (!scene.region || stations.empty()) return std::nullopt;
   const TurntableAxis& axis = scene.region->axis;
   std::vector<double> heights;
   std::vector<double> radii;
@@ -114,7 +213,10 @@ std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene, const L
   search.low = low - around;
   search.high = low + around;
   search.max_radius = kReach * Quantile(std::move(radii), 1 - kFew);
-  return FindTableCircle(StillPictures(scene, load, reporter), search);
+  std::vector<StillPicture> pictures;
+  pictures.reserve(stations.size());
+  for (const StationPhotos& station : stations) pictures.push_back({station.views.front(), station.still});
+  return FindTableCircle(pictures, search);
 }
 
 TableRim RimOfCircle(const TrainingScene& scene, const TableCircle& circle,
@@ -125,6 +227,80 @@ TableRim RimOfCircle(const TrainingScene& scene, const TableCircle& circle,
   rim.false_alarms = circle.false_alarms;
   rim.static_share = StaticShare(scene, rim.region, shape, backend);
   return rim;
+}
+
+double TexturedShareOfTop(const std::vector<StationPhotos>& stations, const RotatingRegion& table) {
+  RotatingRegion top = table;
+  top.low = top.high;
+  int64_t all = 0;
+  int64_t textured = 0;
+  for (const StationPhotos& station : stations) {
+    const PictureNoise noise = MeasurePictureNoise(station.images.data(), station.images.size());
+    const float least = kTextureFactor * std::max(kPhotoNoise, noise.of_grey);
+    const PinholeView& view = station.views.front();
+    PixelMask on_top{view.width, view.height, {}};
+    on_top.inside.assign(static_cast<size_t>(view.width) * view.height, 0);
+    AddRegion(top, view, &on_top);
+    const auto is_top = [&](int x, int y) {
+      return on_top.inside[static_cast<size_t>(y) * view.width + x] != 0;
+    };
+    for (int y = kPatchRadius; y + kPatchRadius < view.height; y += kPatchRadius) {
+      for (int x = kPatchRadius; x + kPatchRadius < view.width; x += kPatchRadius) {
+        // Its rim is no texture of the top.
+        if (!is_top(x - kPatchRadius, y) || !is_top(x + kPatchRadius, y) || !is_top(x, y - kPatchRadius) ||
+            !is_top(x, y + kPatchRadius)) {
+          continue;
+        }
+        const auto count =
+            std::count_if(station.images.begin(), station.images.end(),
+                          [&](const Image8& image) { return DeviationAt(image, x, y) >= least; });
+        ++all;
+        textured += 2 * static_cast<size_t>(count) > station.images.size() ? 1 : 0;
+      }
+    }
+  }
+  return all > 0 ? static_cast<double>(textured) / static_cast<double>(all) : 1;
+}
+
+std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& stations,
+                                              const RotatingRegion& table, const Placement& gaussians) {
+  std::vector<StillWitness> witnesses;
+  witnesses.reserve(stations.size());
+  double pixel_size = 0;
+  for (const StationPhotos& station : stations) {
+    witnesses.emplace_back(station, table);
+    const PinholeView& view = station.views.front();
+    pixel_size = std::max(pixel_size, (view.cam_from_world * table.axis.point).z() / view.fx);
+  }
+  if (witnesses.empty()) return {};
+  // The circle is known to a pixel.
+  RotatingRegion body = table;
+  body.radius += pixel_size;
+  const Eigen::Vector3d up = table.axis.direction;
+  std::vector<uint32_t> below;
+  for (size_t i = 0; i < gaussians.size(); ++i) {
+    const float* centre = gaussians.centre.data() + 3 * i;
+    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
+    if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) continue;
+    const double height = (x - table.axis.point).dot(up);
+    if (!(height < table.high - pixel_size)) continue;
+    const double distance = (x - table.axis.point - height * up).norm();
+    const bool is_under_side = table.low < table.high && height < table.low - pixel_size;
+    if (distance > body.radius || is_under_side) below.push_back(static_cast<uint32_t>(i));
+  }
+  std::vector<uint8_t> stands(below.size(), 0);
+  ParallelFor(static_cast<int64_t>(below.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
+    const float* centre = gaussians.centre.data() + size_t{3} * below[i];
+    int changes = 0;
+    for (const StillWitness& witness : witnesses)
+      changes += witness.Changes(Eigen::Vector3d(centre[0], centre[1], centre[2]));
+    stands[i] = changes <= 0 ? 1 : 0;
+  });
+  std::vector<uint32_t> standing;
+  for (size_t i = 0; i < below.size(); ++i) {
+    if (stands[i] != 0) standing.push_back(below[i]);
+  }
+  return standing;
 }
 
 }  // namespace s2gs

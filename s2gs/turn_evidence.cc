@@ -4,12 +4,11 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <cstdlib>
-#include <utility>
 
 #include "s2gs/core/knn.h"
 #include "s2gs/image/bilinear.h"
 #include "s2gs/image/photos.h"
+#include "s2gs/image/picture_noise.h"
 #include "s2gs/kernel/foreground.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
@@ -23,8 +22,6 @@ constexpr size_t kMaxPhotos = 48;     // of which so many, evenly chosen, see wh
 constexpr size_t kMinUncovered = 3;   // photos that show the background, for a median.
 constexpr double kSameCamera = 0.5;   // how far the picture of the table may move [px].
 constexpr int kCoverMargin = 2;       // [px], about what is covered: a rendering's borders are soft.
-constexpr float kMinNoise = 0.5F;     // [grey levels], of rounding.
-constexpr float kNoiseFactor = 3;     // standard deviations.
 constexpr float kPoseError = 0.5F;    // [px]
 constexpr int kPatchRadius = 3;       // [px], of the texture that is recognised.
 constexpr float kTextureFactor = 2;   // a texture's standard deviation, in the noise's: then correlations
@@ -33,15 +30,7 @@ constexpr float kMinWeight = 0.1F;    // of a Gaussian in some pixel: it is seen
 constexpr size_t kViewsAtOnce = 32;   // of which is held what a backend saw of all Gaussians.
 constexpr int kNeighbours = 8;        // that are judged together.
 constexpr double kDeviations = 3.09;  // of the sign test: chance passes once in a thousand.
-constexpr float kNormalMedian = 0.6745F;
 constexpr int64_t kGaussiansAtOnce = 1000;  // whose votes one thread counts
-constexpr size_t kNoiseStride = 7;          // of the pixels that noise is measured from.
-
-float MostDifferent(const uint8_t* a, const uint8_t* b) {
-  int most = 0;
-  for (int c = 0; c < 3; ++c) most = std::max(most, std::abs(a[c] - b[c]));
-  return static_cast<float>(most);
-}
 
 std::vector<uint8_t> GreyOf(const Image8& image) {
   std::vector<uint8_t> grey;
@@ -292,24 +281,9 @@ TurnEvidence::TurnEvidence(const TrainingScene& scene) {
       pictures_.back() = TurnedPicture(view, views_.back(), pictures_.back(), &is_outside_.back());
     }
     camera.end = pictures_.size();
-    // Most of a picture stands still: half of the differences are noise alone, or that and drifting light.
-    std::vector<float> of_slopes;
-    std::vector<float> of_colors;
-    const size_t half = count / 2;
-    for (size_t i = camera.first; i + half < camera.end; ++i) {
-      const std::vector<uint8_t>& a = pictures_[i].pixels;
-      const std::vector<uint8_t>& b = pictures_[i + half].pixels;
-      for (size_t p = 0; 3 * p + 5 < a.size(); p += kNoiseStride) {
-        of_colors.push_back(MostDifferent(&a[3 * p], &b[3 * p]));
-        const int slope_a = GreyFromRgb(&a[3 * p + 3]) - GreyFromRgb(&a[3 * p]);
-        const int slope_b = GreyFromRgb(&b[3 * p + 3]) - GreyFromRgb(&b[3 * p]);
-        of_slopes.push_back(static_cast<float>(std::abs(slope_a - slope_b)) / 2);  // four pixels' noise
-      }
-    }
-    if (of_slopes.empty()) continue;
-    camera.noise = std::max(kMinNoise, Quantile(std::move(of_slopes), 0.5) / kNormalMedian);
-    camera.tolerance =
-        kNoiseFactor * std::max(kMinNoise, Quantile(std::move(of_colors), 0.5) / kNormalMedian);
+    const PictureNoise noise = MeasurePictureNoise(&pictures_[camera.first], count);
+    camera.noise = noise.of_grey;
+    camera.tolerance = noise.tolerance;
     cameras_.push_back(camera);
   }
 }
@@ -373,10 +347,10 @@ std::vector<PixelSight> TurnEvidence::Compare(const Camera& camera, const Image8
       const size_t p = static_cast<size_t>(y) * width + x;
       if (is_seen[p] == 0) continue;
       sights[p] = PixelSight::kAlike;
-      const float slope = (MostDifferent(background.Pixel(x - 1, y), background.Pixel(x + 1, y)) +
-                           MostDifferent(background.Pixel(x, y - 1), background.Pixel(x, y + 1))) /
+      const float slope = (MostDifferentChannel(background.Pixel(x - 1, y), background.Pixel(x + 1, y)) +
+                           MostDifferentChannel(background.Pixel(x, y - 1), background.Pixel(x, y + 1))) /
                           2;
-      if (MostDifferent(picture.Pixel(x, y), background.Pixel(x, y)) >
+      if (MostDifferentChannel(picture.Pixel(x, y), background.Pixel(x, y)) >
           camera.tolerance + kPoseError * slope) {
         sights[p] = PixelSight::kOther;
         continue;

@@ -21,8 +21,9 @@ struct MeshCleanupOptions {
   /// lies, and the largest cluster above it is the object: the others are its surroundings.
   bool is_axis_known = true;
   /// Clusters (parts that share no vertex) below this share of the largest one's area are dropped; 0 keeps
-  /// all, 100 the largest alone [%].
-  double min_cluster_area_pct = 10;
+  /// all, 100 the largest alone [%]. By default what is a tenth as long stays, which photos may show without
+  /// what joins it to the rest: the top of a vase above a dark neck.
+  double min_cluster_area_pct = 1;
   int max_hole_edges = 0;        ///< holes with so many edges or fewer are closed; 0: none.
   int smoothing_iterations = 0;  ///< of Taubin's smoothing, which does not shrink.
   int64_t max_triangles = 0;     ///< the mesh is simplified to about this number; 0: it is not.

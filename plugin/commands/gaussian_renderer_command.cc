@@ -50,6 +50,8 @@ namespace fs = std::filesystem;
 constexpr char kMapSuffix[] = ".geometric.bin";
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
+// Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and more.
+constexpr double kTexturedTop = 0.5;
 
 enum class DepthKind : uint8_t { kMedian, kExpected };
 const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};
@@ -285,6 +287,8 @@ class Renderer {
   void WriteMaskLog() const {
     nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", table_.has_value()}};
     line["gaussians_beside"] = num_beside_table_;
+    line["gaussians_around"] = num_around_table_;
+    if (textured_top_) line["textured_share"] = *textured_top_;
     if (circle_) {
       const Eigen::Vector3d top = scene_.axis->point + circle_->height * scene_.axis->direction;
       line["top"] = (scene_.origin + scene_.size * top).dot(scene_.axis->direction);
@@ -314,32 +318,48 @@ class Renderer {
   void DropBesideTable() {
     const std::vector<uint32_t> beside = FindRotatingBesideTable(scene_, backend_, reporter_);
     num_beside_table_ = beside.size();
-    if (beside.empty()) return;
+    LeaveOut(beside, "that lie beside the table");
+  }
+
+  // \param rotating  in ascending order.
+  void LeaveOut(const std::vector<uint32_t>& rotating, const char* which) {
+    if (rotating.empty()) return;
     std::vector<uint32_t> others;
     const auto count = static_cast<uint32_t>(backend_->Count());
     for (uint32_t i = 0; i < count; ++i) {
-      if (!std::binary_search(beside.begin(), beside.end(), i)) others.push_back(i);
+      if (!std::binary_search(rotating.begin(), rotating.end(), i)) others.push_back(i);
     }
     backend_->Keep(others);
-    reporter_.Info(fmt::format("{} rotating Gaussians left out that lie beside the table", beside.size()));
+    reporter_.Info(fmt::format("{} rotating Gaussians left out {}", rotating.size(), which));
   }
 
   // Photos tell the rim to a fraction of a pixel; where they do not, the model may.
   void FindTable() {
     const bool is_objects = a_.plain_table == PlainTable::kObject;
+    std::vector<StationPhotos> stations;
     try {
-      circle_ = FindTableInPhotos(
+      stations = LoadStationPhotos(
           scene_, [&](const ScenePhoto& photo) { return Photo(photo); }, reporter_);
     } catch (const UserError& error) {
       reporter_.Warn(fmt::format("the table's rim is not looked for in the photos: {}", error.what()));
     }
-    if (circle_) {
-      table_ = RimOfCircle(scene_, *circle_, shape_, backend_);
-      if (table_->IsUndecided() && is_objects) plain_table_ = table_->region;
+    circle_ = FindTableInPhotos(scene_, stations);
+    if (!circle_) {
+      table_ = FindTableRim(scene_, backend_);
+      if (table_ && table_->IsUndecided() && shape_ && is_objects) CountTableAsRotating(*table_, &*shape_);
       return;
     }
-    table_ = FindTableRim(scene_, backend_);
-    if (table_ && table_->IsUndecided() && shape_ && is_objects) CountTableAsRotating(*table_, &*shape_);
+    table_ = RimOfCircle(scene_, *circle_, shape_, backend_);
+    if (table_->IsUndecided() && !is_objects) return;
+    in_masks_ = table_->region;
+    textured_top_ = TexturedShareOfTop(stations, table_->region);
+    // Photos show the shape of a top that has texture and turns.
+    if (table_->IsUndecided() || *textured_top_ < kTexturedTop) in_maps_ = table_->region;
+    if (!a_.cut_at_table) return;
+    const std::vector<uint32_t> standing =
+        FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
+    num_around_table_ = standing.size();
+    LeaveOut(standing, "lower than the table's top, where photos show no change");
   }
 
   RenderedView Render(RenderRequest request) {
@@ -358,7 +378,7 @@ class Renderer {
 
   PixelMask RotatingPart(const ScenePhoto& photo) {
     PixelMask mask = RotatingMask(Render(MaskRequest(scene_, shape_, photo.view)));
-    if (plain_table_) AddRegion(*plain_table_, photo.view, &mask);
+    if (in_masks_) AddRegion(*in_masks_, photo.view, &mask);
     return mask;
   }
 
@@ -396,7 +416,7 @@ class Renderer {
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     PixelMask opaque = OpaqueMask(Render(silhouette));
-    if (plain_table_) AddRegion(*plain_table_, view, &opaque);
+    if (in_masks_) AddRegion(*in_masks_, view, &opaque);
     Later([path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"), opaque = std::move(opaque)] {
       WriteImage(path, MaskImage(opaque));
     });
@@ -404,7 +424,7 @@ class Renderer {
     view.cx += 0.5;
     view.cy += 0.5;
     RenderedView drawn = Render(ForMaps(view));
-    if (plain_table_) DrawOpaqueRegion(*plain_table_, view, &drawn);
+    if (in_maps_) DrawOpaqueRegion(*in_maps_, view, &drawn);
     Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
            drawn = std::move(drawn), kind = a_.depth,
@@ -441,8 +461,11 @@ class Renderer {
   std::optional<RotatingShape> shape_;
   std::optional<TableRim> table_;
   std::optional<TableCircle> circle_;
-  std::optional<RotatingRegion> plain_table_;  // drawn into masks and maps
-  size_t num_beside_table_ = 0;                // Gaussians
+  std::optional<RotatingRegion> in_masks_;  // the table, where it is known whose it is
+  std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape
+  std::optional<double> textured_top_;
+  size_t num_beside_table_ = 0;  // Gaussians
+  size_t num_around_table_ = 0;
   fs::path output_;
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;

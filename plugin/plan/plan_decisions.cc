@@ -166,10 +166,16 @@ void DecidePairs(const PlanRequest& /*request*/, const Evidence& e, PlanDecision
            fmt::format("{:.0f} % of the matching", saved));
 }
 
+// What the photos show: the split says it first, and the mapper where it knows better.
+std::string CaseOf(const Evidence& e) {
+  const std::string placed = Text(e.mapper, "case");
+  return placed.empty() ? Text(e.labels, "case") : placed;
+}
+
 void DecideTwoBodies(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
   if (e.labels.is_null()) return;
   d->measured = Text(e.labels, "reason");
-  if (Text(e.labels, "case") == "one_body" || Text(e.mapper, "path") == "one body") {
+  if (CaseOf(e) == "one_body" || Text(e.mapper, "path") == "one body") {
     LeaveOut(d, "nothing turns: all photos show one rigid body",
              "the background's model, the axis, p and its terms in training");
   } else {
@@ -178,9 +184,10 @@ void DecideTwoBodies(const PlanRequest& /*request*/, const Evidence& e, PlanDeci
 }
 
 void DecideBackground(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
-  const std::string scene_case = Text(e.labels, "case");
+  const std::string scene_case = CaseOf(e);
   if (scene_case.empty()) return;
-  d->measured = Stations(Number(e.labels, "num_stations"));
+  const bool is_as_split = scene_case == Text(e.labels, "case");
+  d->measured = Stations(is_as_split ? Number(e.labels, "num_stations") : Number(e.mapper, "stations"));
   d->threshold = "2 stations whose photos of the background match";
   if (scene_case == "turntable" && (e.HasRun("background_mapper") || !e.HasRun("turntable_mapper"))) {
     return Keep(d, "several stations see the background from different places");

@@ -122,9 +122,9 @@ TEST(MeshCleanup, TestShapesAreSound) {
 }
 
 TEST(MeshCleanup, DropsSmallClusters) {
-  TriangleMesh mesh = Ball(1, 0.2, {3, 0, 0});  // 1 % of the largest one's area
+  TriangleMesh mesh = Ball(1, 0.15, {3, 0, 0});  // .6 % of the largest one's area
   Append(Ball(3, 2), &mesh);
-  Append(Ball(2, 1, {0, 5, 0}), &mesh);  // 25 %
+  Append(Ball(2, 0.25, {0, 5, 0}), &mesh);  // 1.6 %
   mesh.colors.resize(mesh.vertices.size());
   for (size_t i = 0; i < mesh.colors.size(); ++i) {
     mesh.colors[i] = Eigen::Vector3i(mesh.vertices[i].norm() > 2.5F ? 200 : 10, 0, 0).cast<uint8_t>();

@@ -1,0 +1,49 @@
+#include "s2gs/image/picture_noise.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <utility>
+#include <vector>
+
+#include "s2gs/image/photos.h"
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+constexpr float kMinNoise = 0.5F;  // [grey levels], of rounding.
+constexpr float kNoiseFactor = 3;  // standard deviations.
+constexpr float kNormalMedian = 0.6745F;
+constexpr size_t kNoiseStride = 7;  // of the pixels that noise is measured from.
+
+}  // namespace
+
+float MostDifferentChannel(const uint8_t* a, const uint8_t* b) {
+  int most = 0;
+  for (int c = 0; c < 3; ++c) most = std::max(most, std::abs(a[c] - b[c]));
+  return static_cast<float>(most);
+}
+
+PictureNoise MeasurePictureNoise(const Image8* pictures, size_t count) {
+  std::vector<float> of_slopes;
+  std::vector<float> of_colors;
+  const size_t half = count / 2;
+  for (size_t i = 0; i + half < count; ++i) {
+    const std::vector<uint8_t>& a = pictures[i].pixels;
+    const std::vector<uint8_t>& b = pictures[i + half].pixels;
+    for (size_t p = 0; 3 * p + 5 < a.size(); p += kNoiseStride) {
+      of_colors.push_back(MostDifferentChannel(&a[3 * p], &b[3 * p]));
+      const int slope_a = GreyFromRgb(&a[3 * p + 3]) - GreyFromRgb(&a[3 * p]);
+      const int slope_b = GreyFromRgb(&b[3 * p + 3]) - GreyFromRgb(&b[3 * p]);
+      of_slopes.push_back(static_cast<float>(std::abs(slope_a - slope_b)) / 2);  // four pixels' noise
+    }
+  }
+  PictureNoise noise = {kMinNoise, kNoiseFactor * kMinNoise};
+  if (of_slopes.empty()) return noise;
+  noise.of_grey = std::max(kMinNoise, Quantile(std::move(of_slopes), 0.5) / kNormalMedian);
+  noise.tolerance = kNoiseFactor * std::max(kMinNoise, Quantile(std::move(of_colors), 0.5) / kNormalMedian);
+  return noise;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+
+#include "s2gs/image/image_file.h"
+
+namespace s2gs {
+
+/// How much pictures that one camera took from one place differ where nothing has changed.
+struct PictureNoise {
+  float of_grey = 0;  ///< standard deviation of a pixel [grey levels].
+  float tolerance =
+      0;  ///< of the most different channel of two pictures: three deviations, light's drift in it.
+};
+
+/// From the picture's halves in the order taken, so that what turns has moved on: most of a picture stands
+/// still, and half of the differences are noise alone. At least half a grey level, of rounding.
+/// \param pictures  RGB, of one size; at least two.
+PictureNoise MeasurePictureNoise(const Image8* pictures, size_t count);
+
+/// The largest difference of the three channels of two pixels.
+float MostDifferentChannel(const uint8_t* a, const uint8_t* b);
+
+}  // namespace s2gs
