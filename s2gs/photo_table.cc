@@ -100,21 +100,12 @@ float DeviationAt(const Image8& image, int x, int y) {
   return static_cast<float>(std::sqrt(std::max(0.0, left) / (kCount - 3)));
 }
 
-// How the brightness changes at a pixel of the image's inner part, per pixel.
-float SlopeAt(const Image8& image, int x, int y) {
-  return (MostDifferentChannel(image.Pixel(x - 1, y), image.Pixel(x + 1, y)) +
-          MostDifferentChannel(image.Pixel(x, y - 1), image.Pixel(x, y + 1))) /
-         2;
-}
-
-// Where the views see a point; nothing behind the camera or at the picture's border.
-std::optional<Eigen::Vector2d> PixelOf(const PinholeView& view, const Eigen::Vector3d& in_camera) {
-  if (!(in_camera.z() > view.near_depth)) return std::nullopt;
-  const Eigen::Vector2d pixel(view.cx + view.fx * in_camera.x() / in_camera.z(),
-                              view.cy + view.fy * in_camera.y() / in_camera.z());
-  const bool is_inside =
-      pixel.x() >= 1 && pixel.y() >= 1 && pixel.x() < view.width - 1 && pixel.y() < view.height - 1;
-  return is_inside ? std::make_optional(pixel) : std::nullopt;
+// The pixel of a point that is not at the picture's border.
+std::optional<Eigen::Vector2d> InnerPixelOf(const PinholeView& view, const Eigen::Vector3d& x_in_cam) {
+  const std::optional<Eigen::Vector2d> pixel = PixelOf(view, x_in_cam);
+  const bool is_inner = pixel && pixel->x() >= 1 && pixel->y() >= 1 && pixel->x() < view.width - 1 &&
+                        pixel->y() < view.height - 1;
+  return is_inner ? pixel : std::nullopt;
 }
 
 // A station's photos as witnesses of what stands still.
@@ -132,7 +123,7 @@ class StillWitness {
     for (size_t i = 0; i < station_.views.size(); ++i) {
       const PinholeView& view = station_.views[i];
       const Eigen::Vector3d in_camera = view.cam_from_object * x_in_object;
-      const std::optional<Eigen::Vector2d> pixel = PixelOf(view, in_camera);
+      const std::optional<Eigen::Vector2d> pixel = InnerPixelOf(view, in_camera);
       if (!pixel || !(MovedBy(view, in_camera, *pixel) < kSamePlace)) continue;
       const auto x = static_cast<int>(pixel->x());
       const auto y = static_cast<int>(pixel->y());
@@ -153,7 +144,7 @@ class StillWitness {
                  const Eigen::Vector2d& pixel) const {
     const PinholeView& first = station_.views.front();
     const std::optional<Eigen::Vector2d> there =
-        PixelOf(first, first.cam_from_world * (view.cam_from_world.Inverse() * in_camera));
+        InnerPixelOf(first, first.cam_from_world * (view.cam_from_world.Inverse() * in_camera));
     return there ? (*there - pixel).norm() : kSamePlace;
   }
 

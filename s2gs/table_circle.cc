@@ -64,18 +64,14 @@ struct Crossing {
 std::optional<Crossing> CrossingAt(const StillPicture& picture, const Eigen::Vector3d& x,
                                    const Eigen::Vector3d& along) {
   const PinholeView& view = picture.view;
-  const Eigen::Vector3d here = view.cam_from_world * x;
-  const Eigen::Vector3d there = view.cam_from_world * (x + along);
-  if (!(here.z() > view.near_depth) || !(there.z() > view.near_depth)) return std::nullopt;
-  const auto pixel = [&](const Eigen::Vector3d& in_camera) {
-    return Eigen::Vector2d(view.cx + view.fx * in_camera.x() / in_camera.z(),
-                           view.cy + view.fy * in_camera.y() / in_camera.z());
-  };
-  const Eigen::Vector2d at = pixel(here);
+  const std::optional<Eigen::Vector2d> here = PixelOf(view, view.cam_from_world * x);
+  const std::optional<Eigen::Vector2d> there = PixelOf(view, view.cam_from_world * (x + along));
+  if (!here || !there) return std::nullopt;
+  const Eigen::Vector2d at = *here;
   const double margin = kApart + 1;
   if (!(at.x() > margin && at.y() > margin && at.x() < view.width - margin && at.y() < view.height - margin))
     return std::nullopt;
-  const Eigen::Vector2d step = pixel(there) - at;
+  const Eigen::Vector2d step = *there - at;
   const double pitch = step.norm();
   if (!(pitch > kLeastPitch)) return std::nullopt;
   const Eigen::Vector2d apart = kApart / pitch * step;

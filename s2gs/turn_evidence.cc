@@ -61,15 +61,6 @@ std::vector<uint8_t> Widened(const std::vector<uint8_t>& inside, int width, int 
   return wide;
 }
 
-// Nothing behind the camera.
-bool Project(const PinholeView& view, const Rigid3& pose, const Eigen::Vector3d& x, Eigen::Vector2d* pixel) {
-  const Eigen::Vector3d in_camera = pose * x;
-  if (!(in_camera.z() > view.near_depth)) return false;
-  *pixel = {view.cx + view.fx * in_camera.x() / in_camera.z(),
-            view.cy + view.fy * in_camera.y() / in_camera.z()};
-  return true;
-}
-
 // Whether what stands still about the table lies in the same pixels.
 bool IsSameCamera(const TrainingScene& scene, const PinholeView& a, const PinholeView& b) {
   if (a.width != b.width || a.height != b.height) return false;
@@ -77,10 +68,9 @@ bool IsSameCamera(const TrainingScene& scene, const PinholeView& a, const Pinhol
   for (int i = -1; i < 6; ++i) {
     Eigen::Vector3d x = scene.region->axis.point;
     if (i >= 0) x[i / 2] += i % 2 == 0 ? scene.region->radius : -scene.region->radius;
-    Eigen::Vector2d in_a;
-    Eigen::Vector2d in_b;
-    if (!Project(a, a.cam_from_world, x, &in_a) || !Project(b, b.cam_from_world, x, &in_b)) return false;
-    if (!((in_a - in_b).norm() < kSameCamera)) return false;
+    const std::optional<Eigen::Vector2d> in_a = PixelOf(a, a.cam_from_world * x);
+    const std::optional<Eigen::Vector2d> in_b = PixelOf(b, b.cam_from_world * x);
+    if (!in_a || !in_b || !((*in_a - *in_b).norm() < kSameCamera)) return false;
   }
   return true;
 }
@@ -347,11 +337,8 @@ std::vector<PixelSight> TurnEvidence::Compare(const Camera& camera, const Image8
       const size_t p = static_cast<size_t>(y) * width + x;
       if (is_seen[p] == 0) continue;
       sights[p] = PixelSight::kAlike;
-      const float slope = (MostDifferentChannel(background.Pixel(x - 1, y), background.Pixel(x + 1, y)) +
-                           MostDifferentChannel(background.Pixel(x, y - 1), background.Pixel(x, y + 1))) /
-                          2;
       if (MostDifferentChannel(picture.Pixel(x, y), background.Pixel(x, y)) >
-          camera.tolerance + kPoseError * slope) {
+          camera.tolerance + kPoseError * SlopeAt(background, x, y)) {
         sights[p] = PixelSight::kOther;
         continue;
       }
@@ -415,14 +402,15 @@ std::vector<uint32_t> FindStandingGaussians(const TurnEvidence& evidence, Backen
     seen[v].assign(rotating.size(), 0);
     for (size_t i = 0; i < rotating.size(); ++i) {
       const float* x = centres.data() + 3 * i;
-      Eigen::Vector2d pixel;
-      if (look.is_visible[v][i] == 0 ||
-          !Project(views[v], views[v].cam_from_object, Eigen::Vector3d(x[0], x[1], x[2]), &pixel))
+      if (look.is_visible[v][i] == 0) continue;
+      const std::optional<Eigen::Vector2d> pixel =
+          PixelOf(views[v], views[v].cam_from_object * Eigen::Vector3d(x[0], x[1], x[2]));
+      if (!pixel || !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() < views[v].width &&
+                      pixel->y() < views[v].height)) {
         continue;
-      if (!(pixel.x() >= 0 && pixel.y() >= 0 && pixel.x() < views[v].width && pixel.y() < views[v].height))
-        continue;
-      const auto column = static_cast<size_t>(pixel.x());
-      const PixelSight sight = sights[v][static_cast<size_t>(pixel.y()) * views[v].width + column];
+      }
+      const auto column = static_cast<size_t>(pixel->x());
+      const PixelSight sight = sights[v][static_cast<size_t>(pixel->y()) * views[v].width + column];
       seen[v][i] = sight == PixelSight::kOther ? 1 : sight == PixelSight::kBackground ? -1 : 0;
     }
   });

@@ -25,6 +25,12 @@ float MostDifferentChannel(const uint8_t* a, const uint8_t* b) {
   return static_cast<float>(most);
 }
 
+float SlopeAt(const Image8& image, int x, int y) {
+  return (MostDifferentChannel(image.Pixel(x - 1, y), image.Pixel(x + 1, y)) +
+          MostDifferentChannel(image.Pixel(x, y - 1), image.Pixel(x, y + 1))) /
+         2;
+}
+
 PictureNoise MeasurePictureNoise(const Image8* pictures, size_t count) {
   std::vector<float> of_slopes;
   std::vector<float> of_colors;

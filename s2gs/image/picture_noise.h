@@ -21,4 +21,9 @@ PictureNoise MeasurePictureNoise(const Image8* pictures, size_t count);
 /// The largest difference of the three channels of two pixels.
 float MostDifferentChannel(const uint8_t* a, const uint8_t* b);
 
+/// How steep a picture is at a pixel: its slopes along both axes, by central differences, added [grey levels
+/// per px].
+/// \param x, y  not at the image's border.
+float SlopeAt(const Image8& image, int x, int y);
+
 }  // namespace s2gs

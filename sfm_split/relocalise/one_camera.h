@@ -17,10 +17,12 @@ struct OneCameraScan {
 
 /// Photos that the split took for one body, since too little of what stands still shows to tell that the
 /// camera did. As the object sees it, such a camera goes about it on a circle and always looks at the axis
-/// alike. Where SfM's cameras of nearly all photos do, within what a table's plate may wobble by, everything
-/// is placed as at one station (PlaceScan), and taken where no photo that SfM placed is lost. A camera in the
-/// hand strays farther; nothing is returned then.
+/// alike. Where SfM's cameras of nearly all photos do, within what a table's plate may wobble by, and raw
+/// matches in half of the photos stay at their pixels, everything is placed as at one station (PlaceScan),
+/// and taken where no photo that SfM placed is lost. A camera in the hand strays farther, and before a rig's
+/// nothing stays in place; nothing is returned then.
 ///
+/// \param features  with raw_pairs.
 /// \param objects  SfM's models, the largest first. Other parameters as PlaceScan's.
 std::optional<OneCameraScan> PlaceBeforeOneCamera(const ScanFeatures& features,
                                                   const std::vector<ColmapModel>& objects,

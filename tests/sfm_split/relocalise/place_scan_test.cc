@@ -177,18 +177,32 @@ TEST(PlaceScan, ATableThatStandsStillIsOneBody) {
   EXPECT_FALSE(placement.best.is_usable);
 }
 
-// As the split leaves photos in which nothing shows that stands still.
-Scan OfOneBody(const SyntheticTurntableOptions& options) {
+// As the split leaves photos in which hardly anything shows that stands still, but for so many things that
+// are at the same pixel of every photo.
+Scan OfOneBody(const SyntheticTurntableOptions& options, uint32_t num_still) {
   Scan scan(options);
   int station = 0;
+  std::vector<uint32_t> first_still;
   for (ScanImage& image : scan.features.images) {
     image.station = station++;
     for (KeypointLabel& label : image.labels) {
       if (label == KeypointLabel::kStatic) label = KeypointLabel::kUnknown;
     }
+    first_still.push_back(static_cast<uint32_t>(image.keypoints.size()));
+    for (uint32_t k = 0; k < num_still; ++k) {
+      image.keypoints.emplace_back(20 + 30 * static_cast<float>(k), 20);
+      image.labels.push_back(KeypointLabel::kUnknown);
+    }
   }
   scan.features.static_pairs.clear();
   scan.features.raw_static_pairs.clear();
+  scan.features.raw_pairs = scan.features.object_pairs;
+  for (ImagePairMatches& pair : scan.features.raw_pairs) {
+    for (uint32_t k = 0; k < num_still; ++k) {
+      pair.matches.push_back({first_still[static_cast<size_t>(pair.image1)] + k,
+                              first_still[static_cast<size_t>(pair.image2)] + k});
+    }
+  }
   scan.background = ColmapModel();
   DamageModel({0.05, 0.0005, 0.0005, 0, 0, 1}, 5, &scan.object);
   return scan;
@@ -205,7 +219,7 @@ TEST(PlaceBeforeOneCamera, ACameraThatStandsBeforeATableTellsTheTablesAngles) {
   options.stations = 1;
   options.steps = 24;
   options.step_deg = 15;
-  const Scan scan = OfOneBody(options);
+  const Scan scan = OfOneBody(options, 2);
   const std::optional<OneCameraScan> placed = BeforeOneCamera(scan);
   ASSERT_TRUE(placed.has_value());
   EXPECT_LT(scan.WorstAngleDeg(placed->placement), 0.1);
@@ -227,6 +241,14 @@ TEST(PlaceBeforeOneCamera, ACameraThatStandsBeforeATableTellsTheTablesAngles) {
   }
 }
 
+TEST(PlaceBeforeOneCamera, CamerasOnACircleBeforeWhichNothingRestsAreNone) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.stations = 1;
+  options.steps = 24;
+  options.step_deg = 15;
+  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options, 0)).has_value());
+}
+
 TEST(PlaceBeforeOneCamera, ACameraInTheHandIsNone) {
   SyntheticTurntableOptions options = SmallScan();
   options.stations = 1;
@@ -235,11 +257,11 @@ TEST(PlaceBeforeOneCamera, ACameraInTheHandIsNone) {
   // Around the object on a circle as well as a hand can, a centimetre and a degree off; or anywhere.
   options.shake_deg = 1;
   options.shake_distance = 0.01;
-  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options)).has_value());
+  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options, 2)).has_value());
   options = SmallScan();
   options.turning = false;
   options.hand_held = true;
-  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options)).has_value());
+  EXPECT_FALSE(BeforeOneCamera(OfOneBody(options, 2)).has_value());
 }
 
 TEST(PlaceScan, PhotosWithoutMatchesComeByWhatThePointsLookLike) {
