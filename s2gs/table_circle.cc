@@ -67,7 +67,7 @@ std::optional<Crossing> CrossingAt(const StillPicture& picture, const Eigen::Vec
   const std::optional<Eigen::Vector2d> here = PixelOf(view, view.cam_from_world * x);
   const std::optional<Eigen::Vector2d> there = PixelOf(view, view.cam_from_world * (x + along));
   if (!here || !there) return std::nullopt;
-  const Eigen::Vector2d at = *here;
+  const Eigen::Vector2d& at = *here;
   const double margin = kApart + 1;
   if (!(at.x() > margin && at.y() > margin && at.x() < view.width - margin && at.y() < view.height - margin))
     return std::nullopt;
