@@ -38,6 +38,14 @@ json ToJson(const ModelTest& test) {
           {"accepted", test.accepted}};
 }
 
+json ToJson(const PrincipalPointTest& test) {
+  return {{"fitted", test.fitted},
+          {"twice_log_odds", test.gain},
+          {"overdispersion", test.overdispersion},
+          {"shift", {test.shift.x(), test.shift.y()}},
+          {"accepted", test.accepted}};
+}
+
 json BodyToJson(const ColmapModel& model, double rms_px, int adjusted_observations) {
   json body = DescribePoints(model);
   body["adjusted_observations"] = adjusted_observations;
@@ -220,6 +228,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
                              {"null_directions", observability.null_directions}};
   report["joint_model"] = {{"chosen", JointModelName(refined.model)}, {"tests", json::array()}};
   for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
+  report["joint_model"]["principal_point"] = ToJson(refined.principal_point);
   if (!refined.known_angles.empty()) report["stated_angles"] = StatedAnglesToJson(refined);
   report["rounds"] = RoundsToJson(refined.rounds);
   report["stable"] = refined.is_stable;
@@ -320,6 +329,12 @@ class SummaryPrinter {
                              : "");
     }
     Row("joint model", joint.at("chosen").get<std::string>() + why + (why.empty() ? "" : ")"));
+    const json principal = joint.value("principal_point", json::object());
+    if (!principal.value("accepted", false)) return;
+    const json& shift = principal.at("shift");
+    Row("photos", fmt::format("look cut from larger ones: the lens meets them {:.1f} and {:.1f} % of their "
+                              "longer side beside the middle",
+                              100 * shift.at(0).get<double>(), 100 * shift.at(1).get<double>()));
   }
 
   bool IsComputed(const char* name) const {

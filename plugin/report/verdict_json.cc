@@ -62,6 +62,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"points_one_side", Number(evidence.points_one_side)},
                    {"camera_height_rel", Number(evidence.camera_height_rel)},
                    {"focal_guessed", evidence.is_focal_guessed},
+                   {"photos_cut", evidence.are_photos_cut},
                    {"focal_widths", evidence.focal_widths},
                    {"focal_sigma_rel", Number(evidence.focal_sigma_rel)},
                    {"focal_prior_share", Number(evidence.focal_prior_share)},

@@ -12,6 +12,7 @@
 #include "sfm_split/adjust/joint_sigmas.h"
 #include "sfm_split/adjust/joint_solve.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/adjust/principal_point.h"
 #include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/adjust/wrong_pull.h"
 #include "sfm_split/base/angles.h"
@@ -99,6 +100,63 @@ JointSolved Solve(bool fit_loss, Reporter& reporter, JointOptions* options, Join
   JointSolved solved = SolveInRounds(fit_loss, reporter, options, problem, report);
   if (problem->free_object) solved = SolveWithWobble(fit_loss, reporter, options, problem, report);
   return solved;
+}
+
+struct ChosenModel {
+  JointProblem problem;
+  JointSolved solved;
+  JointModel model = JointModel::kSharedStations;
+  std::vector<ModelTest> tests;
+};
+
+// Frees what the data ask for beyond shared stations, in the order of JointModel.
+ChosenModel ChooseModel(const JointOptions& options, JointProblem shared, const JointSolved& solved,
+                        Reporter& reporter, int* iterations) {
+  ChosenModel chosen{std::move(shared), solved, JointModel::kSharedStations, {}};
+  for (const JointModel general : {JointModel::kFreeCameras, JointModel::kFreeObject}) {
+    ModelTest test;
+    test.simple = chosen.model;
+    test.general = general;
+    const bool of_object = general == JointModel::kFreeObject;
+    FillScores(chosen.problem, options, of_object, &test);
+    if (test.score > kScoreWorthFitting) {
+      JointProblem candidate =
+          of_object ? WithFreeObject(chosen.problem) : WithFreeCameras(chosen.problem, options);
+      const JointSolved general_solved =
+          SolveJointOnce(options, options.function_tolerance, reporter, &candidate);
+      *iterations += general_solved.iterations;
+      CompareModels(chosen.solved, general_solved, &test);
+      if (test.accepted) {
+        chosen.problem = std::move(candidate);
+        chosen.solved = general_solved;
+        chosen.model = general;
+      }
+    }
+    chosen.tests.push_back(test);
+  }
+  return chosen;
+}
+
+// Whether one of two models that do not contain each other is to be preferred, by the criterion of
+// CompareModels.
+bool ExplainsMore(const JointSolved& one, const JointSolved& other) {
+  const double n = other.residuals;
+  return n * std::log(other.cost / one.cost) > (one.parameters - other.parameters) * std::log(n);
+}
+
+// What is free of lens and poses. What a wrong lens leaves over can pass for an object that moves, and the
+// other way round: free principal points are for photos that they explain without such an object, and better
+// than it does. Where both would be free neither is told from the other, and lenses are seldom what is wrong.
+ChosenModel ChooseLensAndModel(const JointOptions& options, const JointProblem& shared,
+                               const JointSolved& solved, Reporter& reporter, int* iterations,
+                               PrincipalPointTest* principal_point) {
+  ChosenModel held = ChooseModel(options, shared, solved, reporter, iterations);
+  FreedPrincipalPoint freed = FitPrincipalPoint(options, shared, solved, reporter);
+  *principal_point = freed.test;
+  if (!freed.test.accepted) return held;
+  ChosenModel cut = ChooseModel(options, std::move(freed.problem), freed.solved, reporter, iterations);
+  principal_point->accepted = cut.model != JointModel::kFreeObject && ExplainsMore(cut.solved, held.solved);
+  return principal_point->accepted ? cut : held;
 }
 
 }  // namespace
@@ -219,27 +277,13 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
   JointSolved solved = Solve(fit_loss, reporter, &options, &working, &report);
 
   if (options.model == JointModel::kAuto && !working.free_object) {
-    for (const JointModel general : {JointModel::kFreeCameras, JointModel::kFreeObject}) {
-      ModelTest test;
-      test.simple = report.model;
-      test.general = general;
-      const bool of_object = general == JointModel::kFreeObject;
-      FillScores(working, options, of_object, &test);
-      if (test.score > kScoreWorthFitting) {
-        JointProblem candidate = of_object ? WithFreeObject(working) : WithFreeCameras(working, options);
-        const JointSolved general_solved =
-            SolveJointOnce(options, options.function_tolerance, reporter, &candidate);
-        report.iterations += general_solved.iterations;
-        CompareModels(solved, general_solved, &test);
-        if (test.accepted) {
-          working = std::move(candidate);
-          solved = general_solved;
-          report.model = general;
-        }
-      }
-      report.tests.push_back(test);
-    }
-    if (report.model != JointModel::kSharedStations) {
+    ChosenModel chosen =
+        ChooseLensAndModel(options, working, solved, reporter, &report.iterations, &report.principal_point);
+    working = std::move(chosen.problem);
+    solved = chosen.solved;
+    report.model = chosen.model;
+    report.tests = std::move(chosen.tests);
+    if (report.model != JointModel::kSharedStations || report.principal_point.accepted) {
       // Observations that the simple model could not explain may fit now.
       for (JointBody* body : {&working.object, &working.background}) {
         const JointBody& original = body == &working.object ? problem->object : problem->background;

@@ -86,6 +86,16 @@ struct ModelTest {
   bool accepted = false;
 };
 
+/// Whether principal points, held where they are expected, are free in truth (FitPrincipalPoint).
+struct PrincipalPointTest {
+  bool fitted = false;  ///< a first look found something to gain.
+  /// Twice the logarithm of the odds for free ones, by the Bayesian information criterion.
+  double gain = 0;
+  double overdispersion = 1;  ///< what the gain is taken over: the photos' scores with free ones.
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();  ///< the farthest, in longer sides of its photos.
+  bool accepted = false;
+};
+
 /// What the linearised system at the solution says, camera side only (points eliminated).
 struct Observability {
   bool computed = false;
@@ -129,6 +139,7 @@ struct JointReport {
   int undetermined_points = 0;  ///< taken out: too few rays, or all from one place.
   std::string linear_solver;
   std::vector<ModelTest> tests;
+  PrincipalPointTest principal_point;
 
   // Standard deviations, the largest of those by the covariances, and what wrong observations pull by beyond
   // what noise explains; negative when not computed, infinite when not observable.

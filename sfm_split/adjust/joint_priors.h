@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <optional>
 #include <vector>
@@ -12,9 +13,16 @@ namespace s2gs {
 // errors. Their standard deviations are stated, and the shares of the results' variances that come from them
 // are reported.
 
+/// Where a lens' axis meets a photo that was cut, as far as that is known; in either direction.
+struct PrincipalPointPrior {
+  Eigen::Vector2d mean_px = Eigen::Vector2d::Zero();
+  double sigma_px = 0;
+};
+
 /// Of one camera.
 struct LensPrior {
   FocalPrior focal;
+  std::optional<PrincipalPointPrior> principal;  ///< where it is free; nothing: held, unless options free it.
   std::optional<double>
       distortion;  ///< mean of k (DistortionPlace), with kDistortionSigma; nothing: unknown.
 };

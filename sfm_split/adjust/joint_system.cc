@@ -94,9 +94,12 @@ void JointSystem::AddBlocks(const JointProblem& problem, const JointOptions& opt
     add(intrinsics_[c].data(), static_cast<int>(intrinsics_[c].size()), "camera " + std::to_string(c));
     std::vector<int>& free = blocks_.back().free;
     free.clear();
+    const std::vector<LensPrior>& lenses = problem.priors.lenses;
+    const bool frees_principal =
+        options.refine_principal_point || (static_cast<size_t>(c) < lenses.size() && lenses[c].principal);
     for (size_t k = 0; k < info.NumParams(); ++k) {
       const bool refine = k < info.num_focal_params    ? options.refine_focal_length
-                          : k < info.FirstExtraParam() ? options.refine_principal_point
+                          : k < info.FirstExtraParam() ? frees_principal
                                                        : options.refine_extra_params;
       if (refine) free.push_back(static_cast<int>(k));
     }
@@ -165,6 +168,14 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     focal.sigma = lens.focal.sigma_log;
     focal.scale_px = scale_px;
     if (num_focal > 0 && is_free(block, 0)) priors_.push_back(std::move(focal));
+    for (int xy = 0; xy < 2 && lens.principal; ++xy) {
+      PriorTerm principal;
+      principal.parts = {{block, num_focal + xy, 1}};
+      principal.mean = lens.principal->mean_px(xy);
+      principal.sigma = lens.principal->sigma_px;
+      principal.scale_px = scale_px;
+      if (is_free(block, num_focal + xy)) priors_.push_back(std::move(principal));
+    }
     const std::optional<size_t> k = DistortionPlace(problem.cameras[c]);
     if (!k || !lens.distortion || !is_free(block, static_cast<int>(*k))) continue;
     PriorTerm distortion;

@@ -20,6 +20,7 @@
 #include "sfm_split/evidence/match_noise.h"
 #include "sfm_split/evidence/pair_proof.h"
 #include "sfm_split/evidence/step_evidence.h"
+#include "sfm_split/scene/focal_prior.h"
 
 namespace s2gs {
 namespace {
@@ -428,6 +429,10 @@ void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& came
   }
   for (const Camera& camera : cameras) {
     evidence->focal_widths.push_back(FocalLengths(camera).x() / static_cast<double>(camera.width));
+    const auto expected = features.cameras.find(camera.camera_id);
+    evidence->are_photos_cut |=
+        expected != features.cameras.end() &&
+        PrincipalPointShift(camera, PrincipalPoint(expected->second)).norm() > kMostLensShift;
   }
 }
 

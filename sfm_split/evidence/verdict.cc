@@ -99,6 +99,8 @@ class Judge {
   static constexpr const char* kFocal =
       "a known focal length: photos with their EXIF data, or the camera's parameters by "
       "--ImageReader.camera_params";
+  static constexpr const char* kWhole =
+      "the photos as the camera took them: these look cut from larger ones, beside their middle";
   static constexpr const char* kBetween =
       "another turn from a place between the camera places, so that neighbouring ones see the same details";
   static constexpr const char* kFullTurn = "a full turn whose last photo comes one step before the first";
@@ -291,7 +293,8 @@ class Judge {
               ? Text("the direction of the table's axis is known to +- %.2g degrees only",
                      *evidence_.axis_sigma_deg)
               : std::string("the direction of the table's axis cannot be told from the photos"),
-          {kTexture, kLight, kFocal});
+          evidence_.are_photos_cut ? std::vector<std::string>{kWhole, kBetween}
+                                   : std::vector<std::string>{kTexture, kLight, kFocal});
     }
   }
 

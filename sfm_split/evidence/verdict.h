@@ -97,6 +97,7 @@ struct ScanEvidence {
   /// Standard deviations; the shares that rest on priors.
   std::optional<double> focal_sigma_rel;
   std::optional<double> focal_prior_share;
+  bool are_photos_cut = false;    ///< the adjustment found principal points beside their middle.
   bool is_focal_guessed = false;  ///< neither the photos' data nor the adjustment tells it.
   std::optional<double> angle_prior_share;
   std::optional<double> angle_sigma_median_deg;

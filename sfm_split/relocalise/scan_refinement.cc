@@ -10,6 +10,7 @@
 
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/adjust/principal_point.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
@@ -314,6 +315,7 @@ std::vector<LensPrior> ScanRefiner::LensPriors(const JointProblem& problem) cons
     LensPrior prior;
     prior.focal = FocalPriorOf(given, has_prior != features_.has_prior_focal.end() && has_prior->second);
     if (const std::optional<size_t> k = DistortionPlace(given)) prior.distortion = given.params[*k];
+    if (photos_are_cut_ && !holds_cameras_) prior.principal = CutPhotoPrior(camera, PrincipalPoint(given));
     priors.push_back(prior);
   }
   return priors;
@@ -567,6 +569,8 @@ RefineReport ScanRefiner::Run() {
     if (choose) {
       model = report_.joint.model;
       report_.model_tests = report_.joint.tests;
+      report_.principal_point = report_.joint.principal_point;
+      photos_are_cut_ = report_.principal_point.accepted;
     }
     cameras_are_free_ = model == JointModel::kFreeCameras;
     IndexViews();

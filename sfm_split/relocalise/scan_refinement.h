@@ -59,6 +59,7 @@ struct RefineReport {
   std::vector<KnownAngles> known_angles;          ///< stations whose angles are stated, of the last round.
   std::vector<std::string> angle_contradictions;  ///< what the user has to know of them.
   std::vector<ModelTest> model_tests;             ///< of the round that chose the model.
+  PrincipalPointTest principal_point;             ///< of that round.
   JointModel model = JointModel::kSharedStations;
   JointPriors priors;  ///< of the last adjustment.
   std::vector<RelocalisedImage> mended;

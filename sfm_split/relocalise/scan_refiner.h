@@ -118,6 +118,7 @@ class ScanRefiner {
   std::map<int, RelocalisedImage> turned_stations_;
   bool has_background_ = false;
   bool holds_cameras_ = false;
+  bool photos_are_cut_ = false;    // beside their middle: principal points are free
   bool cameras_are_free_ = false;  // each photo has its own: held by hand, or shaken
   double noise_px_ = 0;            // of the object's matches against the poses as they stand
   std::map<std::string, int> drops_;

@@ -31,6 +31,10 @@ std::optional<size_t> DistortionPlace(const Camera& camera) {
   }
 }
 
+Eigen::Vector2d PrincipalPointShift(const Camera& camera, const Eigen::Vector2d& expected_px) {
+  return (PrincipalPoint(camera) - expected_px) / LongerSide(camera);
+}
+
 bool IsPlausibleFocal(const Camera& camera, double focal_px) {
   const double share = focal_px / LongerSide(camera);
   return share >= kLeastFocalShare && share <= kMostFocalShare;

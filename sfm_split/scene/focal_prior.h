@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <optional>
 
@@ -22,6 +23,13 @@ constexpr double kMostFocalShare = 10;
 /// knows nothing of the focus (up to 5 %): 5 % in all. Without EXIF it is 1.2 times the longer side, from 0.5
 /// (wide lenses of telephones) to 2.9 (portrait lenses) within two standard deviations.
 FocalPrior FocalPriorOf(const Camera& camera, bool is_from_exif);
+
+/// Lenses meet the photos that cameras take in their middle to about a hundredth of the longer side; what is
+/// farther off than three of these was cut from a larger photo.
+constexpr double kMostLensShift = 0.03;
+
+/// How far a camera's principal point lies from where it is expected, in longer sides of its photos.
+Eigen::Vector2d PrincipalPointShift(const Camera& camera, const Eigen::Vector2d& expected_px);
 
 /// Radial distortion k of r (1 + k r^2) is normal about what is known of it: lenses have -0.35 to 0.1.
 constexpr double kDistortionSigma = 0.15;
