@@ -329,12 +329,8 @@ class SummaryPrinter {
                              : "");
     }
     Row("joint model", joint.at("chosen").get<std::string>() + why + (why.empty() ? "" : ")"));
-    const json principal = joint.value("principal_point", json::object());
-    if (!principal.value("accepted", false)) return;
-    const json& shift = principal.at("shift");
-    Row("photos", fmt::format("look cut from larger ones: the lens meets them {:.1f} and {:.1f} % of their "
-                              "longer side beside the middle",
-                              100 * shift.at(0).get<double>(), 100 * shift.at(1).get<double>()));
+    if (joint.value("principal_point", json::object()).value("accepted", false))
+      Row("photos", "look cut from larger ones: the lens does not meet them in their middle");
   }
 
   bool IsComputed(const char* name) const {

@@ -169,6 +169,11 @@ TEST(TurntableReport, DescribesAScene) {
   test.bic_gain = 6;
   test.accepted = true;
   refined.model_tests = {test};
+  refined.principal_point.fitted = true;
+  refined.principal_point.gain = 7;
+  refined.principal_point.overdispersion = 1.5;
+  refined.principal_point.shift = {0.125, -0.25};
+  refined.principal_point.accepted = true;
   refined.missing = {"d"};
   refined.untied = {"e"};
   refined.doubted = {"f"};

@@ -223,6 +223,9 @@ TEST(Verdict, TheAxisIsAskedForAsTheAnglesAre) {
   const ScanVerdict verdict = JudgeScan(evidence);
   EXPECT_EQ(verdict.verdict, Verdict::kDoubtful);
   EXPECT_THAT(verdict.reasons[0], testing::HasSubstr("axis is known to +- 0.34 degrees only"));
+  EXPECT_EQ(JudgeScan(evidence).advice[0].find("cut from larger ones"), std::string::npos);
+  evidence.are_photos_cut = true;
+  EXPECT_NE(JudgeScan(evidence).advice[0].find("cut from larger ones"), std::string::npos);
 }
 
 TEST(Verdict, ChanceIsTakenOffAShare) {
