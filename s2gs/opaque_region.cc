@@ -6,12 +6,6 @@
 #include <cstddef>
 
 namespace s2gs {
-namespace {
-
-constexpr float kOpaque = 0.5F;  // as in depth maps.
-
-}  // namespace
-
 RegionView::RegionView(const RotatingRegion& region, const PinholeView& view)
     : view_(view), up_(region.axis.direction), radius_(region.radius) {
   const Rigid3 world_from_cam = view.cam_from_world.Inverse();

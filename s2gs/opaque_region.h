@@ -10,6 +10,8 @@
 
 namespace s2gs {
 
+constexpr float kOpaque = 0.5F;  ///< of a pixel that shows a surface, as in depth maps.
+
 /// Where a pixel's ray enters a region, in the camera's frame.
 struct RegionHit {
   double depth = 0;        ///< along the camera's axis.

@@ -27,17 +27,8 @@ constexpr double kFew = 0.05;      // of the points: outliers.
 // The table lies where the rotating points begin, so many of their heights about it.
 constexpr double kAround = 0.5;
 constexpr double kReach = 4;                // the same: a small thing on a large table.
-constexpr int kPatchRadius = 3;             // [px], of what may be texture
-constexpr float kPhotoNoise = 2;            // [grey levels], at least: what the mesh's refinement is blind to
-constexpr float kTextureFactor = 2;         // its standard deviation, in the noise's
 constexpr double kSamePlace = 0.5;          // how far the room's picture may move [px], and poses err
 constexpr int64_t kGaussiansAtOnce = 1000;  // that one thread looks at
-
-PinholeView Reduced(const PinholeView& view) {
-  const double scale = std::min(1.0, static_cast<double>(kLongSide) / std::max(view.width, view.height));
-  return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
-                    std::max(1, static_cast<int>(view.height * scale)));
-}
 
 // Pixels that the model does not take to rotate.
 struct StillPixels {
@@ -60,7 +51,7 @@ double StaticShare(const TrainingScene& scene, const RotatingRegion& region,
   StillPixels side;
   const size_t count = std::min<size_t>(kMaskedPhotos, scene.photos.size());
   for (size_t i = 0; i < count; ++i) {
-    const PinholeView view = Reduced(scene.photos[i * scene.photos.size() / count].view);
+    const PinholeView view = StationView(scene.photos[i * scene.photos.size() / count].view);
     const PixelMask mask = RotatingMask(backend->Render(MaskRequest(scene, shape, view)));
     PixelMask on_top{mask.width, mask.height, std::vector<uint8_t>(mask.inside.size(), 0)};
     PixelMask on_table = on_top;
@@ -75,29 +66,6 @@ double StaticShare(const TrainingScene& scene, const RotatingRegion& region,
     }
   }
   return std::max(top.Share(), side.Share());
-}
-
-// Of the grey values about a pixel, without their slope: so shading and the soft borders of shadows are
-// plain. \param image  holds the patch.
-float DeviationAt(const Image8& image, int x, int y) {
-  constexpr double kSide = 2 * kPatchRadius + 1;
-  constexpr double kCount = kSide * kSide;
-  constexpr double kSquaresAlong = kCount * (kSide * kSide - 1) / 12;  // sum of u^2 over the patch
-  double sum = 0;
-  double along_x = 0;
-  double along_y = 0;
-  double squares = 0;
-  for (int v = -kPatchRadius; v <= kPatchRadius; ++v) {
-    for (int u = -kPatchRadius; u <= kPatchRadius; ++u) {
-      const double grey = GreyFromRgb(image.Pixel(x + u, y + v));
-      sum += grey;
-      along_x += u * grey;
-      along_y += v * grey;
-      squares += grey * grey;
-    }
-  }
-  const double left = squares - sum * sum / kCount - (along_x * along_x + along_y * along_y) / kSquaresAlong;
-  return static_cast<float>(std::sqrt(std::max(0.0, left) / (kCount - 3)));
 }
 
 // The pixel of a point that is not at the picture's border.
@@ -155,6 +123,12 @@ class StillWitness {
 
 }  // namespace
 
+PinholeView StationView(const PinholeView& view) {
+  const double scale = std::min(1.0, static_cast<double>(kLongSide) / std::max(view.width, view.height));
+  return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
+                    std::max(1, static_cast<int>(view.height * scale)));
+}
+
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,
                                              Reporter& reporter) {
   if (!scene.region || scene.mode != TrainMode::kS2gs) return {};
@@ -171,10 +145,11 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
     if (photos.size() < kMinPhotos) continue;
     const size_t count = std::min(photos.size(), kMaxPhotos);
     StationPhotos station;
+    station.number = number;
     for (size_t i = 0; i < count; ++i) {
       if (reporter.StopRequested()) throw Interrupted();
       const ScenePhoto& photo = *photos[i * photos.size() / count];
-      const PinholeView view = Reduced(photo.view);
+      const PinholeView view = StationView(photo.view);
       station.views.push_back(view);
       station.images.push_back(ResizeByArea(load(photo), view.width, view.height));
     }
@@ -227,7 +202,7 @@ double TexturedShareOfTop(const std::vector<StationPhotos>& stations, const Rota
   int64_t textured = 0;
   for (const StationPhotos& station : stations) {
     const PictureNoise noise = MeasurePictureNoise(station.images.data(), station.images.size());
-    const float least = kTextureFactor * std::max(kPhotoNoise, noise.of_grey);
+    const float least = LeastTexture(noise);
     const PinholeView& view = station.views.front();
     PixelMask on_top{view.width, view.height, {}};
     on_top.inside.assign(static_cast<size_t>(view.width) * view.height, 0);
@@ -235,16 +210,16 @@ double TexturedShareOfTop(const std::vector<StationPhotos>& stations, const Rota
     const auto is_top = [&](int x, int y) {
       return on_top.inside[static_cast<size_t>(y) * view.width + x] != 0;
     };
-    for (int y = kPatchRadius; y + kPatchRadius < view.height; y += kPatchRadius) {
-      for (int x = kPatchRadius; x + kPatchRadius < view.width; x += kPatchRadius) {
+    for (int y = kTextureRadius; y + kTextureRadius < view.height; y += kTextureRadius) {
+      for (int x = kTextureRadius; x + kTextureRadius < view.width; x += kTextureRadius) {
         // Its rim is no texture of the top.
-        if (!is_top(x - kPatchRadius, y) || !is_top(x + kPatchRadius, y) || !is_top(x, y - kPatchRadius) ||
-            !is_top(x, y + kPatchRadius)) {
+        if (!is_top(x - kTextureRadius, y) || !is_top(x + kTextureRadius, y) ||
+            !is_top(x, y - kTextureRadius) || !is_top(x, y + kTextureRadius)) {
           continue;
         }
         const auto count =
             std::count_if(station.images.begin(), station.images.end(),
-                          [&](const Image8& image) { return DeviationAt(image, x, y) >= least; });
+                          [&](const Image8& image) { return TextureAt(image, x, y) >= least; });
         ++all;
         textured += 2 * static_cast<size_t>(count) > station.images.size() ? 1 : 0;
       }

@@ -19,10 +19,14 @@ using LoadPhoto = std::function<Image8(const ScenePhoto&)>;
 
 /// What one station's camera sees: some of its photos, evenly chosen, of one size and reduced.
 struct StationPhotos {
+  int number = 0;                  ///< ScenePhoto's station
   std::vector<PinholeView> views;  ///< of the images' size.
   std::vector<Image8> images;      ///< RGB
   Image8 still;                    ///< MedianPicture's; as the first view sees it.
 };
+
+/// A photo's view in the size in which stations look at it.
+PinholeView StationView(const PinholeView& view);
 
 /// Of the stations with photos enough for a median without the object. Nothing where nothing turns.
 /// Throws what `load` throws, and Interrupted. \param load  a photo without distortion, of its view's size.

@@ -17,14 +17,13 @@
 namespace s2gs {
 namespace {
 
-constexpr int kDirections = 36;           // so few that neighbours see different pieces of an edge.
-constexpr double kApart = 1.5;            // [px], to either side of an edge: lenses and JPEG soften it.
-constexpr double kAlone = 2.5;            // [px], within which one edge is the clearest.
-constexpr double kNear = 1.01;            // [px], to an edge that is the circle's.
-constexpr double kLeastPitch = 0.05;      // [px] of a step: a direction along the ray of sight shows no edge.
-constexpr double kDeviations = 3;         // of a surface's own changes of colour: an edge.
-constexpr double kNormalMedian = 0.6745;  // of the absolute value, in standard deviations.
-constexpr double kMinShare = 0.6;         // the sides of a square are less.
+constexpr int kDirections = 36;       // so few that neighbours see different pieces of an edge.
+constexpr double kApart = 1.5;        // [px], to either side of an edge: lenses and JPEG soften it.
+constexpr double kAlone = 2.5;        // [px], within which one edge is the clearest.
+constexpr double kNear = 1.01;        // [px], to an edge that is the circle's.
+constexpr double kLeastPitch = 0.05;  // [px] of a step: a direction along the ray of sight shows no edge.
+constexpr double kDeviations = 3;     // of a surface's own changes of colour: an edge.
+constexpr double kMinShare = 0.6;     // the sides of a square are less.
 constexpr double kMaxFalseAlarms = 1e-3;
 constexpr double kFartherOut =
     1.25;                           // a ring on the table, or a round foot that stands on it, is further in.
@@ -179,7 +178,7 @@ class PictureRings {
       int median = 0;
       for (int64_t below = within[0]; median + 1 < kLevels && 2 * below < num_within;)
         below += within[++median];
-      const double threshold = kDeviations / kNormalMedian * (median + 1) / kLevelsPerGrey;
+      const double threshold = kDeviations * kSigmaOfMad * (median + 1) / kLevelsPerGrey;
       thresholds_.push_back(static_cast<float>(threshold));
       for (size_t d = 0; d < num_lines_; ++d) {
         const float change = changes_[d * num_steps_ + s];

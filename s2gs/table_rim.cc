@@ -29,10 +29,9 @@ constexpr double kMinPeakShare = 0.1;    // of the largest level area at one hei
 constexpr float kMinOpacity = 0.3F;      // fainter ones lie anywhere.
 constexpr double kNear = 3;              // in tolerances: where the surface's own height may be.
 // What a rim is.
-constexpr int kApart = 2;                 // [steps], about an edge, which a rendering softens.
-constexpr double kDeviations = 3;         // of the surface's own changes of colour: an edge.
-constexpr double kNormalMedian = 0.6745;  // of the absolute value, in standard deviations.
-constexpr double kMinRimShare = 0.7;      // a square's soft sides make up half of the directions.
+constexpr int kApart = 2;             // [steps], about an edge, which a rendering softens.
+constexpr double kDeviations = 3;     // of the surface's own changes of colour: an edge.
+constexpr double kMinRimShare = 0.7;  // a square's soft sides make up half of the directions.
 constexpr double kMinSideShare = 0.5;
 constexpr double kMaxFalseAlarms = 1e-3;
 // How its side is looked at.
@@ -164,7 +163,7 @@ void Settle(double radius, LevelSurface* surface) {
   if (heights.empty()) return;
   const double middle = Quantile(heights, 0.5);
   for (float& height : heights) height = std::abs(height - static_cast<float>(middle));
-  const double spread = kDeviations * Quantile(std::move(heights), 0.5) / kNormalMedian;
+  const double spread = kDeviations * kSigmaOfMad * Quantile(std::move(heights), 0.5);
   surface->height = middle;
   surface->tolerance = std::clamp(spread, surface->tolerance, kNear * surface->tolerance);
 }
@@ -240,7 +239,7 @@ class SurfaceEdges {
       }
     }
     if (changes.empty()) return;
-    edge_ = kDeviations * Quantile(std::move(changes), 0.5) / kNormalMedian;
+    edge_ = kDeviations * kSigmaOfMad * Quantile(std::move(changes), 0.5);
   }
 
   bool IsOn(int d, int s) const {

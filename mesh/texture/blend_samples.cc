@@ -6,6 +6,7 @@
 
 #include "mesh/texture/turn_light.h"
 #include "s2gs/image/srgb.h"
+#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -14,7 +15,6 @@ namespace {
 constexpr float kAgreement = 6;
 // Tukey's constant: with normal errors, no efficiency to speak of is lost. (Huber, "Robust statistics", 1981)
 constexpr float kTukey = 4.685F;
-constexpr float kSigmaOfMad = 1.4826F;
 // Among fewer nobody is in the majority.
 constexpr int kMinJudges = 3;
 // Of all photos' weights: less is rounding.
@@ -43,7 +43,8 @@ Weights Judged(const Weights& weights, const Colors& smooth, int count) {
   }
   Weights distances{};
   for (int i = 0; i < count; ++i) distances[i] = (smooth[i] - middle).abs().maxCoeff();
-  const float reach = kTukey * std::max(kAgreement, kSigmaOfMad * Median(distances, count));
+  const float reach =
+      kTukey * std::max(kAgreement, static_cast<float>(kSigmaOfMad) * Median(distances, count));
   Weights judged{};
   float sum = 0;
   for (int i = 0; i < count; ++i) {

@@ -32,7 +32,6 @@ constexpr int kRounds = 12;
 constexpr double kRidge = 1e-5;
 // With normal errors 95 % as good as least squares. (Holland and Welsch, 1977)
 constexpr double kCauchy = 2.385;
-constexpr double kSigmaOfMad = 1.4826;
 constexpr double kLeastSigma = 0.5;  // rounding to grey values and the smoothing of photos
 constexpr int kJudgeEvery = 5;
 constexpr int kJudge = 2;

@@ -30,6 +30,7 @@
 #include "s2gs/image/undistort.h"
 #include "s2gs/opaque_region.h"
 #include "s2gs/photo_table.h"
+#include "s2gs/plain_top.h"
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table_rim.h"
@@ -83,6 +84,7 @@ struct Arguments {
   bool undistort_always = false;
   PlainTable plain_table = PlainTable::kObject;
   bool cut_at_table = true;
+  bool draw_plain_top = true;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
   BackendChoice backend;
@@ -114,6 +116,9 @@ void AddOptions(Options* options, Arguments* a) {
                "of photos of one station, leave out what rotates by the model and lies below the table's top "
                "or beyond its rim, does not "
                "stand on it and is not the side of a body: plain ground");
+  options->Add("draw_plain_top", &a->draw_plain_top,
+               "where most photos see the table's plain top itself, maps show it and not what training built "
+               "over it: no photo tells the shape of what is plain");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
@@ -214,7 +219,7 @@ class Renderer {
         WriteImage(path, DistortMask(plan, MaskImage(mask), silent));
       });
     }
-    if (dense_view != nullptr) WriteStereo(NameOf(photo), *dense_view);
+    if (dense_view != nullptr) WriteStereo(photo, *dense_view);
   }
 
   // Images to look at.
@@ -289,6 +294,7 @@ class Renderer {
     line["gaussians_beside"] = num_beside_table_;
     line["gaussians_around"] = num_around_table_;
     if (textured_top_) line["textured_share"] = *textured_top_;
+    if (plain_top_) line["bare_share"] = plain_top_->BareShare();
     if (circle_) {
       const Eigen::Vector3d top = scene_.axis->point + circle_->height * scene_.axis->direction;
       line["top"] = (scene_.origin + scene_.size * top).dot(scene_.axis->direction);
@@ -355,6 +361,8 @@ class Renderer {
     textured_top_ = TexturedShareOfTop(stations, table_->region);
     // Photos show the shape of a top that has texture and turns.
     if (table_->IsUndecided() || *textured_top_ < kTexturedTop) in_maps_ = table_->region;
+    if (a_.draw_plain_top && *textured_top_ < kTexturedTop)
+      plain_top_ = PlainTop::Learn(stations, table_->region);
     if (!a_.cut_at_table) return;
     const std::vector<uint32_t> standing =
         FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
@@ -412,7 +420,16 @@ class Renderer {
     return request;
   }
 
-  void WriteStereo(const ImageName& name, PinholeView view) {
+  // Where the photo shows the table's plain top.
+  std::vector<TopSight> TopSights(const ScenePhoto& photo, const PinholeView& view) {
+    const PinholeView looked = StationView(view);
+    return plain_top_->Look(ResizeByArea(Photo(photo), looked.width, looked.height), looked, photo.station);
+  }
+
+  void WriteStereo(const ScenePhoto& photo, PinholeView view) {
+    const ImageName name = NameOf(photo);
+    std::vector<TopSight> sights;
+    if (plain_top_) sights = TopSights(photo, view);
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     PixelMask opaque = OpaqueMask(Render(silhouette));
@@ -425,6 +442,7 @@ class Renderer {
     view.cy += 0.5;
     RenderedView drawn = Render(ForMaps(view));
     if (in_maps_) DrawOpaqueRegion(*in_maps_, view, &drawn);
+    if (plain_top_) DrawPlainTop(*plain_top_, sights, view, &drawn);
     Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
            drawn = std::move(drawn), kind = a_.depth,
@@ -464,6 +482,7 @@ class Renderer {
   std::optional<RotatingRegion> in_masks_;  // the table, where it is known whose it is
   std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape
   std::optional<double> textured_top_;
+  std::optional<PlainTop> plain_top_;
   size_t num_beside_table_ = 0;  // Gaussians
   size_t num_around_table_ = 0;
   fs::path output_;
@@ -579,8 +598,8 @@ void RunGaussianRenderer(CommandContext& context) {
                   a.model_path};
   if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
   const std::map<std::string, std::string> values = options.Values();
-  for (const char* name :
-       {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always", "plain_table", "cut_at_table"})
+  for (const char* name : {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always",
+                           "plain_table", "cut_at_table", "draw_plain_top"})
     stage.options[name] = values.at(name);
   stage.depends_on = {"gaussian_trainer"};
   if (a.masks) stage.outputs.push_back(workspace.Masks());

@@ -18,7 +18,6 @@ constexpr double kBlurUnitPx = 0.5;
 constexpr double kExposureUnitStops = 1.0 / 3;
 constexpr double kGamma = 2.2;
 constexpr size_t kMinStation = 5;
-constexpr double kSigmaFromMad = 1.4826;  // of a normal distribution
 
 // The z above which a normal variable lies with this probability, by bisection.
 double NormalQuantile(double tail) {
@@ -42,7 +41,7 @@ Spread SpreadOf(const std::vector<double>& values) {
   std::vector<double> deviations;
   deviations.reserve(values.size());
   for (const double value : values) deviations.push_back(std::abs(value - spread.median));
-  spread.sigma = kSigmaFromMad * Summarize(deviations).median;
+  spread.sigma = kSigmaOfMad * Summarize(deviations).median;
   return spread;
 }
 

@@ -11,7 +11,6 @@ namespace s2gs {
 namespace {
 
 constexpr double kMinStepDeg = 0.5;
-constexpr double kSigmaFromMad = 1.4826;  // of a normal distribution
 
 // To [-180, 180].
 double Wrapped(double degrees) { return std::remainder(degrees, 360.0); }
@@ -65,7 +64,7 @@ StationSteps StepsOf(int station, const std::map<std::string, double>& angle_by_
     deviation -= offset;
     sizes.push_back(std::abs(deviation));
   }
-  steps.spread_deg = kSigmaFromMad * Summarize(sizes).median;
+  steps.spread_deg = kSigmaOfMad * Summarize(sizes).median;
   return steps;
 }
 

@@ -1,6 +1,7 @@
 #include "s2gs/image/picture_noise.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <utility>
@@ -12,10 +13,11 @@
 namespace s2gs {
 namespace {
 
-constexpr float kMinNoise = 0.5F;  // [grey levels], of rounding.
-constexpr float kNoiseFactor = 3;  // standard deviations.
-constexpr float kNormalMedian = 0.6745F;
-constexpr size_t kNoiseStride = 7;  // of the pixels that noise is measured from.
+constexpr float kMinNoise = 0.5F;    // [grey levels], of rounding.
+constexpr float kNoiseFactor = 3;    // standard deviations.
+constexpr size_t kNoiseStride = 7;   // of the pixels that noise is measured from.
+constexpr float kPhotoNoise = 2;     // [grey levels], at least: what the mesh's refinement is blind to
+constexpr float kTextureFactor = 2;  // its standard deviation, in the noise's
 
 }  // namespace
 
@@ -29,6 +31,31 @@ float SlopeAt(const Image8& image, int x, int y) {
   return (MostDifferentChannel(image.Pixel(x - 1, y), image.Pixel(x + 1, y)) +
           MostDifferentChannel(image.Pixel(x, y - 1), image.Pixel(x, y + 1))) /
          2;
+}
+
+float TextureAt(const Image8& image, int x, int y) {
+  constexpr double kSide = 2 * kTextureRadius + 1;
+  constexpr double kCount = kSide * kSide;
+  constexpr double kSquaresAlong = kCount * (kSide * kSide - 1) / 12;  // sum of u^2 over the patch
+  double sum = 0;
+  double along_x = 0;
+  double along_y = 0;
+  double squares = 0;
+  for (int v = -kTextureRadius; v <= kTextureRadius; ++v) {
+    for (int u = -kTextureRadius; u <= kTextureRadius; ++u) {
+      const double grey = GreyFromRgb(image.Pixel(x + u, y + v));
+      sum += grey;
+      along_x += u * grey;
+      along_y += v * grey;
+      squares += grey * grey;
+    }
+  }
+  const double left = squares - sum * sum / kCount - (along_x * along_x + along_y * along_y) / kSquaresAlong;
+  return static_cast<float>(std::sqrt(std::max(0.0, left) / (kCount - 3)));
+}
+
+float LeastTexture(const PictureNoise& noise) {
+  return kTextureFactor * std::max(kPhotoNoise, noise.of_grey);
 }
 
 PictureNoise MeasurePictureNoise(const Image8* pictures, size_t count) {
@@ -47,8 +74,9 @@ PictureNoise MeasurePictureNoise(const Image8* pictures, size_t count) {
   }
   PictureNoise noise = {kMinNoise, kNoiseFactor * kMinNoise};
   if (of_slopes.empty()) return noise;
-  noise.of_grey = std::max(kMinNoise, Quantile(std::move(of_slopes), 0.5) / kNormalMedian);
-  noise.tolerance = kNoiseFactor * std::max(kMinNoise, Quantile(std::move(of_colors), 0.5) / kNormalMedian);
+  noise.of_grey = std::max(kMinNoise, static_cast<float>(kSigmaOfMad) * Quantile(std::move(of_slopes), 0.5));
+  noise.tolerance = kNoiseFactor * std::max(kMinNoise, static_cast<float>(kSigmaOfMad) *
+                                                           Quantile(std::move(of_colors), 0.5));
   return noise;
 }
 

@@ -26,4 +26,14 @@ float MostDifferentChannel(const uint8_t* a, const uint8_t* b);
 /// \param x, y  not at the image's border.
 float SlopeAt(const Image8& image, int x, int y);
 
+/// Of the patches whose texture is measured [px].
+constexpr int kTextureRadius = 3;
+
+/// Standard deviation of the grey values about a pixel, without their slope: so shading and the soft borders
+/// of shadows are plain. \param x, y  further than kTextureRadius from the image's border.
+float TextureAt(const Image8& image, int x, int y);
+
+/// The least that is texture and not noise [grey levels].
+float LeastTexture(const PictureNoise& noise);
+
 }  // namespace s2gs

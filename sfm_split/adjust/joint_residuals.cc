@@ -12,8 +12,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kMadToSigma = 1.4826;  // a normal law's deviation over its median absolute one
-
 }  // namespace
 
 JointResiduals MeasureJointResiduals(const JointProblem& problem) {
@@ -45,7 +43,7 @@ double RobustSigmaPx(std::vector<double> residuals, int parameters) {
   if (residuals.empty()) return 0;
   for (double& r : residuals) r = std::abs(r);
   const double count = static_cast<double>(residuals.size());
-  return kMadToSigma * UpperMedian(std::move(residuals)) *
+  return kSigmaOfMad * UpperMedian(std::move(residuals)) *
          std::sqrt(count / std::max(1.0, count - parameters));
 }
 

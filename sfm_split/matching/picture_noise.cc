@@ -19,8 +19,8 @@ double PictureNoise(const cv::Mat& grey) {
   for (int y = 0; y < rough.rows; ++y) {
     for (int x = 0; x < rough.cols; ++x) sizes.push_back(std::abs(rough.at<float>(y, x)));
   }
-  // The kernel's norm is 6; 1.4826 is a Gaussian's standard deviation over its median deviation.
-  return std::max(kLeastPictureNoise, 1.4826 * UpperMedian(std::move(sizes)) / 6);
+  // The kernel's norm is 6.
+  return std::max(kLeastPictureNoise, kSigmaOfMad * UpperMedian(std::move(sizes)) / 6);
 }
 
 }  // namespace s2gs

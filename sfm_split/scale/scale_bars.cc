@@ -12,7 +12,6 @@ namespace {
 
 // Iglewicz and Hoaglin, "How to detect and handle outliers" (1993).
 constexpr double kOutlierSigmas = 3.5;
-constexpr double kSigmaOfMad = 1.4826;
 // Paper and printers keep lengths to some thousandths: what differs less is no outlier, however well the
 // others agree.
 constexpr double kPrintTolerance = 0.003;

@@ -28,8 +28,7 @@ namespace {
 
 using Eigen::Matrix3d;
 
-constexpr double kMadToSigma = 1.4826;  // a normal law's deviation over its median absolute one
-constexpr double kInlierSigmas = 3;     // beyond lie three in a thousand of right ones
+constexpr double kInlierSigmas = 3;  // beyond lie three in a thousand of right ones
 
 class Solver {
  public:
@@ -96,7 +95,7 @@ double Solver::MarkInliers(const TurntableAxis& axis, double bound_px) {
     }
   }
   solution_.inlier_ratio = all > 0 ? static_cast<double>(errors.size()) / static_cast<double>(all) : 0;
-  return kMadToSigma * UpperMedian(errors);
+  return kSigmaOfMad * UpperMedian(errors);
 }
 
 // The axis' sign: cameras look down, or image tops are up where they look level.

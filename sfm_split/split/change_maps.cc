@@ -78,7 +78,7 @@ void MatchExposure(const cv::Mat& reference, cv::Mat* grey) {
   for (int iteration = 0; iteration < kFitIterations; ++iteration) {
     for (size_t k = 0; k < x.size(); ++k)
       sizes[k] = static_cast<float>(std::abs(gain * x[k] + offset - y[k]));
-    const double limit = kTukey * std::max(1.0, 1.4826 * UpperMedian(sizes));
+    const double limit = kTukey * std::max(1.0, kSigmaOfMad * UpperMedian(sizes));
     double s = 0;
     double sx = 0;
     double sy = 0;
@@ -136,7 +136,7 @@ std::vector<cv::Mat> Deviations(const std::vector<cv::Mat>& photos, const cv::Ma
       if (!std::isnan(d)) sizes.push_back(std::abs(d));
     }
   }
-  const float noise = std::max(kLeastNoise, 1.4826F * UpperMedian(std::move(sizes)));
+  const float noise = std::max(kLeastNoise, static_cast<float>(kSigmaOfMad) * UpperMedian(std::move(sizes)));
   std::vector<cv::Mat> deviations(photos.size());
   ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
     cv::Mat squared(median.size(), CV_32F);

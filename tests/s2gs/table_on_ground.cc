@@ -1,0 +1,99 @@
+#include "tests/s2gs/table_on_ground.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "s2gs/core/rng.h"
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/reporter.h"
+#include "tests/support/view_from_above.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kFocal = 200;
+constexpr double kDistance = 5;
+constexpr double kGround = -0.2;
+constexpr double kLeafHalfWidth = 0.25;
+
+// A grey value of each tile of this size, from 20 to 220.
+double TileAt(uint64_t seed, double size, double x, double y) {
+  const auto i = static_cast<uint64_t>(std::floor(x / size) + 1000);
+  const auto j = static_cast<uint64_t>(std::floor(y / size) + 1000);
+  return 20 + 200 * static_cast<double>(UnitFloat(RandomBits(seed, i, j).words[0]));
+}
+
+// A table that has turned by `angle` above ground that stands still, with a tiled card on a twelfth of its
+// top.
+double GreyAlong(const Rigid3& object_from_cam, const Rigid3& world_from_cam, const Eigen::Vector3d& in_cam,
+                 TableTop top) {
+  const Eigen::Vector3d from = object_from_cam.translation;
+  const Eigen::Vector3d ray = object_from_cam.rotation * in_cam;
+  const auto at_height = [&](double height) -> Eigen::Vector3d {
+    return from + (height - from.z()) / ray.z() * ray;
+  };
+  const Eigen::Vector3d on_top = at_height(kTableTop);
+  const bool is_top = on_top.head<2>().norm() < kTableRadius;
+  const double to_leaf = (kTableLeafAt - from.x()) / ray.x();
+  const Eigen::Vector3d on_leaf = from + to_leaf * ray;
+  const bool is_leaf = to_leaf > 0 && std::abs(on_leaf.y()) < kLeafHalfWidth && on_leaf.z() < 0 &&
+                       on_leaf.z() > kGround + 0.02;
+  const bool leaf_first = is_leaf && (!is_top || to_leaf < (on_top - from).norm() / ray.norm());
+  if (leaf_first) return TileAt(3, 0.08, on_leaf.y(), on_leaf.z());
+  if (is_top) {
+    const bool is_card = std::abs(on_top.x()) < kCardHalfSide && std::abs(on_top.y()) < kCardHalfSide;
+    if (is_card && top == TableTop::kGreyCard) return 90;
+    return is_card || top == TableTop::kTiled ? TileAt(2, 0.06, on_top.x(), on_top.y()) : 150;
+  }
+  for (double z = kTableTop; z > kTableBottom; z -= 0.004) {
+    if (at_height(z).head<2>().norm() < kTableRadius) return 90;
+  }
+  const Eigen::Vector3d in_world = world_from_cam.rotation * in_cam;
+  const Eigen::Vector3d on_ground =
+      world_from_cam.translation + (kGround - world_from_cam.translation.z()) / in_world.z() * in_world;
+  return TileAt(1, 0.4, on_ground.x(), on_ground.y());
+}
+
+ScenePhoto PhotoAt(double angle, TableTop top, uint64_t seed) {
+  ScenePhoto photo;
+  PinholeView& view = photo.view;
+  view = ViewFromAbove(kTablePhotoWidth, kTablePhotoHeight, kFocal, 0.3, kDistance);
+  const Rigid3 world_from_object{Eigen::Quaterniond(Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ())),
+                                 Eigen::Vector3d::Zero()};
+  view.cam_from_object = view.cam_from_world * world_from_object;
+  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
+  const Rigid3 object_from_cam = view.cam_from_object.Inverse();
+  photo.image = {kTablePhotoWidth, kTablePhotoHeight, 3, {}};
+  for (int y = 0; y < kTablePhotoHeight; ++y) {
+    for (int x = 0; x < kTablePhotoWidth; ++x) {
+      const Eigen::Vector3d in_cam((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
+      const double noise = 4 * static_cast<double>(UnitFloat(RandomBits(seed, x, y).words[0])) - 2;
+      const double grey = GreyAlong(object_from_cam, world_from_cam, in_cam, top) + noise;
+      for (int c = 0; c < 3; ++c) photo.image.pixels.push_back(static_cast<uint8_t>(std::lround(grey)));
+    }
+  }
+  return photo;
+}
+
+}  // namespace
+
+TrainingScene TableOnGround(int num_photos, TableTop top) {
+  TrainingScene scene;
+  scene.mode = TrainMode::kS2gs;
+  scene.axis = TurntableAxis();
+  scene.region = RotatingRegion{TurntableAxis(), 2, -0.5, 1};
+  for (int i = 0; i < num_photos; ++i) scene.photos.push_back(PhotoAt(2 * kPi * i / num_photos, top, 10 + i));
+  for (int i = 0; i <= 10; ++i) {
+    const double height = kTableTop + 0.05 * i;
+    scene.points.push_back({{0.3, 0.1 * (i % 3), height}, {0, 0, 0}, true});
+  }
+  return scene;
+}
+
+std::vector<StationPhotos> LoadStations(const TrainingScene& scene) {
+  Reporter silent;
+  return LoadStationPhotos(
+      scene, [](const ScenePhoto& photo) { return photo.image; }, silent);
+}
+
+}  // namespace s2gs

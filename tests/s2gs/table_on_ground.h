@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "s2gs/photo_table.h"
+#include "s2gs/training_scene.h"
+
+namespace s2gs {
+
+// Photos, a camera on a tripod looking down, of a round table that turns about the z axis above tiled ground
+// that stands still. On the middle of its top lies a card, and beside it a leaf hangs down and turns with it.
+constexpr int kTablePhotoWidth = 240;
+constexpr int kTablePhotoHeight = 180;
+constexpr double kTableTop = 0.1;
+constexpr double kTableBottom = -0.15;
+constexpr double kTableRadius = 1;
+constexpr double kTablePixel = 5.0 / 200;  // at the camera's distance
+constexpr double kTableLeafAt = 1.25;      // from the axis
+constexpr double kCardHalfSide = 0.25;
+
+enum class TableTop : uint8_t {
+  kPlain,     ///< the card is tiled.
+  kTiled,     ///< as the card is.
+  kGreyCard,  ///< the card is plain, too, and darker.
+};
+
+/// \param num_photos  of one station, over a full turn.
+TrainingScene TableOnGround(int num_photos, TableTop top);
+std::vector<StationPhotos> LoadStations(const TrainingScene& scene);
+
+}  // namespace s2gs
