@@ -84,7 +84,7 @@ struct Arguments {
   bool undistort_always = false;
   PlainTable plain_table = PlainTable::kObject;
   bool cut_at_table = true;
-  bool draw_plain_top = true;
+  bool clear_plain_top = true;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
   BackendChoice backend;
@@ -116,9 +116,10 @@ void AddOptions(Options* options, Arguments* a) {
                "of photos of one station, leave out what rotates by the model and lies below the table's top "
                "or beyond its rim, does not "
                "stand on it and is not the side of a body: plain ground");
-  options->Add("draw_plain_top", &a->draw_plain_top,
-               "where most photos see the table's plain top itself, maps show it and not what training built "
-               "over it: no photo tells the shape of what is plain");
+  options->Add(
+      "clear_plain_top", &a->clear_plain_top,
+      "leave out what rotates by the model over a plain table's top where photos see the top itself: "
+      "no photo tells the shape of what is plain");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
@@ -219,7 +220,7 @@ class Renderer {
         WriteImage(path, DistortMask(plan, MaskImage(mask), silent));
       });
     }
-    if (dense_view != nullptr) WriteStereo(photo, *dense_view);
+    if (dense_view != nullptr) WriteStereo(NameOf(photo), *dense_view);
   }
 
   // Images to look at.
@@ -293,8 +294,8 @@ class Renderer {
     nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", table_.has_value()}};
     line["gaussians_beside"] = num_beside_table_;
     line["gaussians_around"] = num_around_table_;
+    line["gaussians_over_top"] = num_over_top_;
     if (textured_top_) line["textured_share"] = *textured_top_;
-    if (plain_top_) line["bare_share"] = plain_top_->BareShare();
     if (circle_) {
       const Eigen::Vector3d top = scene_.axis->point + circle_->height * scene_.axis->direction;
       line["top"] = (scene_.origin + scene_.size * top).dot(scene_.axis->direction);
@@ -361,13 +362,22 @@ class Renderer {
     textured_top_ = TexturedShareOfTop(stations, table_->region);
     // Photos show the shape of a top that has texture and turns.
     if (table_->IsUndecided() || *textured_top_ < kTexturedTop) in_maps_ = table_->region;
-    if (a_.draw_plain_top && *textured_top_ < kTexturedTop)
-      plain_top_ = PlainTop::Learn(stations, table_->region);
+    if (a_.clear_plain_top && *textured_top_ < kTexturedTop) ClearPlainTop(stations);
     if (!a_.cut_at_table) return;
     const std::vector<uint32_t> standing =
         FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
     num_around_table_ = standing.size();
     LeaveOut(standing, "around the table and below its top, where photos show no change");
+  }
+
+  // Of what training builds over a plain top.
+  void ClearPlainTop(const std::vector<StationPhotos>& stations) {
+    const std::optional<PlainTop> top = PlainTop::Learn(stations, table_->region);
+    if (!top) return;
+    const std::vector<uint32_t> layers =
+        FindLayersOverTop(*top, stations, RotatingDepths(stations, backend_), backend_->GetPlacement());
+    num_over_top_ = layers.size();
+    LeaveOut(layers, "over the table's plain top, where photos see the top itself");
   }
 
   RenderedView Render(RenderRequest request) {
@@ -420,16 +430,7 @@ class Renderer {
     return request;
   }
 
-  // Where the photo shows the table's plain top.
-  std::vector<TopSight> TopSights(const ScenePhoto& photo, const PinholeView& view) {
-    const PinholeView looked = StationView(view);
-    return plain_top_->Look(ResizeByArea(Photo(photo), looked.width, looked.height), looked, photo.station);
-  }
-
-  void WriteStereo(const ScenePhoto& photo, PinholeView view) {
-    const ImageName name = NameOf(photo);
-    std::vector<TopSight> sights;
-    if (plain_top_) sights = TopSights(photo, view);
+  void WriteStereo(const ImageName& name, PinholeView view) {
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     PixelMask opaque = OpaqueMask(Render(silhouette));
@@ -442,7 +443,6 @@ class Renderer {
     view.cy += 0.5;
     RenderedView drawn = Render(ForMaps(view));
     if (in_maps_) DrawOpaqueRegion(*in_maps_, view, &drawn);
-    if (plain_top_) DrawPlainTop(*plain_top_, sights, view, &drawn);
     Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
            drawn = std::move(drawn), kind = a_.depth,
@@ -482,9 +482,9 @@ class Renderer {
   std::optional<RotatingRegion> in_masks_;  // the table, where it is known whose it is
   std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape
   std::optional<double> textured_top_;
-  std::optional<PlainTop> plain_top_;
   size_t num_beside_table_ = 0;  // Gaussians
   size_t num_around_table_ = 0;
+  size_t num_over_top_ = 0;
   fs::path output_;
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;
@@ -599,7 +599,7 @@ void RunGaussianRenderer(CommandContext& context) {
   if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
   const std::map<std::string, std::string> values = options.Values();
   for (const char* name : {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always",
-                           "plain_table", "cut_at_table", "draw_plain_top"})
+                           "plain_table", "cut_at_table", "clear_plain_top"})
     stage.options[name] = values.at(name);
   stage.depends_on = {"gaussian_trainer"};
   if (a.masks) stage.outputs.push_back(workspace.Masks());

@@ -8,7 +8,6 @@
 #include <optional>
 #include <vector>
 
-#include "s2gs/opaque_region.h"
 #include "tests/s2gs/table_on_ground.h"
 
 namespace s2gs {
@@ -17,22 +16,6 @@ namespace {
 constexpr int kPhotos = 12;
 
 RotatingRegion Table() { return {TurntableAxis(), kTableRadius, kTableBottom, kTableTop}; }
-
-RotatingRegion Level(double height) { return {TurntableAxis(), kTableRadius, height, height}; }
-
-// What a model shows that has a level layer instead of the table's top.
-RenderedView LayerAt(double height, const PinholeView& view) {
-  RenderedView rendered;
-  rendered.width = view.width;
-  rendered.height = view.height;
-  const size_t count = static_cast<size_t>(view.width) * view.height;
-  rendered.alpha.assign(count, 0);
-  rendered.median_depth.assign(count, 0);
-  rendered.expected_depth.assign(count, 0);
-  rendered.normal.assign(3 * count, 0);
-  DrawOpaqueRegion(Level(height), view, &rendered);
-  return rendered;
-}
 
 int Count(const std::vector<TopSight>& sights, TopSight which) {
   return static_cast<int>(std::count(sights.begin(), sights.end(), which));
@@ -53,6 +36,10 @@ class PlainTopTest : public testing::TestWithParam<TableTop> {
   }
   const Image8& Photo(int i) const { return scene.photos[i].image; }
   const PinholeView& View(int i) const { return scene.photos[i].view; }
+  std::vector<std::vector<float>> NothingHides() const {
+    return std::vector<std::vector<float>>(kPhotos,
+                                           std::vector<float>(kTablePhotoWidth * kTablePhotoHeight, 0));
+  }
 
   TrainingScene scene;
   std::vector<StationPhotos> stations;
@@ -62,59 +49,63 @@ class PlainTopTest : public testing::TestWithParam<TableTop> {
 // A card of another colour, with texture or without.
 INSTANTIATE_TEST_SUITE_P(Card, PlainTopTest, testing::Values(TableTop::kPlain, TableTop::kGreyCard));
 
-TEST_P(PlainTopTest, IsBareWhereMostPhotosSeeIt) {
+// Rotating Gaussians at one height over bare places and over the card, and such as stand still.
+TEST_P(PlainTopTest, LayersOverItAreFoundAndWhatStandsOnTheCardStays) {
   ASSERT_TRUE(top);
-  for (double angle = 0; angle < 6; angle += 0.5) {
-    for (const double radius : {0.5, 0.7, 0.9})
-      EXPECT_TRUE(top->IsBare({radius * std::cos(angle), radius * std::sin(angle), 0.3}))
-          << angle << " " << radius;
-    EXPECT_FALSE(top->IsBare({0.15 * std::cos(angle), 0.15 * std::sin(angle), 0.3})) << angle;
-    EXPECT_FALSE(top->IsBare({1.5 * std::cos(angle), 1.5 * std::sin(angle), 0.3})) << angle;
+  Placement gaussians;
+  std::vector<uint32_t> expected;
+  const auto add = [&](double radius, double angle, double height, float logit) {
+    for (const double x : {radius * std::cos(angle), radius * std::sin(angle), height})
+      gaussians.centre.push_back(static_cast<float>(x));
+    gaussians.foreground_logit.push_back(logit);
+  };
+  for (double angle = 0; angle < 6; angle += 0.25) {
+    for (const double height : {0.1, 0.2}) {
+      expected.push_back(static_cast<uint32_t>(gaussians.size()));
+      add(0.75, angle, kTableTop + height, 5);
+      add(0.75, angle, kTableTop + height, -5);  // stands still
+      add(1.3, angle, kTableTop + height, 5);    // beside the table
+    }
+    add(0.1, angle, kTableTop + 1.2 * kTablePixel, 5);  // on the card
+    add(0.75, angle, kTableTop + 0.5 * kTablePixel, 5);
+    add(0.75, angle, kTableBottom, 5);
   }
-  // The card with half patches about it is .65 x .8 of the top's 3.14.
-  EXPECT_NEAR(top->BareShare(), 0.83, 0.05);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians), expected);
+  EXPECT_TRUE(FindLayersOverTop(*top, {}, {}, gaussians).empty());
 }
 
-TEST_P(PlainTopTest, TakesThePlaceOfALayerOverIt) {
+// A thing of another colour over a bare place: photos show it, and not the top behind it.
+TEST_P(PlainTopTest, WhatReachesOverItIsNoLayer) {
   ASSERT_TRUE(top);
-  const PinholeView& view = View(1);
-  const std::vector<TopSight> sights = top->Look(Photo(1), view, 0);
-  const RenderedView layer = LayerAt(kTableTop + 0.1, view);
-  RenderedView drawn = layer;
-  DrawPlainTop(*top, sights, view, &drawn);
-  const RenderedView level = LayerAt(kTableTop, view);
-  const Rigid3 object_from_cam = view.cam_from_object.Inverse();
-  int on_card = 0;
-  int replaced = 0;
-  for (int y = 0; y < view.height; ++y) {
-    for (int x = 0; x < view.width; ++x) {
-      const size_t i = static_cast<size_t>(y) * view.width + x;
-      if (!(layer.alpha[i] > 0)) continue;
-      const Eigen::Vector3d ray((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
-      const Eigen::Vector3d at = object_from_cam * (layer.median_depth[i] * ray);
-      if (at.head<2>().cwiseAbs().maxCoeff() < kCardHalfSide) {
-        ++on_card;
-        EXPECT_EQ(drawn.median_depth[i], layer.median_depth[i]);
+  const Eigen::Vector3d x(0.6, 0, kTableTop + 0.3);
+  for (StationPhotos& station : stations) {
+    for (size_t i = 0; i < station.views.size(); ++i) {
+      const PinholeView& view = station.views[i];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * x);
+      for (int v = -4; v <= 4; ++v) {
+        for (int u = -4; u <= 4; ++u) {
+          uint8_t* color =
+              station.images[i].Pixel(static_cast<int>(pixel.x()) + u, static_cast<int>(pixel.y()) + v);
+          std::fill_n(color, 3, 190);
+        }
       }
-      if (drawn.median_depth[i] == layer.median_depth[i]) continue;
-      ++replaced;
-      EXPECT_EQ(drawn.median_depth[i], level.median_depth[i]);
-      EXPECT_EQ(drawn.expected_depth[i], level.median_depth[i]);
-      EXPECT_EQ(drawn.normal[3 * i + 2], level.normal[3 * i + 2]);
     }
   }
-  EXPECT_GT(on_card, 100);
-  EXPECT_GT(replaced, 0.6 * static_cast<double>(std::count(level.alpha.begin(), level.alpha.end(), 1.0F)));
-
-  // So high nothing is a plain top's wrong shape.
-  const RenderedView high = LayerAt(kTableTop + 0.3, view);
-  RenderedView drawn_high = high;
-  DrawPlainTop(*top, sights, view, &drawn_high);
-  for (size_t i = 0; i < high.alpha.size(); ++i) {
-    if (high.alpha[i] > 0) {
-      ASSERT_EQ(drawn_high.median_depth[i], high.median_depth[i]);
-    }
-  }
+  top = PlainTop::Learn(stations, Table());
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  for (int k = 0; k < 3; ++k) gaussians.centre.push_back(static_cast<float>(x[k]));
+  gaussians.foreground_logit.push_back(5);
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).empty());
+  // Was the thing before it, none of them says that it is there; and none sees the top.
+  std::vector<std::vector<float>> hidden = NothingHides();
+  for (std::vector<float>& depths : hidden) std::fill(depths.begin(), depths.end(), 1.0F);
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
+  // Where photos see the top instead, it is not there; a single one may be chance.
+  stations[0].images[3] = scene.photos[3].image;
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
+  for (int i = 0; i < kPhotos; ++i) stations[0].images[i] = scene.photos[i].image;
+  EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).size(), 1U);
 }
 
 TEST_P(PlainTopTest, AShadowHasItsTintAndAPhotoItsExposure) {
@@ -139,7 +130,8 @@ TEST_P(PlainTopTest, AShadowHasItsTintAndAPhotoItsExposure) {
 
 TEST_P(PlainTopTest, OtherStationsAndShortOnesShowNothing) {
   ASSERT_TRUE(top);
-  EXPECT_EQ(Count(top->Look(Photo(0), View(0), 1), TopSight::kOther), kTablePhotoWidth * kTablePhotoHeight);
+  EXPECT_EQ(Count(top->Look(Photo(0), View(0), 1), TopSight::kElsewhere),
+            kTablePhotoWidth * kTablePhotoHeight);
   EXPECT_FALSE(PlainTop::Learn({}, Table()));
 }
 
