@@ -46,25 +46,26 @@ const EnumNames<GaussianPlyLayout> kLayoutNames = {{"2dgs", GaussianPlyLayout::k
                                                    {"3dgs", GaussianPlyLayout::k3dgs}};
 
 // What --quality stands for, where the options themselves are not given, in the order of Preset.
-constexpr std::array<const char*, 4> kPresetOptions = {"Train.num_iterations", "max_image_size",
-                                                       "Train.growth", "Train.max_gaussians"};
+constexpr std::array<const char*, 5> kPresetOptions = {
+    "Train.num_iterations", "max_image_size", "Train.growth", "Train.max_gaussians", "Train.whole_every"};
 struct Preset {
   int64_t num_iterations;
   int max_image_size;
   GrowthStrategy growth;
   int64_t max_gaussians;
+  int whole_every;  // on a CPU steps cost by their pixels, on a GPU hardly.
 };
 
 Preset PresetOf(Quality quality) {
   switch (quality) {
     case Quality::kLow:
-      return {6'000, 240, GrowthStrategy::kBudget, 30'000};
+      return {6'000, 240, GrowthStrategy::kBudget, 30'000, 4};
     case Quality::kMedium:
-      return {10'000, 800, GrowthStrategy::kAdaptive, 500'000};
+      return {10'000, 800, GrowthStrategy::kAdaptive, 500'000, 1};
     case Quality::kExtreme:
-      return {60'000, 3200, GrowthStrategy::kAdaptive, 6'000'000};
+      return {60'000, 3200, GrowthStrategy::kAdaptive, 6'000'000, 1};
     default:
-      return {30'000, 1600, GrowthStrategy::kAdaptive, 2'000'000};
+      return {30'000, 1600, GrowthStrategy::kAdaptive, 2'000'000, 1};
   }
 }
 
@@ -98,8 +99,8 @@ void AddSceneOptions(Options* options, Arguments* a) {
                "folder for point_cloud.ply, log and checkpoints; empty: s2gs in the workspace");
   options->AddEnum(
       "quality", &a->quality, kQualityNames,
-      "sets iterations, photo size, growth and count where they are not given; auto: high on a GPU, "
-      "low on the CPU");
+      "sets iterations, photo size, growth, count and how often whole frames are learnt from, where they are "
+      "not given; auto: high on a GPU, low on the CPU");
   auto scene = options->Group("", &a->scene);
   scene.AddEnum(
       "mode", &TrainingSceneOptions::mode, kModeNames,
@@ -233,6 +234,7 @@ void ApplyPreset(const Options& options, BackendKind kind, Arguments* a) {
   if (!options.IsGiven(kPresetOptions[1])) a->scene.max_image_size = preset.max_image_size;
   if (!options.IsGiven(kPresetOptions[2])) a->train.growth = preset.growth;
   if (!options.IsGiven(kPresetOptions[3])) a->train.max_gaussians = preset.max_gaussians;
+  if (!options.IsGiven(kPresetOptions[4])) a->train.whole_every = preset.whole_every;
 }
 
 // Of all that is trained on.
