@@ -30,6 +30,12 @@ constexpr double kReach = 4;                // the same: a small thing on a larg
 constexpr double kSamePlace = 0.5;          // how far the room's picture may move [px], and poses err
 constexpr int64_t kGaussiansAtOnce = 1000;  // that one thread looks at
 
+PinholeView Reduced(const PinholeView& view) {
+  const double scale = std::min(1.0, static_cast<double>(kLongSide) / std::max(view.width, view.height));
+  return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
+                    std::max(1, static_cast<int>(view.height * scale)));
+}
+
 // Pixels that the model does not take to rotate.
 struct StillPixels {
   int64_t all = 0;
@@ -51,7 +57,7 @@ double StaticShare(const TrainingScene& scene, const RotatingRegion& region,
   StillPixels side;
   const size_t count = std::min<size_t>(kMaskedPhotos, scene.photos.size());
   for (size_t i = 0; i < count; ++i) {
-    const PinholeView view = StationView(scene.photos[i * scene.photos.size() / count].view);
+    const PinholeView view = Reduced(scene.photos[i * scene.photos.size() / count].view);
     const PixelMask mask = RotatingMask(backend->Render(MaskRequest(scene, shape, view)));
     PixelMask on_top{mask.width, mask.height, std::vector<uint8_t>(mask.inside.size(), 0)};
     PixelMask on_table = on_top;
@@ -123,12 +129,6 @@ class StillWitness {
 
 }  // namespace
 
-PinholeView StationView(const PinholeView& view) {
-  const double scale = std::min(1.0, static_cast<double>(kLongSide) / std::max(view.width, view.height));
-  return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
-                    std::max(1, static_cast<int>(view.height * scale)));
-}
-
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,
                                              Reporter& reporter) {
   if (!scene.region || scene.mode != TrainMode::kS2gs) return {};
@@ -149,7 +149,7 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
     for (size_t i = 0; i < count; ++i) {
       if (reporter.StopRequested()) throw Interrupted();
       const ScenePhoto& photo = *photos[i * photos.size() / count];
-      const PinholeView view = StationView(photo.view);
+      const PinholeView view = Reduced(photo.view);
       station.views.push_back(view);
       station.images.push_back(ResizeByArea(load(photo), view.width, view.height));
     }

@@ -25,9 +25,6 @@ struct StationPhotos {
   Image8 still;                    ///< MedianPicture's; as the first view sees it.
 };
 
-/// A photo's view in the size in which stations look at it.
-PinholeView StationView(const PinholeView& view);
-
 /// Of the stations with photos enough for a median without the object. Nothing where nothing turns.
 /// Throws what `load` throws, and Interrupted. \param load  a photo without distortion, of its view's size.
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,

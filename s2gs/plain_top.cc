@@ -17,12 +17,12 @@ namespace {
 
 constexpr double kRingInner = 0.8;  // of the radius: next to the rim hardly anything stands.
 constexpr double kRingOuter = 0.97;
-constexpr int kLeastPixels = 100;  // of a ring, for its colour
-constexpr int kRounds = 6;         // of robust fits
-constexpr double kDeviations = 3;  // of noise and of the fit: another colour.
-// Of the logarithm on a ring: more is not one smooth colour. It was .010 to .015 where it is, .05 to .08
-// where shadows were taken for it.
-constexpr double kFirstLimit = 0.1;  // of the same, about a ring's most frequent colour
+constexpr int kLeastPixels = 100;    // of a ring, for its colour
+constexpr int kRounds = 6;           // of robust fits
+constexpr double kDeviations = 3;    // of noise and of the fit: another colour.
+constexpr double kFirstLimit = 0.1;  // of the logarithm, about a ring's most frequent colour
+// Of the same about a ring's fitted colour: more is not one smooth colour. It was .006 to .011 where it is,
+// .05 to .08 where shadows were taken for it.
 constexpr double kMaxDeviation = 0.03;
 constexpr double kLitShare = 0.3;  // of a ring, at least, in any photo
 constexpr double kDarkest = 0.2;   // of the lit colour, in a shadow
@@ -30,8 +30,8 @@ constexpr double kDarkest = 0.2;   // of the lit colour, in a shadow
 constexpr double kSigmaOfQuartile = 1 / 0.3186;
 constexpr double kLeastDeviation = 0.004;  // of the logarithm: a grey level of 255
 // A thing's Gaussians look lit in less than .01 of the photos; of a layer's half do, and in the others a
-// shadow's border or a thing behind it is seen. By these, one photo that sees the top outweighs five that do
-// not.
+// shadow's border or a thing behind it is seen. So one photo that sees the top is worth ln(.5 / .01), one
+// that does not ln(.99 / .5), a fifth of it; a single one may be chance.
 constexpr int kLeastLit = 2;
 constexpr int kOtherPerLit = 4;
 constexpr double kBehind = 3;  // [px], of a surface that hides what lies further behind it
@@ -105,6 +105,8 @@ std::vector<PlainTop::TopPixel> PlainTop::PixelsOf(const PinholeView& view) cons
 }
 
 std::optional<PlainTop::LitColor> PlainTop::LearnColor(const StationPhotos& station) const {
+  const Eigen::Vector3d camera = station.views.front().cam_from_world.Inverse().translation;
+  if (!((camera - table_.axis.point).dot(table_.axis.direction) > table_.high)) return std::nullopt;
   LitColor color;
   color.station = station.number;
   color.least_texture = LeastTexture(MeasurePictureNoise(station.images.data(), station.images.size()));

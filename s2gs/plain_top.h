@@ -25,13 +25,12 @@ enum class TopSight : uint8_t {
 /// nothing stands on it. No photo tells the shape of a plain surface, but where it is seen.
 class PlainTop {
  public:
-  /// Nothing where no station's ring just within the rim has a smooth colour.
+  /// Nothing where no station sees the top, with one smooth colour on a ring just within the rim.
   /// \param table  from photos, to a pixel; its top has no texture (TexturedShareOfTop).
   static std::optional<PlainTop> Learn(const std::vector<StationPhotos>& stations,
                                        const RotatingRegion& table);
 
-  /// By pixel of a station's photo in the size of StationView. All kElsewhere where nothing is known of the
-  /// station.
+  /// By pixel of one of a station's photos; all kElsewhere where nothing is known of the station.
   std::vector<TopSight> Look(const Image8& photo, const PinholeView& view, int station) const;
 
   const RotatingRegion& table() const { return table_; }
