@@ -23,7 +23,7 @@ Summary Summarize(std::vector<double> values);
 /// log of the probability that a Poisson variable of this mean (positive) reaches `count`.
 double LogPoissonTail(int count, double mean);
 
-/// A normal law\'s standard deviation over its median absolute one.
+/// A normal law's standard deviation over its median absolute one.
 constexpr double kSigmaOfMad = 1.4826;
 
 /// The median; the larger of the two in the middle when the count is even, so that it is always one of the

@@ -14,8 +14,6 @@
 namespace s2gs {
 namespace {
 
-RotatingRegion Table() { return {TurntableAxis(), kTableRadius, kTableBottom, kTableTop}; }
-
 Placement Rotating(const std::vector<Eigen::Vector3d>& places) {
   Placement placement;
   for (const Eigen::Vector3d& x : places) {
@@ -53,11 +51,11 @@ TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
 }
 
 TEST(PhotoTable, TextureIsWhatMostPhotosShowBesideNoise) {
-  const double plain = TexturedShareOfTop(LoadStations(TableOnGround(12, TableTop::kPlain)), Table());
+  const double plain = TexturedShareOfTop(LoadStations(TableOnGround(12, TableTop::kPlain)), TableRegion());
   // The card and the half patches about it: .65 x .8 of 2.3, which is the top without as much at its rim.
   EXPECT_NEAR(plain, 0.23, 0.06);
-  EXPECT_GT(TexturedShareOfTop(LoadStations(TableOnGround(12, TableTop::kTiled)), Table()), 0.95);
-  EXPECT_EQ(TexturedShareOfTop({}, Table()), 1);
+  EXPECT_GT(TexturedShareOfTop(LoadStations(TableOnGround(12, TableTop::kTiled)), TableRegion()), 0.95);
+  EXPECT_EQ(TexturedShareOfTop({}, TableRegion()), 1);
 }
 
 // Gaussians around the table, lower than its top: on the leaf, and on ground that stands still.
@@ -76,14 +74,14 @@ TEST(PhotoTable, GroundAroundItStandsAndALeafThatHangsDownTurns) {
   }
   Placement gaussians = Rotating(places);
   const std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TableTop::kPlain));
-  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, Table(), gaussians);
+  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians);
   std::vector<uint32_t> expected;
   for (size_t i = num_leaf; i < num_low; ++i) expected.push_back(static_cast<uint32_t>(i));
   EXPECT_EQ(standing, expected);
 
   std::fill(gaussians.foreground_logit.begin(), gaussians.foreground_logit.end(), -5.0F);
-  EXPECT_TRUE(FindStandingAroundTable(stations, Table(), gaussians).empty());
-  EXPECT_TRUE(FindStandingAroundTable({}, Table(), Rotating(places)).empty());
+  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians).empty());
+  EXPECT_TRUE(FindStandingAroundTable({}, TableRegion(), Rotating(places)).empty());
 }
 
 // A camera that was touched shows other ground in the same pixels, which is no change.
@@ -103,7 +101,7 @@ TEST(PhotoTable, PhotosOfACameraThatTurnedAsideDoNotCount) {
       for (int x = 6; x < kTablePhotoWidth; ++x) std::copy_n(before.Pixel(x - 6, y), 3, image.Pixel(x, y));
     }
   }
-  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, Table(), Rotating(places));
+  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), Rotating(places));
   EXPECT_EQ(standing.size(), places.size());
 }
 

@@ -15,8 +15,6 @@ namespace {
 
 constexpr int kPhotos = 12;
 
-RotatingRegion Table() { return {TurntableAxis(), kTableRadius, kTableBottom, kTableTop}; }
-
 int Count(const std::vector<TopSight>& sights, TopSight which) {
   return static_cast<int>(std::count(sights.begin(), sights.end(), which));
 }
@@ -32,7 +30,7 @@ Image8 InLight(Image8 photo, double red, double others) {
 class PlainTopTest : public testing::TestWithParam<TableTop> {
  protected:
   PlainTopTest() : scene(TableOnGround(kPhotos, GetParam())), stations(LoadStations(scene)) {
-    top = PlainTop::Learn(stations, Table());
+    top = PlainTop::Learn(stations, TableRegion());
   }
   const Image8& Photo(int i) const { return scene.photos[i].image; }
   const PinholeView& View(int i) const { return scene.photos[i].view; }
@@ -91,7 +89,7 @@ TEST_P(PlainTopTest, WhatReachesOverItIsNoLayer) {
       }
     }
   }
-  top = PlainTop::Learn(stations, Table());
+  top = PlainTop::Learn(stations, TableRegion());
   ASSERT_TRUE(top);
   Placement gaussians;
   for (int k = 0; k < 3; ++k) gaussians.centre.push_back(static_cast<float>(x[k]));
@@ -128,15 +126,15 @@ TEST_P(PlainTopTest, AShadowHasItsTintAndAPhotoItsExposure) {
   EXPECT_LT(shaded(0.4, 0.7), in_shadow + lit / 50);
 }
 
-TEST_P(PlainTopTest, OtherStationsAndShortOnesShowNothing) {
+TEST_P(PlainTopTest, OtherStationsAndNoneShowNothing) {
   ASSERT_TRUE(top);
   EXPECT_EQ(Count(top->Look(Photo(0), View(0), 1), TopSight::kElsewhere),
             kTablePhotoWidth * kTablePhotoHeight);
-  EXPECT_FALSE(PlainTop::Learn({}, Table()));
+  EXPECT_FALSE(PlainTop::Learn({}, TableRegion()));
 }
 
 TEST(PlainTop, ATopWithTextureHasNoColor) {
-  EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kPhotos, TableTop::kTiled)), Table()));
+  EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kPhotos, TableTop::kTiled)), TableRegion()));
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "s2gs/core/rotating_region.h"
 #include "s2gs/photo_table.h"
 #include "s2gs/training_scene.h"
 
@@ -24,6 +25,9 @@ enum class TableTop : uint8_t {
   kTiled,     ///< as the card is.
   kGreyCard,  ///< the card is plain, too, and darker.
 };
+
+/// Its top and its side.
+inline RotatingRegion TableRegion() { return {TurntableAxis(), kTableRadius, kTableBottom, kTableTop}; }
 
 /// \param num_photos  of one station, over a full turn.
 TrainingScene TableOnGround(int num_photos, TableTop top);
