@@ -82,9 +82,10 @@ void AddOptions(Options& options, Settings* settings) {
       .Add("step_deg", &settings->step_deg,
            "the table's step from photo to photo by name, within each station; as --angles_path; 0: unknown")
       .Unit("degrees");
-  options.Add("adjust_to_photos", &settings->adjust_to_photos,
-              "find each point's places in the photos again by patches of these, and adjust everything to "
-              "them where patches that were held back bear it out");
+  options.Add(
+      "adjust_to_photos", &settings->adjust_to_photos,
+      "find each point's places by patches in all photos that it faces, and adjust everything to them "
+      "where patches that were held back bear it out");
   auto joint = options.Group("Joint", &settings->placement.joint);
   joint.AddEnum("model", &JointOptions::model,
                 {{"auto", JointModel::kAuto},

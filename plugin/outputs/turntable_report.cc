@@ -187,6 +187,7 @@ json ToJson(const PhotoAdjustment& photos) {
           {"finding", photos.finding},
           {"tracks", photos.tracks},
           {"places", photos.places},
+          {"places_beside_tracks", photos.places_beside},
           {"sigma_px", photos.sigma_px},
           {"held_back", {{"patches", change(photos.patches)}, {"keypoints", change(photos.keypoints)}}},
           {"seconds", photos.seconds}};

@@ -18,7 +18,9 @@ struct PatchView {
 };
 
 struct PatchOptions {
-  int radius_px = 7;             ///< of a patch, in the photo that stands for the others.
+  /// Of a patch, in the photo that stands for the others: a wider one is no plane on most surfaces, and a
+  /// photo's place follows the part that it sees best.
+  int radius_px = 5;
   double min_correlation = 0.8;  ///< of a photo's patch with the mean of the others.
   double max_move_px = 2;        ///< from where the poses say.
   int max_iterations = 20;

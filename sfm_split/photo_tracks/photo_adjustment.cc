@@ -11,6 +11,7 @@
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
@@ -20,7 +21,9 @@ namespace {
 
 constexpr double kSigmaOfMedian = 0.849;  // of a coordinate, over the median length of errors in the plane
 constexpr double kHalfTolerance = 1e-6;   // of adjustments that only tell whether patches gain
-constexpr double kMaxFocalChange = 1.1;   // more than patches can mend: something else is wrong
+// Of places over an arc: beyond, more of their errors is what bends or is lit otherwise than is noise.
+constexpr double kMostOverdispersion = 2;
+constexpr double kMaxFocalChange = 1.1;  // more than patches can mend: something else is wrong
 
 // The object's points: those that the scene's adjustment did not see, and the others in two halves, each of
 // which tells whether poses by the other's patches are better.
@@ -84,8 +87,9 @@ class PhotoAdjuster {
                 const PhotoAdjustmentOptions& options, AlignedScene* aligned)
       : features_(features), held_back_(held_back), options_(options), aligned_(aligned) {}
 
+  // \param min_places  photos with fewer keep the keypoints of points without patches.
   void SetUp(const std::vector<AlignedTrack>& tracks, const JointPriors& priors, double keypoint_sigma_px,
-             double place_sigma_px);
+             double place_sigma_px, int min_places);
   JointProblem Without(PointSet set) const;
   void ActivateAll(JointProblem* problem) const;
   std::vector<ErrorPair> ErrorsOf(PointSet set, const JointProblem& after, bool by_patches) const;
@@ -93,6 +97,8 @@ class PhotoAdjuster {
   const JointProblem& problem() const { return problem_; }
 
  private:
+  void AddPlaces(const std::vector<AlignedTrack>& tracks);
+  void LeaveOutKeypoints(int min_places);
   void FindHeldBack();
   void ChooseBackground(double keypoint_spread);
 
@@ -145,7 +151,7 @@ void PhotoAdjuster::ChooseBackground(double keypoint_spread) {
 }
 
 void PhotoAdjuster::SetUp(const std::vector<AlignedTrack>& tracks, const JointPriors& priors,
-                          double keypoint_sigma_px, double place_sigma_px) {
+                          double keypoint_sigma_px, double place_sigma_px, int min_places) {
   problem_ = MakeJointProblem(*aligned_);
   problem_.priors = priors;
   JointBody& body = problem_.object;
@@ -155,7 +161,9 @@ void PhotoAdjuster::SetUp(const std::vector<AlignedTrack>& tracks, const JointPr
   std::set<uint64_t> aligned_points;
   for (const AlignedTrack& track : tracks) {
     aligned_points.insert(track.point3D_id);
-    for (const TrackPlace& place : track.places) places[{place.image_id, place.point2D_idx}] = &place.place;
+    for (const TrackPlace& place : track.places) {
+      if (place.point2D_idx != kNoKeypoint) places[{place.image_id, place.point2D_idx}] = &place.place;
+    }
   }
   const double keypoint_spread = std::max(1.0, keypoint_sigma_px / place_sigma_px);
   sources_.resize(body.observations.size());
@@ -173,10 +181,51 @@ void PhotoAdjuster::SetUp(const std::vector<AlignedTrack>& tracks, const JointPr
     o.active = aligned_points.count(body.point_ids[static_cast<size_t>(o.point)]) == 0;
     o.spread = keypoint_spread;
   }
+  AddPlaces(tracks);
+  LeaveOutKeypoints(min_places);
   FindHeldBack();
   for (size_t k = 0; k < sources_.size(); ++k)
     body.observations[k].active &= sources_[k].of != PointSet::kHeldBack;
   ChooseBackground(keypoint_spread);
+}
+
+// Those in photos beside the tracks.
+void PhotoAdjuster::AddPlaces(const std::vector<AlignedTrack>& tracks) {
+  JointBody& body = problem_.object;
+  std::map<std::string, int> index_of_name;
+  for (size_t i = 0; i < problem_.images.size(); ++i)
+    index_of_name[problem_.images[i].name] = static_cast<int>(i);
+  std::map<uint64_t, int> index_of_point;
+  for (size_t p = 0; p < body.point_ids.size(); ++p) index_of_point[body.point_ids[p]] = static_cast<int>(p);
+  for (const AlignedTrack& track : tracks) {
+    for (const TrackPlace& place : track.places) {
+      if (place.point2D_idx != kNoKeypoint) continue;
+      JointObservation o;
+      o.image = index_of_name.at(aligned_->object.images.at(place.image_id).name);
+      o.point = index_of_point.at(track.point3D_id);
+      o.xy = place.place.xy;
+      o.point2D_idx = kNoKeypoint;
+      body.observations.push_back(o);
+      sources_.push_back({&place.place, PointSet::kFirstHalf, o.xy});
+    }
+  }
+}
+
+// Keypoints share errors of their own: what is at an object's own border moves over it, and each photo of a
+// series shows it alike, so that no number of them averages it out. They stay where there is little else.
+void PhotoAdjuster::LeaveOutKeypoints(int min_places) {
+  std::vector<JointObservation>& observations = problem_.object.observations;
+  std::vector<int> num_places(problem_.images.size(), 0);
+  for (size_t k = 0; k < sources_.size(); ++k)
+    num_places[static_cast<size_t>(observations[k].image)] += sources_[k].place != nullptr ? 1 : 0;
+  std::vector<bool> is_needed(problem_.object.points.size(), false);
+  for (const JointObservation& o : observations) {
+    if (num_places[static_cast<size_t>(o.image)] < min_places) is_needed[static_cast<size_t>(o.point)] = true;
+  }
+  for (size_t k = 0; k < sources_.size(); ++k) {
+    if (sources_[k].place == nullptr)
+      observations[k].active &= is_needed[static_cast<size_t>(observations[k].point)];
+  }
 }
 
 // Without the patches of a set; keypoints of its points that have no patches stay.
@@ -205,7 +254,9 @@ std::vector<ErrorPair> PhotoAdjuster::ErrorsOf(PointSet set, const JointProblem&
     std::vector<int> images;
     std::vector<Eigen::Vector2d> places;
     for (const size_t k : of_point[p]) {
-      if (sources_[k].of != set || (by_patches && sources_[k].place == nullptr)) continue;
+      const bool is_of_kind = by_patches ? sources_[k].place != nullptr
+                                         : problem_.object.observations[k].point2D_idx != kNoKeypoint;
+      if (sources_[k].of != set || !is_of_kind) continue;
       images.push_back(problem_.object.observations[k].image);
       places.push_back(by_patches ? sources_[k].place->xy : sources_[k].keypoint);
     }
@@ -276,10 +327,15 @@ void PhotoAdjuster::Take(JointProblem* after) {
   std::map<std::string, ColmapImage*> image_of_name;
   for (auto& [id, image] : aligned_->object.images) image_of_name[image.name] = &image;
   for (size_t k = 0; k < sources_.size(); ++k) {
-    if (sources_[k].place == nullptr) continue;
     const JointObservation& o = after->object.observations[k];
+    if (sources_[k].place == nullptr || o.point2D_idx == kNoKeypoint) continue;
     image_of_name.at(after->images[static_cast<size_t>(o.image)].name)->points2D[o.point2D_idx].xy = o.xy;
   }
+  // Models' tracks are of keypoints.
+  std::vector<JointObservation>& observations = after->object.observations;
+  observations.erase(std::remove_if(observations.begin(), observations.end(),
+                                    [](const JointObservation& o) { return o.point2D_idx == kNoKeypoint; }),
+                     observations.end());
   ApplyJointProblem(*after, aligned_);
 }
 
@@ -297,6 +353,98 @@ bool CamerasHold(const JointProblem& before, const JointProblem& after) {
     if (!(ratio < kMaxFocalChange && ratio > 1 / kMaxFocalChange)) return false;
   }
   return true;
+}
+
+// The mean change of the logarithms of standard deviations that both adjustments state: of focal lengths,
+// axis and table angles. Infinite where none can be compared.
+double LogSigmaChange(const JointReport& before, const JointReport& after) {
+  double sum = 0;
+  int count = 0;
+  const auto compare = [&](double a, double b) {
+    if (!(a > 0 && b > 0 && std::isfinite(a) && std::isfinite(b))) return;
+    sum += std::log(b / a);
+    ++count;
+  };
+  const auto middle = [](const std::vector<double>& sigmas) {
+    return sigmas.empty() ? -1.0 : UpperMedian(std::vector<double>(sigmas));
+  };
+  compare(middle(before.focal_sigma_px), middle(after.focal_sigma_px));
+  compare(before.axis_direction_sigma_deg, after.axis_direction_sigma_deg);
+  compare(middle(before.angle_sigma_deg), middle(after.angle_sigma_deg));
+  return count > 0 ? sum / count : kInfinity;
+}
+
+// What all ways of looking for places have in common.
+struct AdjustmentInput {
+  const ReadGreyPhoto& read;
+  const ScanFeatures& features;
+  const HeldBackKeypoints& held_back;
+  const JointPriors& priors;
+  const JointOptions& joint_options;
+  JointModel model;
+  const PhotoAdjustmentOptions& options;
+};
+
+// By places that are looked for as the options say.
+PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOptions& places, int min_places,
+                           Reporter& reporter, AlignedScene* aligned, JointReport* joint) {
+  PhotoAdjustment result;
+  const auto finish = [&](const std::string& finding) {
+    result.finding = finding;
+    return result;
+  };
+  const std::vector<AlignedTrack> tracks = AlignTracks(aligned->object, input.read, places, reporter);
+  std::vector<double> sigmas;
+  for (const AlignedTrack& track : tracks) {
+    for (const TrackPlace& place : track.places) {
+      sigmas.push_back(place.place.sigma_px);
+      result.places_beside += place.point2D_idx == kNoKeypoint ? 1 : 0;
+    }
+  }
+  result.tracks = static_cast<int>(tracks.size());
+  result.places = static_cast<int>(sigmas.size());
+  if (sigmas.empty()) return finish("patches of the photos agree nowhere");
+  result.sigma_px = UpperMedian(std::move(sigmas));
+
+  PhotoAdjuster adjuster(input.features, input.held_back, input.options, aligned);
+  adjuster.SetUp(tracks, input.priors, joint->sigma_px, result.sigma_px, min_places);
+  JointOptions by_patches = input.joint_options;
+  by_patches.model = input.model;
+  by_patches.loss_scale_px = 0;
+  std::vector<ErrorPair> errors;
+  JointOptions of_half = by_patches;
+  of_half.compute_covariance = false;
+  of_half.function_tolerance = std::max(kHalfTolerance, of_half.function_tolerance);
+  of_half.max_rounds = 1;
+  JointProblem problem;
+  for (const PointSet half : {PointSet::kFirstHalf, PointSet::kSecondHalf}) {
+    problem = adjuster.Without(half);
+    AdjustJointly(of_half, reporter, &problem);
+    const std::vector<ErrorPair> of_other = adjuster.ErrorsOf(half, problem, true);
+    errors.insert(errors.end(), of_other.begin(), of_other.end());
+  }
+  result.patches = ChangeOf(errors);
+  result.patches.overdispersion = std::max(1.0, kSigmaOfMedian * result.patches.after_px / result.sigma_px);
+  const std::string change = PxText(result.patches.before_px) + " to " + PxText(result.patches.after_px);
+  const std::string no_better = "patches do not tell better poses for each other: " + change;
+  if (result.patches.HasRisen()) return finish(no_better);
+  const bool is_noise = result.patches.overdispersion <= kMostOverdispersion;
+  if (result.places_beside > 0 && !is_noise)
+    return finish("patches are not the same from all around: " + PxText(result.patches.after_px) + ", not " +
+                  PxText(result.sigma_px / kSigmaOfMedian));
+  adjuster.ActivateAll(&problem);  // from a half's poses on
+  JointReport report = AdjustJointly(by_patches, reporter, &problem);
+  result.log_sigma_change = LogSigmaChange(*joint, report);
+  // Standard deviations know of noise alone.
+  if (!result.patches.HasFallen() && !(is_noise && result.log_sigma_change < 0)) return finish(no_better);
+  result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, problem, false));
+  if (!CamerasHold(adjuster.problem(), problem)) return finish("patches ask for another focal length");
+  if (Contradict(result.keypoints, result.patches))
+    return finish("keypoints that were held back contradict the patches");
+  adjuster.Take(&problem);
+  *joint = std::move(report);
+  result.is_taken = true;
+  return finish("errors of patches that were held back went from " + change);
 }
 
 }  // namespace
@@ -319,54 +467,18 @@ PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& fe
                                AlignedScene* aligned, JointReport* joint) {
   S2GS_INVARIANT(!options.Check() && !joint_options.Check());
   const double start = SteadySeconds();
-  PhotoAdjustment result;
-  const auto finish = [&](const std::string& finding) {
-    result.finding = finding;
-    result.seconds = SteadySeconds() - start;
-    return result;
-  };
-  const std::vector<AlignedTrack> tracks = AlignTracks(aligned->object, read, options.places, reporter);
-  std::vector<double> sigmas;
-  for (const AlignedTrack& track : tracks) {
-    for (const TrackPlace& place : track.places) sigmas.push_back(place.place.sigma_px);
+  const AdjustmentInput input{read, features, held_back, priors, joint_options, model, options};
+  PhotoAdjustment result =
+      AdjustOnce(input, options.places, joint_options.min_free_observations, reporter, aligned, joint);
+  if (!result.is_taken && result.places_beside > 0) {
+    // What bends or is lit otherwise as it turns is one thing from neighbouring angles only.
+    reporter.Debug("looked for in all photos: " + result.finding);
+    TrackPlacesOptions of_tracks = options.places;
+    of_tracks.min_facing = 1;
+    result = AdjustOnce(input, of_tracks, std::numeric_limits<int>::max(), reporter, aligned, joint);
   }
-  result.tracks = static_cast<int>(tracks.size());
-  result.places = static_cast<int>(sigmas.size());
-  if (sigmas.empty()) return finish("patches of the photos agree nowhere");
-  result.sigma_px = UpperMedian(std::move(sigmas));
-
-  PhotoAdjuster adjuster(features, held_back, options, aligned);
-  adjuster.SetUp(tracks, priors, joint->sigma_px, result.sigma_px);
-  JointOptions by_patches = joint_options;
-  by_patches.model = model;
-  by_patches.loss_scale_px = 0;
-  std::vector<ErrorPair> errors;
-  JointOptions of_half = by_patches;
-  of_half.compute_covariance = false;
-  of_half.function_tolerance = std::max(kHalfTolerance, of_half.function_tolerance);
-  of_half.max_rounds = 1;
-  JointProblem problem;
-  for (const PointSet half : {PointSet::kFirstHalf, PointSet::kSecondHalf}) {
-    problem = adjuster.Without(half);
-    AdjustJointly(of_half, reporter, &problem);
-    const std::vector<ErrorPair> of_other = adjuster.ErrorsOf(half, problem, true);
-    errors.insert(errors.end(), of_other.begin(), of_other.end());
-  }
-  result.patches = ChangeOf(errors);
-  result.patches.overdispersion = std::max(1.0, kSigmaOfMedian * result.patches.after_px / result.sigma_px);
-  const std::string change = PxText(result.patches.before_px) + " to " + PxText(result.patches.after_px);
-  if (!result.patches.HasFallen())
-    return finish("patches do not tell better poses for each other: " + change);
-  adjuster.ActivateAll(&problem);  // from a half's poses on
-  JointReport report = AdjustJointly(by_patches, reporter, &problem);
-  result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, problem, false));
-  if (!CamerasHold(adjuster.problem(), problem)) return finish("patches ask for another focal length");
-  if (Contradict(result.keypoints, result.patches))
-    return finish("keypoints that were held back contradict the patches");
-  adjuster.Take(&problem);
-  *joint = std::move(report);
-  result.is_taken = true;
-  return finish("errors of patches that were held back fell from " + change);
+  result.seconds = SteadySeconds() - start;
+  return result;
 }
 
 }  // namespace s2gs

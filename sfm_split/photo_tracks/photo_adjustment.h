@@ -29,6 +29,7 @@ struct HeldBackChange {
 
   /// By more than chance does once in e^8.
   bool HasFallen() const { return points > 1 && gain > 3.4 * overdispersion * gain_sigma; }
+  bool HasRisen() const { return points > 1 && -gain > 3.4 * overdispersion * gain_sigma; }
 };
 
 struct PhotoAdjustment {
@@ -36,9 +37,12 @@ struct PhotoAdjustment {
   std::string finding;  ///< why (not), for the report.
   int tracks = 0;       ///< whose patches agree.
   int places = 0;
+  int places_beside = 0;     ///< of these, in photos whose keypoints do not see the point.
   double sigma_px = 0;       ///< of a place, as its patch says (median).
   HeldBackChange patches;    ///< of each half's places by poses of the other half.
   HeldBackChange keypoints;  ///< of points that no adjustment saw.
+  /// Mean change of the logarithms of the stated standard deviations: focal length, axis, table angles.
+  double log_sigma_change = 0;
   double seconds = 0;
 };
 
@@ -50,15 +54,19 @@ struct PhotoAdjustmentOptions {
   OptionCheck Check() const;
 };
 
-/// Poses by patches of the photos: the tracks of the object's points are aligned (AlignTracks), and
-/// everything is adjusted again, with patches' places in the stead of keypoints where they were found.
-/// Keypoints of all other points count by their own noise. The poses are taken where the patches of either
-/// half of the points tell poses that the other half's lie nearer to than to the scene's own, more so than
-/// chance allows, and where keypoints that no adjustment saw lie no farther off than patches' own errors
-/// explain (they carry the bias that patches remove); the scene is untouched otherwise. Where they are taken,
-/// both models' points are adjusted to them all, and the object's keypoints in `aligned->object` are where
-/// patches were found. \param priors  of the adjustment that the scene comes from. \param model   what the
-/// poses share. \param joint   the adjustment that the scene comes from; replaced where poses are taken.
+/// Poses by patches of the photos: the object's points are looked for in all photos that they face
+/// (AlignTracks), and everything is adjusted again, with patches' places in the stead of the object's
+/// keypoints, which stay in photos with too few places. The poses are taken where they bear patches out that
+/// they were not adjusted to (of either half of the points by the other half) better than the scene's own, or
+/// no worse while the adjustment states smaller standard deviations; where these patches' errors are mostly
+/// noise; and where keypoints that no adjustment saw lie no farther off than patches' own errors explain
+/// (they carry the bias that patches remove). Where they are not taken, the same is tried with the photos of
+/// the tracks alone, beside all other keypoints by their own noise; the scene is untouched where neither is.
+/// Where poses are taken, both models' points are adjusted to them all, and the object's keypoints in
+/// `aligned->object` are where patches were found.
+/// \param priors  of the adjustment that the scene comes from.
+/// \param model   what the poses share.
+/// \param joint   the adjustment that the scene comes from; replaced where poses are taken.
 PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
                                const JointOptions& joint_options, JointModel model,

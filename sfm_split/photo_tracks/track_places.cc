@@ -3,6 +3,8 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <set>
 #include <utility>
 
 #include "sfm_split/base/infinity.h"
@@ -24,7 +26,7 @@ constexpr double kLeastFacing = 0.3;  // cosine between a first normal and the m
 struct Observation {
   const ColmapImage* image = nullptr;
   const Camera* camera = nullptr;
-  uint32_t point2D_idx = 0;
+  uint32_t point2D_idx = kNoKeypoint;
   Vector2d predicted = Vector2d::Zero();
   double px_per_length = 0;
   PhotoPart part;
@@ -50,6 +52,19 @@ size_t MiddleView(const Track& track) {
   return static_cast<size_t>(best - directions.begin());
 }
 
+// Nothing where the point is behind the camera.
+std::optional<Observation> Predict(const ColmapModel& model, const ColmapImage& image, const Vector3d& x) {
+  Observation o;
+  o.image = &image;
+  o.camera = &model.cameras.at(image.camera_id);
+  Eigen::Matrix<double, 2, 3> jacobian;
+  if (!ProjectWithJacobians(o.camera->model, o.camera->params.data(), image.cam_from_world * x, &o.predicted,
+                            &jacobian, nullptr))
+    return std::nullopt;
+  o.px_per_length = jacobian.norm() / std::sqrt(2.0);
+  return o;
+}
+
 std::vector<Track> MakeTracks(const ColmapModel& model, int min_found) {
   std::vector<Track> tracks;
   for (const auto& [id, point] : model.points3D) {
@@ -57,16 +72,10 @@ std::vector<Track> MakeTracks(const ColmapModel& model, int min_found) {
     Track track;
     track.point = &point;
     for (const ColmapTrackElement& element : point.track) {
-      Observation o;
-      o.image = &model.images.at(element.image_id);
-      o.camera = &model.cameras.at(o.image->camera_id);
-      o.point2D_idx = element.point2D_idx;
-      Eigen::Matrix<double, 2, 3> jacobian;
-      if (!ProjectWithJacobians(o.camera->model, o.camera->params.data(), o.image->cam_from_world * point.xyz,
-                                &o.predicted, &jacobian, nullptr))
-        continue;
-      o.px_per_length = jacobian.norm() / std::sqrt(2.0);
-      track.observations.push_back(std::move(o));
+      std::optional<Observation> o = Predict(model, model.images.at(element.image_id), point.xyz);
+      if (!o) continue;
+      o->point2D_idx = element.point2D_idx;
+      track.observations.push_back(std::move(*o));
     }
     if (static_cast<int>(track.observations.size()) < min_found) continue;
     track.reference = MiddleView(track);
@@ -108,11 +117,14 @@ PhotoPart Cut(const GreyPhoto& photo, const Vector2d& centre, double reach) {
   return part;
 }
 
+// Of all observations that have none yet.
 void CutParts(const ReadGreyPhoto& read, const TrackPlacesOptions& options, std::vector<Track>* tracks,
               Reporter& reporter) {
   std::map<const ColmapImage*, std::vector<std::pair<Track*, Observation*>>> of_image;
   for (Track& track : *tracks) {
-    for (Observation& o : track.observations) of_image[o.image].emplace_back(&track, &o);
+    for (Observation& o : track.observations) {
+      if (o.part.grey.empty()) of_image[o.image].emplace_back(&track, &o);
+    }
   }
   std::vector<const ColmapImage*> images;
   images.reserve(of_image.size());
@@ -184,7 +196,39 @@ class FirstNormals {
   size_t num_;
 };
 
-AlignedTrack AlignOne(const Track& track, const FirstNormals& normals, const TrackPlacesOptions& options) {
+// Adds the photos that a patch faces.
+void Extend(const ColmapModel& model, const TrackPlacesOptions& options, const SurfacePatch& patch,
+            Track* track) {
+  std::set<const ColmapImage*> known;
+  for (const Observation& o : track->observations) known.insert(o.image);
+  for (const auto& [id, image] : model.images) {
+    if (known.count(&image) > 0) continue;
+    const Vector3d ray = (CameraCentre(image.cam_from_world) - track->point->xyz).normalized();
+    if (!(patch.normal.dot(ray) >= options.min_facing)) continue;
+    std::optional<Observation> o = Predict(model, image, track->point->xyz);
+    if (!o) continue;
+    const double margin = options.patch.radius_px;
+    if (o->predicted.x() < margin || o->predicted.y() < margin ||
+        o->predicted.x() > o->camera->width - margin || o->predicted.y() > o->camera->height - margin)
+      continue;
+    track->observations.push_back(std::move(*o));
+  }
+}
+
+// The first tracks keep what was added.
+void LimitBeside(int max_beside, std::vector<Track>* tracks) {
+  int64_t left = max_beside;
+  for (Track& track : *tracks) {
+    const auto beside = std::find_if(track.observations.begin(), track.observations.end(),
+                                     [](const Observation& o) { return o.point2D_idx == kNoKeypoint; });
+    left -= track.observations.end() - beside;
+    if (left < 0) track.observations.erase(beside, track.observations.end());
+  }
+}
+
+// \param first_normals  that are tried.
+AlignedTrack AlignOne(const Track& track, const std::vector<Vector3d>& first_normals,
+                      const TrackPlacesOptions& options) {
   AlignedTrack result;
   result.point3D_id = track.point->point3D_id;
   std::vector<SplinePart> parts;
@@ -205,11 +249,9 @@ AlignedTrack AlignOne(const Track& track, const FirstNormals& normals, const Tra
     views.push_back({&parts[i], o.camera, o.image->cam_from_world});
   }
   result.patch.centre = track.point->xyz;
-  const Observation& middle = track.observations[track.reference];
-  const Vector3d towards = (CameraCentre(middle.image->cam_from_world) - track.point->xyz).normalized();
   std::vector<PatchPlace> places;
   int64_t most = 0;
-  for (const Vector3d& normal : {normals.At(track.point->xyz, towards), towards}) {
+  for (const Vector3d& normal : first_normals) {
     SurfacePatch patch = {track.point->xyz, normal};
     std::vector<PatchPlace> found = AlignPatch(views, reference, options.patch, &patch);
     const int64_t num_found =
@@ -237,6 +279,8 @@ OptionCheck TrackPlacesOptions::Check() const {
   if (min_found < 3) return fault("min_found", min_found, "min_found >= 3");
   if (!(max_sigma_px > 0)) return fault("max_sigma_px", max_sigma_px, "max_sigma_px > 0");
   if (num_neighbours < 4) return fault("num_neighbours", num_neighbours, "num_neighbours >= 4");
+  if (!(min_facing > 0 && min_facing <= 1)) return fault("min_facing", min_facing, "0 < min_facing <= 1");
+  if (max_beside < 0) return fault("max_beside", max_beside, "max_beside >= 0");
   if (max_observations < 1000) return fault("max_observations", max_observations, "max_observations >= 1000");
   return patch.Check();
 }
@@ -249,9 +293,24 @@ std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPh
   CutParts(read, options, &tracks, reporter);
   const FirstNormals normals(model, options.num_neighbours);
   std::vector<AlignedTrack> aligned(tracks.size());
-  ParallelFor(static_cast<int64_t>(tracks.size()), 0, 16, [&](int64_t i) {
-    if (reporter.StopRequested()) throw Interrupted();
-    aligned[static_cast<size_t>(i)] = AlignOne(tracks[static_cast<size_t>(i)], normals, options);
+  const auto for_all = [&](const std::function<void(Track*, AlignedTrack*)>& run) {
+    ParallelFor(static_cast<int64_t>(tracks.size()), 0, 16, [&](int64_t i) {
+      if (reporter.StopRequested()) throw Interrupted();
+      run(&tracks[static_cast<size_t>(i)], &aligned[static_cast<size_t>(i)]);
+    });
+  };
+  for_all([&](Track* track, AlignedTrack* result) {
+    const Observation& middle = track->observations[track->reference];
+    const Vector3d towards = (CameraCentre(middle.image->cam_from_world) - track->point->xyz).normalized();
+    *result = AlignOne(*track, {normals.At(track->point->xyz, towards), towards}, options);
+    if (static_cast<int>(result->places.size()) >= options.min_found && options.min_facing < 1)
+      Extend(model, options, result->patch, track);
+  });
+  LimitBeside(options.max_beside, &tracks);
+  CutParts(read, options, &tracks, reporter);
+  for_all([&](Track* track, AlignedTrack* result) {
+    if (track->observations.back().point2D_idx != kNoKeypoint) return;
+    *result = AlignOne(*track, {result->patch.normal}, options);
   });
   aligned.erase(std::remove_if(aligned.begin(), aligned.end(),
                                [&](const AlignedTrack& track) {

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <map>
 #include <string>
 #include <vector>
@@ -26,20 +27,28 @@ using ReadGreyPhoto = std::function<GreyPhoto(const std::string& name)>;
 struct TrackPlacesOptions {
   PatchOptions patch;
   int min_found = 3;  ///< photos of a track that must agree.
-  double max_sigma_px = 0.1;
+  double max_sigma_px = 0.15;
   int num_neighbours = 12;        ///< points that a first plane is laid through.
   int max_observations = 150000;  ///< of the longest tracks.
+  /// Least cosine between a patch's normal and its ray in a photo beside its track; 1: tracks stay as they
+  /// are.
+  double min_facing = 0.5;
+  /// Of the longest tracks; more tell poses no better than their surface's own errors allow.
+  int max_beside = 40000;
 
   OptionCheck Check() const;
 };
 
+/// Of a place in a photo whose keypoints do not see the point.
+constexpr uint32_t kNoKeypoint = std::numeric_limits<uint32_t>::max();
+
 struct TrackPlace {
   uint32_t image_id = 0;
-  uint32_t point2D_idx = 0;
+  uint32_t point2D_idx = kNoKeypoint;
   PatchPlace place;
 };
 
-/// The places of a point in the photos of its track, by patches of the photos.
+/// The places of a point in the photos of its track and in others that it faces, by patches of the photos.
 struct AlignedTrack {
   uint64_t point3D_id = 0;
   SurfacePatch patch;
@@ -47,6 +56,8 @@ struct AlignedTrack {
 };
 
 /// Aligns the tracks of a model whose poses are good. Tracks of which too few photos agree are left out.
+/// Those that stay are looked for in every photo that their patch faces: descriptors follow a point over some
+/// 30 degrees of a turn, patches that are projected by its pose as long as it is seen.
 std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPhoto& read,
                                       const TrackPlacesOptions& options, Reporter& reporter);
 

@@ -11,6 +11,7 @@
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/pose_error.h"
+#include "sfm_split/scene/projection_jacobians.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_render.h"
 #include "tests/support/synthetic_scan.h"
@@ -144,6 +145,65 @@ TEST(PhotoAdjustment, OtherPhotosChangeNothing) {
   }
 }
 
+// To three photos at most.
+void ShortenTracks(ColmapModel* model) {
+  for (auto& [id, point] : model->points3D) {
+    while (point.track.size() > 3) {
+      const ColmapTrackElement& last = point.track.back();
+      model->images.at(last.image_id).points2D[last.point2D_idx].point3D_id = kInvalidPoint3DId;
+      point.track.pop_back();
+    }
+  }
+}
+
+// Tracks of three photos, as descriptors follow an object with little texture.
+TEST(PhotoAdjustment, PhotosThatPointsFaceTellMoreThanTracksAlone) {
+  const Scan& scan = TheScan();
+  const auto adjust = [&](double min_facing, AlignedScene* scene, JointReport* joint) {
+    PhotoAdjustmentOptions options;
+    options.places.min_facing = min_facing;
+    Reporter reporter;
+    *scene = scan.aligned;
+    ShortenTracks(&scene->object);
+    *joint = scan.refined.joint;
+    return AdjustByPhotos([&](const std::string& name) { return scan.photos.at(name); }, scan.features,
+                          scan.refined.held_back, scan.refined.priors, {}, scan.refined.model, options,
+                          reporter, scene, joint);
+  };
+  AlignedScene by_tracks;
+  AlignedScene by_all;
+  JointReport of_tracks;
+  JointReport of_all;
+  const PhotoAdjustment tracks = adjust(1, &by_tracks, &of_tracks);
+  const PhotoAdjustment all = adjust(0.5, &by_all, &of_all);
+  EXPECT_EQ(tracks.places_beside, 0);
+  EXPECT_TRUE(all.is_taken) << all.finding;
+  EXPECT_GT(all.places_beside, all.places / 2);
+  EXPECT_LT(of_all.focal_sigma_px[0], 0.7 * scan.refined.joint.focal_sigma_px[0]);
+  EXPECT_LT(of_all.axis_direction_sigma_deg, of_tracks.axis_direction_sigma_deg);
+  EXPECT_LT(scan.ErrorsOf(by_all).x(), 0.7 * scan.ErrorsOf(by_tracks).x());
+  // Models keep the tracks of their keypoints.
+  for (const auto& [id, point] : by_all.object.points3D) EXPECT_LE(point.track.size(), 3U);
+}
+
+// A photo in which no patch is found keeps its keypoints, and its angle with them.
+TEST(PhotoAdjustment, APhotoWithoutPatchesKeepsItsKeypoints) {
+  const Scan& scan = TheScan();
+  const std::string blank = scan.aligned.scene.views[5].name;
+  AlignedScene scene = scan.aligned;
+  JointReport joint = scan.refined.joint;
+  const PhotoAdjustment result = scan.Adjust(
+      [&](const std::string& name) {
+        GreyPhoto photo = scan.photos.at(name);
+        if (name == blank) std::fill(photo.grey.begin(), photo.grey.end(), uint8_t{128});
+        return photo;
+      },
+      &scene, &joint);
+  EXPECT_TRUE(result.is_taken) << result.finding;
+  EXPECT_GT(joint.angle_sigma_deg[5], 0);
+  EXPECT_LT(joint.angle_sigma_deg[5], 0.1);
+}
+
 // .03 px measured.
 TEST(TrackPlaces, AreThoseOfOnePointByExactPoses) {
   const Scan& scan = TheScan();
@@ -171,12 +231,59 @@ TEST(TrackPlaces, AreThoseOfOnePointByExactPoses) {
   EXPECT_LT(UpperMedian(errors), 0.06);
 }
 
+// Places in photos beside a track are of its point, or not found: what hides it is not taken for it.
+TEST(TrackPlaces, PhotosBesideATrackShowItsPoint) {
+  const Scan& scan = TheScan();
+  ColmapModel model = SyntheticObjectModel(scan.turntable);
+  ShortenTracks(&model);
+  Reporter reporter;
+  const ReadGreyPhoto read = [&](const std::string& name) { return scan.photos.at(name); };
+  TrackPlacesOptions alone;
+  alone.min_facing = 1;
+  TrackPlacesOptions none_beside;
+  none_beside.max_beside = 0;
+  for (const TrackPlacesOptions& options : {alone, none_beside}) {
+    for (const AlignedTrack& track : AlignTracks(model, read, options, reporter)) {
+      for (const TrackPlace& place : track.places) EXPECT_NE(place.point2D_idx, kNoKeypoint);
+    }
+  }
+  std::vector<double> errors;
+  for (const AlignedTrack& track : AlignTracks(model, read, {}, reporter)) {
+    const Eigen::Vector3d& x = model.points3D.at(track.point3D_id).xyz;
+    Eigen::Vector2d of_track = Eigen::Vector2d::Zero();
+    int count = 0;
+    const auto error = [&](const TrackPlace& place) -> Eigen::Vector2d {
+      const ColmapImage& image = model.images.at(place.image_id);
+      const Camera& camera = model.cameras.at(image.camera_id);
+      Eigen::Vector2d predicted;
+      EXPECT_TRUE(ProjectWithJacobians(camera.model, camera.params.data(), image.cam_from_world * x,
+                                       &predicted, nullptr, nullptr));
+      return place.place.xy - predicted;
+    };
+    for (const TrackPlace& place : track.places) {
+      if (place.point2D_idx == kNoKeypoint) continue;
+      of_track += error(place);
+      ++count;
+    }
+    if (count == 0) continue;
+    for (const TrackPlace& place : track.places) {
+      if (place.point2D_idx == kNoKeypoint) errors.push_back((error(place) - of_track / count).norm());
+    }
+  }
+  EXPECT_GT(errors.size(), 500U);
+  EXPECT_LT(Quantile(errors, 0.5), 0.1);
+  EXPECT_LT(Quantile(errors, 0.95), 0.5);
+}
+
 TEST(HeldBackChange, ChanceIsNoChange) {
   EXPECT_FALSE(HeldBackChange().HasFallen());
   EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.35, 0.1}).HasFallen());
   EXPECT_FALSE((HeldBackChange{100, 1, 0.5, 0.3, 0.1}).HasFallen());
   EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.7, 0.1, 2}).HasFallen());
   EXPECT_FALSE((HeldBackChange{100, 1, 0.5, 0.67, 0.1, 2}).HasFallen());
+  EXPECT_FALSE(HeldBackChange().HasRisen());
+  EXPECT_TRUE((HeldBackChange{100, 0.5, 1, -0.35, 0.1}).HasRisen());
+  EXPECT_FALSE((HeldBackChange{100, 0.5, 1, -0.35, 0.1, 2}).HasRisen());
 }
 
 }  // namespace
