@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of run.py, report.py, compare.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
+"""Tests of run.py, report.py, compare.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
 import argparse
 import contextlib
 import io
@@ -16,6 +16,7 @@ import compare
 import method_tables
 import mutant_build
 import mutants
+import numerics
 import report
 import results
 import run
@@ -341,6 +342,65 @@ class ExactWorkspace(unittest.TestCase):
             exact_workspace.write_model(folder, scene, [], [[Named(v) for v in (0.1, -2.5, 3, 10, 20, 30)]])
             text = (pathlib.Path(folder) / 'points3D.txt').read_text()
         self.assertEqual(text, '1 0.1 -2.5 3.0 10 20 30 -1\n')
+
+
+class Numerics(unittest.TestCase):
+    ADAM = '| span | measured on | rate |\n| --- | --- | --- |\n'
+
+    def build(self, folder, values, adam, exit_code=0):
+        """A made-up BUILD/tests, whose backend_tests measure {on: value} against a bound of 1 in every row."""
+        folder.mkdir(exist_ok=True)
+        records = ''.join(json.dumps({'row': row, 'what': 'error', 'on': on, 'measured': value, 'bound': 1, 'holds': value <= 1,
+                                      'test': 'A.B'}) + '\n' for row, _ in numerics.ROWS for on, value in values.items())
+        outputs = {program: '' for program in numerics.PROGRAMS}
+        outputs |= {'stiffness': f'# Stiff\n\n{self.ADAM}{adam}\nends', 'numerics_stress': f'0 failed on {sorted(values)}'}
+        for program, text in outputs.items():
+            path = folder / program
+            more = f"cat >>$S2GS_NUMERICS <<'END'\n{records}END\n" if program == 'backend_tests' else ''
+            path.write_text(f"#!/bin/sh\n{more}cat <<'END'\n{text}\nEND\nexit {exit_code if program == 'core_tests' else 0}\n")
+            path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return folder
+
+    def measure(self, tests, results_folder, backend, commit):
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            return numerics.main([str(tests), '--backend', backend, '--results', str(results_folder), '--commit', commit])
+
+    def test_a_command_for_each_backend_makes_the_pages(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            of_cpu = self.build(folder / 'a', {'cpu': 0.25, 'double': 0.125}, '| 10 | cpu | 1 |\n| 99 | cpu | 2 |\n')
+            of_gpu = self.build(folder / 'b', {'cpu': 9, 'cuda': 0.5}, '| 10 | cpu | 7 |\n| 10 | cuda | 3 |\n| 99 | cuda | 4 |\n')
+            self.assertEqual(self.measure(of_cpu, folder / 'results', 'cpu', 'aaaa'), 0)
+            self.assertEqual(self.measure(of_gpu, folder / 'results', 'cuda', 'bbbb'), 0)
+            page = (folder / 'results/numerics.md').read_text()
+            for cell in ('| cpu | error | 0.25 |', '| double | error | 0.12 |', '| cuda | error | 0.5 |'):
+                self.assertEqual(page.count(cell), len(numerics.ROWS), cell)
+            self.assertNotIn('| 9 |', page)  # the CPU's value on the other machine is none of --backend cuda
+            self.assertRegex(page, r'`cpu`: aaaa, .*`cuda`: bbbb, ')
+            rows = [line for line in (folder / 'results/stiffness.md').read_text().split('\n') if line.startswith('| 10') or line.startswith('| 99')]
+            self.assertEqual(rows, ['| 10 | cpu | 1 |', '| 10 | cuda | 3 |', '| 99 | cpu | 2 |', '| 99 | cuda | 4 |'])
+            stress = (folder / 'results/numerics_stress.md').read_text()
+            self.assertIn("0 failed on ['cpu', 'double']", stress)
+            self.assertIn("0 failed on ['cpu', 'cuda']", stress)
+            # Measured again, a backend's rows replace its own alone.
+            again = self.build(folder / 'c', {'cpu': 0.75}, '| 10 | cpu | 5 |\n')
+            self.assertEqual(self.measure(again, folder / 'results', 'cpu', 'cccc'), 0)
+            page = (folder / 'results/numerics.md').read_text()
+            self.assertEqual([page.count(cell) for cell in ('| cpu | error | 0.75 |', '| double |', '| cuda | error | 0.5 |')],
+                             [len(numerics.ROWS), 0, len(numerics.ROWS)])
+            self.assertIn('| 10 | cpu | 5 |\n| 10 | cuda | 3 |\n| 99 | cuda | 4 |\n', (folder / 'results/stiffness.md').read_text())
+
+    def test_what_fails_is_said(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            past = self.build(folder / 'a', {'cpu': 2}, '')
+            self.assertEqual(self.measure(past, folder / 'r', 'cpu', 'a'), 1)
+            self.assertIn('| 2 | 1 | **fails** |', (folder / 'r/numerics.md').read_text())
+            ends_badly = self.build(folder / 'b', {'cpu': 1}, '', exit_code=3)
+            self.assertEqual(self.measure(ends_badly, folder / 's', 'cpu', 'a'), 1)
+            no_gpu = self.build(folder / 'c', {'cpu': 1}, '')
+            self.assertEqual(self.measure(no_gpu, folder / 't', 'cuda', 'a'), 1)
 
 
 class Curves(unittest.TestCase):

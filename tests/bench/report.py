@@ -230,8 +230,9 @@ def page(r, notes, written=None):
     lines += ['## Mesh of these models', '', *scan_table(r, 'mesh'), '## Kernels', '', *kernels_table(r),
               '## Hostile input', '', 'What is counted, and the commands: [CONTRIBUTING.md](CONTRIBUTING.md#hostile-input).', '', *safety_lines(r),
               '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
-              '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
-              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`: [stress](tests/bench/results/numerics_stress.md).', '',
+              '`python3 tests/bench/numerics.py BUILD/tests --backend cpu` and, where a GPU is, `--backend cuda`, which make this and the two',
+              'pages that follow. Training, drawing and meshing at the ends of what numbers allow (`numerics_stress`, small in every run of the',
+              'tests, at full size on a GPU): [stress](tests/bench/results/numerics_stress.md).', '',
               *stiffness_lines(),
               *growth_lines(),
               *method_lines(),
@@ -244,7 +245,7 @@ def stiffness_lines():
     if not (results.RESULTS / 'stiffness.md').exists():
         return []
     return ['Where problems are badly conditioned, what happens there, what helps, and what that costs and gains:',
-            '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '']
+            '[stiffness](tests/bench/results/stiffness.md).', '']
 
 
 def growth_lines():
