@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Tests of run.py, report.py, compare.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
+"""Tests of run.py, report.py, compare.py, curves.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
 import argparse
 import contextlib
 import io
 import json
+import os
 import pathlib
 import stat
 import sys
@@ -13,6 +14,7 @@ import unittest
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import compare
+import curves
 import method_tables
 import mutant_build
 import mutants
@@ -403,6 +405,81 @@ class Numerics(unittest.TestCase):
             self.assertEqual(self.measure(no_gpu, folder / 't', 'cuda', 'a'), 1)
 
 
+class CurveJobs(unittest.TestCase):
+    # Stands for s2gs: notes its words, begin and end; work_precision writes them as its curve, or fails where told to.
+    PROGRAM = """#!{python}
+import json, os, pathlib, sys, time
+words, folder = sys.argv[1:], pathlib.Path(__file__).parent
+given = dict(zip(words[1::2], words[2::2]))
+note = lambda what: open(folder / 'notes', 'a').write(json.dumps([what, words, sorted(os.sched_getaffinity(0))]) + '\\n')
+note('begin')
+time.sleep(0.15)
+if 'curves' in ' '.join(given): given['--values'] = ','.join(json.loads(pathlib.Path(p).read_text())['values'] for p in given['--curves'].split(','))
+if given.get('--knob') == 'bad': sys.exit(3)
+if words[0] == 'work_precision':
+    pathlib.Path(given['--output_path'] + '.json').write_text(json.dumps({{'values': given.get('--values', ''), 'parts': [given['--workspace_path'].split('/')[-1]] if '--forced' in given else []}}))
+note('end')
+"""
+    PLAN = [{'name': 'by_gpu', 'knob': 'voxel', 'scenes': ['a', 'b'], 'seeds': [0, 1], 'values': [['1', '2'], ['3', '4']], 'gpu': True,
+             'arguments': ['x=1', 'y=2']},
+            {'name': 'meshes', 'knob': 'refinement', 'scenes': ['a'], 'seeds': [7], 'values': [['5', '6']], 'truth': True,
+             'model': {'arguments': ['quality=high']}},
+            {'name': 'parts', 'forced': ['p', 'q'], 'scenes': ['a', 'b'], 'seeds': [0, 1, 2], 'cores': 2},
+            {'name': 'fails', 'knob': 'bad', 'scenes': ['a'], 'seeds': [0], 'values': [['1', '2']]},
+            {'name': 'long', 'command': ['sleep', '60']}]
+
+    @unittest.skipUnless(hasattr(os, 'sched_setaffinity'), 'cores cannot be dealt out here')
+    def test_jobs_share_the_cores_until_the_time_is_up(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary).resolve()
+            program = folder / 's2gs'
+            program.write_text(self.PROGRAM.format(python=sys.executable))
+            program.chmod(0o755)
+            for scene in 'ab':
+                (folder / 'data' / scene).mkdir(parents=True)
+            jobs = lambda: curves.jobs_of(self.PLAN, str(program), folder / 'data', folder / 'out')
+            run_them = lambda these, seconds: curves.run_jobs(these, folder / 'out', seconds, [0, 0, 0, 0], 2, tick=0.01)
+            first = jobs()
+            with contextlib.redirect_stdout(io.StringIO()):
+                run_them(first, 8)
+            self.assertEqual({job.name: job.state for job in first if job.state != 'done'},
+                             {'fails.a.seed0.0': 'failed', 'long': 'cut off'})
+            self.assertEqual(len(first), 8 + 2 + 2 + 1 + 1)
+            notes = [json.loads(line) for line in (folder / 'notes').read_text().splitlines()]
+            at_once = most = 0
+            for what, words, cores in notes:
+                if '--knob' in words and words[words.index('--knob') + 1] == 'voxel':
+                    at_once += 1 if what == 'begin' else -1
+                    most = max(most, at_once)
+                self.assertEqual(cores, [0])
+            self.assertEqual(most, 2)  # two jobs of the GPU at a time, and never more
+            order = [words[0] for what, words, _ in notes if str(curves.model_folder(folder / 'out', 'a', 7)) in words and what == 'end']
+            self.assertEqual(order, ['gaussian_trainer', 'gaussian_renderer', 'work_precision'])
+            # What is done is not done again.
+            again = jobs()
+            with contextlib.redirect_stdout(io.StringIO()):
+                run_them(again, 0.5)
+            self.assertEqual(sum('begin' in line for line in (folder / 'notes').read_text().splitlines()),
+                             sum(what == 'begin' for what, _, _ in notes) + 1)  # what failed
+            (folder / 'out/calls/by_gpu.b.seed1.1.json').unlink()  # as where the time was up
+            made = curves.collect(self.PLAN, str(program), folder / 'out', folder / 'curves', 'abc', 'a machine')
+            self.assertEqual(made, ['by_gpu', 'meshes', 'parts'])
+            by_gpu = json.loads((folder / 'curves/by_gpu.json').read_text())
+            self.assertEqual(by_gpu['values'], ','.join(['1,2,3,4'] * 3 + ['1,2']))
+            self.assertEqual(by_gpu['made'], {'command': 'work_precision --knob voxel --use_gpu 1 --seeds 0,1 --arguments x=1,y=2',
+                                              'commit': 'abc', 'machine': 'a machine'})
+            self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
+            self.assertEqual(json.loads((folder / 'curves/parts.json').read_text())['parts'], ['a', 'b'])
+
+    def test_the_plan_names_what_there_is(self):
+        plan = json.loads((pathlib.Path(curves.HERE) / 'curves.json').read_text())
+        known = scenes.read_scenes()
+        names = [job.name for job in curves.jobs_of(plan, 's2gs', pathlib.Path('/d'), pathlib.Path('/o'))]
+        self.assertEqual(len(names), len(set(names)))
+        for entry in plan:
+            self.assertLessEqual(set(entry.get('scenes', [])), set(known), entry['name'])
+
+
 class Curves(unittest.TestCase):
     CURVE = {'knob': 'voxel', 'what': 'edge', 'error': 'e', 'error_text': 'error [px]', 'reference': 'ground truth', 'scenes': ['a', 'b'],
              'settings': [{'scene': scene, 'value': str(value), 'runs': 1, 'reached': 1, 'pareto': True,
@@ -422,6 +499,19 @@ class Curves(unittest.TestCase):
         self.assertIn('a:', lines)
         self.assertIn('b:', lines)
         self.assertIn('wall [s]', '\n'.join(lines))
+
+    def test_gains_of_parts(self):
+        spread = lambda value: {'min': value, 'median': value, 'max': value}
+        part = lambda error_of, **more: {'error_of': error_of, 'planned_error': spread(0.2), 'forced_error': spread(0.19),
+                                         'gain_pct': 5.0, **more}
+        held_out = 'RMS error of held-out photos [of 0 to 1]'
+        # Medians say 5 %; the seeds' mean says .002 of .2, with a standard error of .001.
+        self.assertEqual(report.gain_cell(part(held_out, mean_gain=0.002, gain_sigma=0.001, gain_sigmas=2)), '+1.00 ± 0.50 %')
+        self.assertEqual(report.gain_cell(part(held_out, gain_sigma=0.001, gain_sigmas=-2)), '-1.00 ± 0.50 %')  # older files
+        self.assertEqual(report.gain_cell(part(held_out, mean_gain=0, gain_sigma=0, gain_sigmas=None)), '+0.00 ± 0.00 %')
+        self.assertEqual(report.gain_cell(part(held_out, gain_sigma=None)), '+5.00 %')
+        self.assertEqual(report.gain_cell(part('rotation error of the poses, median [degrees]', gain_sigma=0.04)), '+5.00 %')
+        self.assertEqual(report.gain_cell({**part(held_out), 'gain_pct': None}), '')
 
     def test_method_runs_become_one_table(self):
         with tempfile.TemporaryDirectory() as temporary:

@@ -172,16 +172,31 @@ def curves_part(written):
             lines += table(['value', f'{CLOCKS[clock]} [s]', 'error', 'reached', 'nothing beats it in both'], rows)
         lines += [f'![error over {CLOCKS[clock]} seconds](tests/bench/plots/curve_{name}.svg)', '']
     rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
-             '' if p['gain_pct'] is None else f'{p["gain_pct"]:+.2f} %', sigmas_cell(p), spread_cell(p['planned_cpu_s']),
+             gain_cell(p), sigmas_cell(p), spread_cell(p['planned_cpu_s']),
              spread_cell(p['forced_cpu_s'])] for written_file in written.values() for p in written_file.get('parts', [])]
     if rows:
         lines += ['### What was left out, and forced', '',
                   'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on. A rotation error of poses is '
-                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere the '
-                  'standard deviation is that of the mean gain over seeds.', '',
+                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere, '
+                  'from three seeds on, gain is the mean over runs of one seed with its standard error.', '',
                   *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced'], rows)]
     return lines
+
+
+def mean_gain(part):
+    """Of the runs of one seed, and its standard error [%]; None where seeds are too few or tell poses."""
+    sigma, planned = part.get('gain_sigma'), part['planned_error']['median']
+    if sigma is None or not planned or 'poses' in part['error_of'] or 'angles' in part['error_of']:
+        return None
+    mean = part['mean_gain'] if part.get('mean_gain') is not None else (part.get('gain_sigmas') or 0) * sigma
+    return 100 * mean / planned, 100 * sigma / planned
+
+
+def gain_cell(part):
+    if found := mean_gain(part):
+        return '{:+.2f} ± {:.2f} %'.format(*found)
+    return '' if part['gain_pct'] is None else f'{part["gain_pct"]:+.2f} %'
 
 
 def sigmas_cell(part):
