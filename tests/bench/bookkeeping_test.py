@@ -10,6 +10,7 @@ import stat
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
@@ -344,6 +345,24 @@ class ExactWorkspace(unittest.TestCase):
             exact_workspace.write_model(folder, scene, [], [[Named(v) for v in (0.1, -2.5, 3, 10, 20, 30)]])
             text = (pathlib.Path(folder) / 'points3D.txt').read_text()
         self.assertEqual(text, '1 0.1 -2.5 3.0 10 20 30 -1\n')
+
+    def test_stations_of_an_exact_workspace_count_from_zero(self):
+        try:
+            import exact_workspace
+        except ModuleNotFoundError as missing:
+            self.skipTest(str(missing))
+        unit = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        images = [{'file': f'images/{name}.jpg', 'mask': f'gt/masks/{name}.png', 'station': station, 'angle_deg': 0, 'split': 'train',
+                   'world_to_camera': unit, 'object_to_world': unit} for name, station in (('a', 1), ('b', 4), ('c', 1))]
+        scene = {'width': 4, 'height': 3, 'fx': 5.5, 'fy': 5.5, 'cx': 2.0, 'cy': 1.5, 'axis_point': [0, 0, 0],
+                 'axis_direction': [0, 0, 1], 'stations': [1, 4], 'images': images}
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / 'gt').mkdir()
+            (pathlib.Path(folder) / 'gt/scene.json').write_text(json.dumps(scene))
+            with contextlib.redirect_stdout(io.StringIO()), unittest.mock.patch.object(sys, 'argv', ['x', folder, folder + '/w']):
+                exact_workspace.main()
+            turns = json.loads((pathlib.Path(folder) / 'w/turntable.json').read_text())
+        self.assertEqual([image['station'] for image in turns['images']], [0, 1, 0])
 
 
 class Numerics(unittest.TestCase):
