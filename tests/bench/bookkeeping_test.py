@@ -490,6 +490,15 @@ note('end')
             self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
             self.assertEqual(json.loads((folder / 'curves/parts.json').read_text())['parts'], ['a', 'b'])
 
+    def test_scenes_that_are_not_there_are_left_out_and_named(self):
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / 'b').mkdir()
+            with contextlib.redirect_stderr(io.StringIO()) as said:
+                plan = curves.with_scenes_of(self.PLAN, pathlib.Path(folder))
+        self.assertEqual([(entry['name'], entry.get('scenes')) for entry in plan],
+                         [('by_gpu', ['b']), ('parts', ['b']), ('long', None)])
+        self.assertIn('lacks a: left out', said.getvalue())
+
     def test_the_plan_names_what_there_is(self):
         plan = json.loads((pathlib.Path(curves.HERE) / 'curves.json').read_text())
         known = scenes.read_scenes()

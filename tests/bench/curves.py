@@ -46,6 +46,14 @@ def call_name(entry, scene, seed, i):
     return f'{entry["name"]}.{scene}.seed{seed}.{i}' if 'knob' in entry else f'{entry["name"]}.{scene}'
 
 
+def arguments_of(entry, folder):
+    """Masks of the truth are there to measure by, where a scene has them."""
+    words = list(entry.get('arguments', []))
+    if words and (folder / 'truth_masks').is_dir() and 'model' not in entry:
+        words.append(('gaussian_trainer.' if 'forced' in entry else '') + 'truth_mask_path={workspace}/truth_masks')
+    return ['--arguments', ','.join(words)] if words else []
+
+
 def jobs_of(plan, s2gs, data, output, commit=None):
     """In the order of PLAN; of sweeps that begin from models, the models stand before their first sweep."""
     jobs, models = [], {}
@@ -58,8 +66,8 @@ def jobs_of(plan, s2gs, data, output, commit=None):
             jobs.append(Job(entry['name'], [words], gpu, cores))
             continue
         for scene in entry['scenes']:
-            truth = ['--ground_truth_path', str(data / scene / 'gt')] if entry.get('truth') else []
-            arguments = ['--arguments', ','.join(entry['arguments'])] if entry.get('arguments') else []
+            truth = ['--ground_truth_path', str(data / scene)] if entry.get('truth') else []
+            arguments = arguments_of(entry, data / scene)
             if 'forced' in entry:
                 name = call_name(entry, scene, None, None)
                 jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(data / scene),
@@ -150,6 +158,15 @@ def run_jobs(jobs, output, seconds, cores, gpu_jobs, tick=0.2):
             finish(job, 'cut off')
 
 
+def with_scenes_of(plan, data):
+    """Without the scenes that DATA lacks, which are named."""
+    missing = {scene for entry in plan for scene in entry.get('scenes', []) if not (data / scene).is_dir()}
+    if missing:
+        print(f'{data} lacks {", ".join(sorted(missing))}: left out', file=sys.stderr)
+    kept = [{**entry, 'scenes': [s for s in entry['scenes'] if s not in missing]} if 'scenes' in entry else entry for entry in plan]
+    return [entry for entry in kept if 'command' in entry or entry['scenes']]
+
+
 def quoted(word):
     return "'" + str(word).replace("'", "'\\''") + "'"
 
@@ -207,6 +224,7 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     plan = [entry for entry in json.loads(args.plan.read_text()) if not args.only or entry['name'] in args.only]
     args.data, args.output = args.data.resolve(), args.output.resolve()
+    plan = with_scenes_of(plan, args.data)
     if args.collect:
         if not args.commit or not args.machine:
             parser.error('--collect needs --commit and --machine')
