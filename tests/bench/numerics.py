@@ -93,16 +93,20 @@ def output_of(command, failed):
     return result.stdout
 
 
-def measure(folder, backend, small, kept):
-    """Replaces what is kept of the backend; the programs that failed."""
-    records, failed = measure_bounds(folder, backend)
+def measure(folder, backend, small, kept, failed):
+    """Replaces what is kept of the backend, a page at a time: yields after each, so that what is cut off later is
+    kept. `failed` gets the programs that failed."""
+    records, failed_here = measure_bounds(folder, backend)
+    failed += failed_here
     kept["records"] = [r for r in kept["records"] if r["on"] not in OF_BACKEND[backend]] + records
+    yield
     kept["stiffness"][backend] = output_of([folder / "stiffness", "--steps", STIFFNESS_STEPS], failed)
+    yield
     size = FULL_SIZE if backend == "cuda" and not small else []
     kept["stress"][backend] = {
         "size": " ".join(size),
         "text": output_of([folder / "numerics_stress", "--use_gpu", "1" if backend == "cuda" else "0", *size], failed)}
-    return failed
+    yield
 
 
 def read_kept(path):
@@ -235,16 +239,18 @@ def main(arguments=None):
         sys.exit("numerics.py: no git here: --commit says which program is measured")
     store = args.results / "numerics.jsonl"
     kept = read_kept(store)
-    failed = measure(args.programs, args.backend, args.small, kept)
     machine = bench_run.machine(args.backend == "cuda")
     kept["made"][args.backend] = {"commit": commit, "date": datetime.date.today().isoformat(),
                                   "machine": machine["gpu"] or f"{machine['cpu']}, {machine['cores']} cores"}
-    page, missing, past = bounds_page(kept)
     args.results.mkdir(parents=True, exist_ok=True)
-    write_kept(store, kept)
-    (args.results / "numerics.md").write_text(page)
-    (args.results / "stiffness.md").write_text(stiffness_page(kept))
-    (args.results / "numerics_stress.md").write_text(stress_page(kept))
+    failed = []
+    for _ in measure(args.programs, args.backend, args.small, kept, failed):
+        write_kept(store, kept)
+        page, missing, past = bounds_page(kept)
+        (args.results / "numerics.md").write_text(page)
+        if kept["stiffness"]:
+            (args.results / "stiffness.md").write_text(stiffness_page(kept))
+        (args.results / "numerics_stress.md").write_text(stress_page(kept))
     print(f"{args.results}: {len(kept['records'])} values, {len(past)} past their bound; rows without a value: "
           f"{', '.join(missing) or 'none'}; programs that failed: {', '.join(failed) or 'none'}")
     return 1 if past or missing or failed else 0
