@@ -481,7 +481,7 @@ note('end')
             self.assertEqual(sum('begin' in line for line in (folder / 'notes').read_text().splitlines()),
                              sum(what == 'begin' for what, _, _ in notes) + 1)  # what failed
             (folder / 'out/calls/by_gpu.b.seed1.1.json').unlink()  # as where the time was up
-            made = curves.collect(self.PLAN, str(program), folder / 'out', folder / 'curves', 'abc', 'a machine')
+            made = curves.collect(self.PLAN, str(program), folder / 'data', folder / 'out', folder / 'curves', 'abc', 'a machine')
             self.assertEqual(made, ['by_gpu', 'meshes', 'parts'])
             by_gpu = json.loads((folder / 'curves/by_gpu.json').read_text())
             self.assertEqual(by_gpu['values'], ','.join(['1,2,3,4'] * 3 + ['1,2']))
@@ -489,6 +489,33 @@ note('end')
                                               'commit': 'abc', 'machine': 'a machine'})
             self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
             self.assertEqual(json.loads((folder / 'curves/parts.json').read_text())['parts'], ['a', 'b'])
+
+    def test_runs_that_ended_count_where_the_call_was_cut_off(self):
+        entry = self.PLAN[0]
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            calls = folder / 'out' / 'calls'
+            calls.mkdir(parents=True)
+            (calls / 'by_gpu.a.seed0.0.json').write_text(json.dumps({'what': 'edge', 'error': 'e', 'scenes': ['a'], 'points': ['p']}))
+            of_sweep = 'tsdf_mesher voxel x=1 y=2 turntable_mapper='
+
+            def ended(value, settings=of_sweep, failure='', **figures):
+                run = folder / 'data/b/work_precision/voxel' / f'{value}_seed1'
+                run.mkdir(parents=True)
+                (run / 'point.json').write_text(json.dumps({'scene': 3, 'value': value, 'seed': 1, 'failure': failure,
+                                                            'figures': figures, 'settings': settings}))
+            ended('1', e=0.5)
+            ended('2', failure='no memory')
+            ended('3', settings='tsdf_mesher voxel x=1 y=20', e=0.5)  # of another sweep
+            ended('4', faces=7)                                       # its error is not known yet
+            cut_off = folder / 'cut_off'
+            cut_off.mkdir()
+            files = curves.calls_of(entry, folder / 'data', folder / 'out', cut_off)
+            self.assertEqual([path.name for path in files], ['by_gpu.a.seed0.0.json', 'by_gpu.b.seed1.0.json'])
+            self.assertEqual(json.loads(files[1].read_text()),
+                             {'what': 'edge', 'error': 'e', 'scenes': ['b'], 'values': ['1', '2'], 'points': [
+                                 {'scene': 0, 'value': '1', 'seed': 1, 'failure': '', 'figures': {'e': 0.5}},
+                                 {'scene': 0, 'value': '2', 'seed': 1, 'failure': 'no memory', 'figures': {}}]})
 
     def test_scenes_that_are_not_there_are_left_out_and_named(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -8,15 +8,15 @@ PLAN is a JSON list in order of worth (curves.json), S2GS the program (that of p
 scan for each scene. Every call of `s2gs work_precision` is a job of its own, one scene and one seed, on cores of its
 own; at the deadline what still runs is ended. Calls that are done are not made again. --collect puts the calls of
 each sweep together into FOLDER/NAME.json, .csv and .html (tests/bench/results/curves for BENCHMARK.md), with the
-command, the commit and the machine.
+command, the commit and the machine; a call that was cut off counts with the runs that it finished.
 
 An entry of PLAN has `name` and one of
   `knob`     a sweep: `values` are lists of lists, a call each;
   `forced`   parts that the plan leaves out, run all the same: a call for each scene, all seeds in it;
   `command`  anything else, with {programs} (S2GS's folder), {data}, {output}, {here} and {commit} filled in;
 and may have `scenes`, `seeds`, `arguments` (as --arguments), `gpu` (true: at most --gpu_jobs at a time), `cores` of a
-call, `truth` (measured against DATA/SCENE/gt), and `model`: each scene and seed is first trained with these arguments
-and rendered, and the sweep begins from there.
+call, `truth` (measured against DATA/SCENE/gt), `about` (what stands beside the command), and `model`: each scene and
+seed is first trained with these arguments and rendered, and the sweep begins from there.
 """
 import argparse
 import json
@@ -26,6 +26,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -85,6 +86,7 @@ def jobs_of(plan, s2gs, data, output, commit=None):
                         models[scene, seed] = Job(
                             f'model.{scene}.seed{seed}',
                             [['cp', '-r', str(data / scene) + '/.', str(folder)],
+                             ['rm', '-rf', str(folder / 'work_precision')],  # sweeps of the scan itself
                              [s2gs, 'gaussian_trainer', '--workspace_path', *on, *options],
                              [s2gs, 'gaussian_renderer', '--workspace_path', *on]], entry['model'].get('gpu', False))
                         jobs.append(models[scene, seed])
@@ -179,30 +181,67 @@ def command_text(entry):
     if entry.get('arguments'):
         words += ['--arguments', ','.join(entry['arguments'])]
     model = entry.get('model')
-    return ' '.join(words) + (f', on models trained with {",".join(model["arguments"])}' if model else '')
+    text = ' '.join(words) + (f', on models trained with {",".join(model["arguments"])}' if model else '')
+    return '; '.join([text, *([entry['about']] if 'about' in entry else [])])
 
 
-def collect(plan, s2gs, output, folder, commit, machine):
+def finished_runs(entry, folder, scene, seed, values, pattern):
+    """The curve of a call that was cut off: `pattern`, a call of the same sweep that was not, with the runs that had
+    ended, as their workspaces in FOLDER have them. None where there is none."""
+    points = []
+    for value in values:
+        path = folder / 'work_precision' / entry['knob'] / f'{value}_seed{seed}' / 'point.json'
+        if not path.exists():
+            continue
+        point = json.loads(path.read_text())
+        settings = point.pop('settings').split(' ')
+        # Another sweep of the knob may have been there; an error against the longest run is known when all have ended.
+        if set(entry.get('arguments', [])) <= set(settings) and (point['failure'] or pattern['error'] in point['figures']):
+            points.append({**point, 'scene': 0})
+    return {**pattern, 'scenes': [scene], 'values': [point['value'] for point in points], 'points': points} if points else None
+
+
+def calls_of(entry, data, output, cut_off):
+    """Files of the calls that ended; of others that have runs which did, files in the folder `cut_off`."""
+    calls = {call_name(entry, scene, seed, i): (scene, seed, values) for scene in entry['scenes']
+             for seed in entry.get('seeds', [0]) for i, values in enumerate(entry.get('values', [[]]))}
+    files = {name: output / 'calls' / f'{name}.json' for name in calls}
+    ended = [path for path in files.values() if path.exists()]
+    if not ended or 'knob' not in entry:
+        return ended
+    pattern = json.loads(ended[0].read_text())
+    for name, (scene, seed, values) in calls.items():
+        folder = model_folder(output, scene, seed) if 'model' in entry else data / scene
+        if not files[name].exists() and (curve := finished_runs(entry, folder, scene, seed, values, pattern)):
+            path = pathlib.Path(cut_off, f'{name}.json')
+            path.write_text(json.dumps(curve))
+            ended.append(path)
+    return ended
+
+
+def collect(plan, s2gs, data, output, folder, commit, machine):
     """FOLDER/NAME.* of every sweep of which a call is there; returns the names."""
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     for entry in plan:
         if 'command' in entry:
             continue
-        calls = [output / 'calls' / f'{call_name(entry, scene, seed, i)}.json' for scene in entry['scenes']
-                 for seed in entry.get('seeds', [0]) for i in range(len(entry.get('values', [0])))]
-        calls = [path for path in dict.fromkeys(calls) if path.exists()]
-        if not calls:
-            continue
         path = folder / f'{entry["name"]}.json'
-        if 'forced' in entry:
-            written = [json.loads(call.read_text()) for call in calls]
-            content = {**written[0], 'parts': [part for one in written for part in one['parts']]}
-        else:
-            subprocess.run([s2gs, 'work_precision', '--curves', ','.join(map(str, calls)), '--output_path',
-                            str(path.with_suffix('')), '--log_level', 'warning'], check=True, stdout=subprocess.DEVNULL)
-            content = json.loads(path.read_text())
-        content['made'] = {'command': command_text(entry), 'commit': commit, 'machine': machine}
+        with tempfile.TemporaryDirectory() as cut_off:
+            calls = calls_of(entry, data, output, cut_off)
+            if not calls:
+                continue
+            if 'forced' in entry:
+                written = [json.loads(call.read_text()) for call in calls]
+                content = {**written[0], 'parts': [part for one in written for part in one['parts']]}
+            else:
+                subprocess.run([s2gs, 'work_precision', '--curves', ','.join(map(str, calls)), '--output_path',
+                                str(path.with_suffix('')), '--log_level', 'warning'], check=True, stdout=subprocess.DEVNULL)
+                content = json.loads(path.read_text())
+        command = command_text(entry)
+        if any(setting['runs'] < len(entry['seeds']) for setting in content.get('settings', [])):
+            command += '; what has fewer runs was cut off'
+        content['made'] = {'command': command, 'commit': commit, 'machine': machine}
         path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + '\n')
         made.append(entry['name'])
     return made
@@ -228,7 +267,7 @@ def main(arguments=None):
     if args.collect:
         if not args.commit or not args.machine:
             parser.error('--collect needs --commit and --machine')
-        print('\n'.join(collect(plan, args.s2gs, args.output, args.collect, args.commit, args.machine)))
+        print('\n'.join(collect(plan, args.s2gs, args.data, args.output, args.collect, args.commit, args.machine)))
         return 0
     cores = sorted(os.sched_getaffinity(0))[:args.cores]
     jobs = jobs_of(plan, args.s2gs, args.data, args.output, args.commit)
