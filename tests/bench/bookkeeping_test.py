@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of run.py, report.py, compare.py, curves.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
+"""Tests of run.py, report.py, compare.py, curves.py, plans.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
 import argparse
 import contextlib
 import io
@@ -20,6 +20,7 @@ import method_tables
 import mutant_build
 import mutants
 import numerics
+import plans
 import report
 import results
 import run
@@ -533,6 +534,30 @@ note('end')
         self.assertEqual(len(names), len(set(names)))
         for entry in plan:
             self.assertLessEqual(set(entry.get('scenes', [])), set(known), entry['name'])
+
+
+class Plans(unittest.TestCase):
+    def test_training_decides_what_the_plan_left_to_it(self):
+        decision = lambda part, state: {'part': part, 'what': f'what {part} is', 'state': state, 'measured': '3 | 4', 'threshold': 't',
+                                        'reason': 'r', 'saving': 's'}
+        event = lambda part, left_out, measured: json.dumps({'event': 'decision', 'part': part, 'left_out': left_out,
+                                                             'measured': measured, 'threshold': 'u', 'reason': 'q', 'saving': ''}) + '\n'
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            (folder / 'w/s2gs').mkdir(parents=True)
+            (folder / 'w/s2gs/plan.json').write_text(json.dumps({'decisions': [
+                decision('pairs', 'runs'), decision('p', 'later'), decision('bands', 'later'), decision('scale', 'left out')]}))
+            (folder / 'log.jsonl').write_text(event('p', False, 'early') + '{"event": "step"}\n' + event('p', True, 'late') +
+                                              event('pairs', True, 'no concern of training'))
+            out = folder / 'plans.md'
+            self.assertEqual(plans.main(['--commit', 'abc', '--output', str(out), f'a={folder}/w', f'b={folder}/w={folder}/log.jsonl']), 0)
+            text = out.read_text()
+        self.assertIn('| `p`: what p is | not decided | left out |', text)
+        self.assertIn('| `pairs`: what pairs is | runs | runs |', text)
+        a, b = text.split('## a')[1].split('## b')
+        self.assertIn('| `p` | not decided | 3 / 4 | t | r | s |', a)
+        self.assertIn('| `p` | left out | late | u | q |  |', b)
+        self.assertEqual([line.split('`')[1] for line in b.split('\n') if '`' in line], ['p', 'scale', 'pairs', 'bands'])
 
 
 class Curves(unittest.TestCase):

@@ -172,15 +172,16 @@ def curves_part(written):
             lines += table(['value', f'{CLOCKS[clock]} [s]', 'error', 'reached', 'nothing beats it in both'], rows)
         lines += [f'![error over {CLOCKS[clock]} seconds](tests/bench/plots/curve_{name}.svg)', '']
     rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
-             gain_cell(p), sigmas_cell(p), spread_cell(p['planned_cpu_s']),
-             spread_cell(p['forced_cpu_s'])] for written_file in written.values() for p in written_file.get('parts', [])]
+             gain_cell(p), sigmas_cell(p), spread_cell(p['planned_cpu_s']), spread_cell(p['forced_cpu_s']), name]
+            for name, written_file in written.items() for p in written_file.get('parts', [])]
     if rows:
         lines += ['### What was left out, and forced', '',
                   'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on. A rotation error of poses is '
                   'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere, '
                   'from three seeds on, gain is the mean over runs of one seed with its standard error.', '',
-                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced'], rows)]
+                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced', 'file'], rows),
+                  *[f'- `{name}`: {made_lines(one)[0]}' for name, one in written.items() if 'parts' in one and made_lines(one)], '']
     return lines
 
 
@@ -283,7 +284,14 @@ def curves_lines(written):
     return ['## Error against run time', '', 'Made by `s2gs work_precision`; CPU seconds are those of the process with what it '
             'starts, user and system, because the machines were shared: they are counts of work, not of waiting. Wall seconds are of runs '
             'on a GPU; the host had other work beside. Which settings each sweep had: [time](tests/bench/notes/time.md).', '',
-            *curves_part(written)]
+            *curves_part(written), *plan_lines()]
+
+
+def plan_lines():
+    if not (results.RESULTS / 'plans.md').exists():
+        return []
+    return ['What each of five scenes leaves out, by which measurement: [plans](tests/bench/results/plans.md), made by '
+            '`s2gs scan_planner` and `tests/bench/plans.py`.', '']
 
 
 def note_titles(folder):
