@@ -217,6 +217,7 @@ void WriteForcedJson(const std::vector<ForcedPart>& parts, std::ostream& out) {
                              {"planned_error", ToJson(part.planned_error)},
                              {"forced_error", ToJson(part.forced_error)},
                              {"gain_pct", Finite(part.GainPct())},
+                             {"mean_gain", Finite(part.mean_gain.value_or(std::nan("")))},
                              {"gain_sigma", Finite(part.gain_sigma)},
                              {"gain_sigmas", Finite(part.GainSigmas())},
                              {"planned_cpu_s", ToJson(part.planned_cpu_seconds)},

@@ -1,8 +1,12 @@
 #include "plugin/curves/work_curve.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
+#include <optional>
 #include <set>
+#include <string>
+#include <system_error>
 #include <tuple>
 #include <utility>
 
@@ -34,6 +38,25 @@ double LeastError(const std::vector<WorkSetting>& settings, int scene) {
     if (setting.scene == scene && IsReached(setting)) least = std::min(least, setting.error.median);
   }
   return least;
+}
+
+std::optional<double> NumberOf(const std::string& text) {
+  double value = 0;
+  const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (fault != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+// Numbers in the order in which `values` has its first two, whatever comes between them; others stay.
+void SortFromCheapToCostly(std::vector<std::string>* values) {
+  for (const std::string& value : *values) {
+    if (!NumberOf(value)) return;
+  }
+  if (values->size() < 2) return;
+  const bool rises = *NumberOf((*values)[0]) < *NumberOf((*values)[1]);
+  std::stable_sort(values->begin(), values->end(), [&](const std::string& a, const std::string& b) {
+    return rises ? *NumberOf(a) < *NumberOf(b) : *NumberOf(a) > *NumberOf(b);
+  });
 }
 
 }  // namespace
@@ -135,6 +158,7 @@ WorkCurve MergeCurves(const std::vector<WorkCurve>& curves) {
       all.points.push_back(std::move(point));
     }
   }
+  SortFromCheapToCostly(&all.values);
   return all;
 }
 

@@ -72,8 +72,9 @@ std::optional<double> TimeToShare(const std::vector<WorkSetting>& settings, int 
 double ProfileAt(const std::vector<WorkSetting>& settings, int num_scenes, const std::string& value,
                  double ratio, double tolerance);
 
-/// Curves of one knob, of other scenes, seeds or values, as one. Throws UserError when they measure different
-/// things, or two have the same run.
+/// Curves of one knob, of other scenes, seeds or values, as one; values that are numbers stand as the first
+/// curve has them, rising or falling. Throws UserError when they measure different things, or two have the
+/// same run.
 WorkCurve MergeCurves(const std::vector<WorkCurve>& curves);
 
 }  // namespace s2gs

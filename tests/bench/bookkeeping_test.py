@@ -1,21 +1,26 @@
 #!/usr/bin/env python3
-"""Tests of run.py, report.py, compare.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
+"""Tests of run.py, report.py, compare.py, curves.py, plans.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
 import argparse
 import contextlib
 import io
 import json
+import os
 import pathlib
 import stat
 import sys
 import tempfile
 import unittest
+import unittest.mock
 
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import compare
+import curves
 import method_tables
 import mutant_build
 import mutants
+import numerics
+import plans
 import report
 import results
 import run
@@ -342,6 +347,219 @@ class ExactWorkspace(unittest.TestCase):
             text = (pathlib.Path(folder) / 'points3D.txt').read_text()
         self.assertEqual(text, '1 0.1 -2.5 3.0 10 20 30 -1\n')
 
+    def test_stations_of_an_exact_workspace_count_from_zero(self):
+        try:
+            import exact_workspace
+        except ModuleNotFoundError as missing:
+            self.skipTest(str(missing))
+        unit = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+        images = [{'file': f'images/{name}.jpg', 'mask': f'gt/masks/{name}.png', 'station': station, 'angle_deg': 0, 'split': 'train',
+                   'world_to_camera': unit, 'object_to_world': unit} for name, station in (('a', 1), ('b', 4), ('c', 1))]
+        scene = {'width': 4, 'height': 3, 'fx': 5.5, 'fy': 5.5, 'cx': 2.0, 'cy': 1.5, 'axis_point': [0, 0, 0],
+                 'axis_direction': [0, 0, 1], 'stations': [1, 4], 'images': images}
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / 'gt').mkdir()
+            (pathlib.Path(folder) / 'gt/scene.json').write_text(json.dumps(scene))
+            with contextlib.redirect_stdout(io.StringIO()), unittest.mock.patch.object(sys, 'argv', ['x', folder, folder + '/w']):
+                exact_workspace.main()
+            turns = json.loads((pathlib.Path(folder) / 'w/turntable.json').read_text())
+        self.assertEqual([image['station'] for image in turns['images']], [0, 1, 0])
+
+
+class Numerics(unittest.TestCase):
+    ADAM = '| span | measured on | rate |\n| --- | --- | --- |\n'
+
+    def build(self, folder, values, adam, exit_code=0):
+        """A made-up BUILD/tests, whose backend_tests measure {on: value} against a bound of 1 in every row."""
+        folder.mkdir(exist_ok=True)
+        records = ''.join(json.dumps({'row': row, 'what': 'error', 'on': on, 'measured': value, 'bound': 1, 'holds': value <= 1,
+                                      'test': 'A.B'}) + '\n' for row, _ in numerics.ROWS for on, value in values.items())
+        outputs = {program: '' for program in numerics.PROGRAMS}
+        outputs |= {'stiffness': f'# Stiff\n\n{self.ADAM}{adam}\nends', 'numerics_stress': f'0 failed on {sorted(values)}'}
+        for program, text in outputs.items():
+            path = folder / program
+            more = f"cat >>$S2GS_NUMERICS <<'END'\n{records}END\n" if program == 'backend_tests' else ''
+            path.write_text(f"#!/bin/sh\n{more}cat <<'END'\n{text}\nEND\nexit {exit_code if program == 'core_tests' else 0}\n")
+            path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return folder
+
+    def measure(self, tests, results_folder, backend, commit):
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            return numerics.main([str(tests), '--backend', backend, '--results', str(results_folder), '--commit', commit])
+
+    def test_a_command_for_each_backend_makes_the_pages(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            of_cpu = self.build(folder / 'a', {'cpu': 0.25, 'double': 0.125}, '| 10 | cpu | 1 |\n| 99 | cpu | 2 |\n')
+            of_gpu = self.build(folder / 'b', {'cpu': 9, 'cuda': 0.5}, '| 10 | cpu | 7 |\n| 10 | cuda | 3 |\n| 99 | cuda | 4 |\n')
+            self.assertEqual(self.measure(of_cpu, folder / 'results', 'cpu', 'aaaa'), 0)
+            self.assertEqual(self.measure(of_gpu, folder / 'results', 'cuda', 'bbbb'), 0)
+            page = (folder / 'results/numerics.md').read_text()
+            for cell in ('| cpu | error | 0.25 |', '| double | error | 0.12 |', '| cuda | error | 0.5 |'):
+                self.assertEqual(page.count(cell), len(numerics.ROWS), cell)
+            self.assertNotIn('| 9 |', page)  # the CPU's value on the other machine is none of --backend cuda
+            self.assertRegex(page, r'`cpu`: aaaa, .*`cuda`: bbbb, ')
+            rows = [line for line in (folder / 'results/stiffness.md').read_text().split('\n') if line.startswith('| 10') or line.startswith('| 99')]
+            self.assertEqual(rows, ['| 10 | cpu | 1 |', '| 10 | cuda | 3 |', '| 99 | cpu | 2 |', '| 99 | cuda | 4 |'])
+            stress = (folder / 'results/numerics_stress.md').read_text()
+            self.assertIn("0 failed on ['cpu', 'double']", stress)
+            self.assertIn("0 failed on ['cpu', 'cuda']", stress)
+            # Measured again, a backend's rows replace its own alone.
+            again = self.build(folder / 'c', {'cpu': 0.75}, '| 10 | cpu | 5 |\n')
+            self.assertEqual(self.measure(again, folder / 'results', 'cpu', 'cccc'), 0)
+            page = (folder / 'results/numerics.md').read_text()
+            self.assertEqual([page.count(cell) for cell in ('| cpu | error | 0.75 |', '| double |', '| cuda | error | 0.5 |')],
+                             [len(numerics.ROWS), 0, len(numerics.ROWS)])
+            self.assertIn('| 10 | cpu | 5 |\n| 10 | cuda | 3 |\n| 99 | cuda | 4 |\n', (folder / 'results/stiffness.md').read_text())
+
+    def test_what_fails_is_said(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            past = self.build(folder / 'a', {'cpu': 2}, '')
+            self.assertEqual(self.measure(past, folder / 'r', 'cpu', 'a'), 1)
+            self.assertIn('| 2 | 1 | **fails** |', (folder / 'r/numerics.md').read_text())
+            ends_badly = self.build(folder / 'b', {'cpu': 1}, '', exit_code=3)
+            self.assertEqual(self.measure(ends_badly, folder / 's', 'cpu', 'a'), 1)
+            no_gpu = self.build(folder / 'c', {'cpu': 1}, '')
+            self.assertEqual(self.measure(no_gpu, folder / 't', 'cuda', 'a'), 1)
+
+
+class CurveJobs(unittest.TestCase):
+    # Stands for s2gs: notes its words, begin and end; work_precision writes them as its curve, or fails where told to.
+    PROGRAM = """#!{python}
+import json, os, pathlib, sys, time
+words, folder = sys.argv[1:], pathlib.Path(__file__).parent
+given = dict(zip(words[1::2], words[2::2]))
+note = lambda what: open(folder / 'notes', 'a').write(json.dumps([what, words, sorted(os.sched_getaffinity(0))]) + '\\n')
+note('begin')
+time.sleep(0.15)
+if 'curves' in ' '.join(given): given['--values'] = ','.join(json.loads(pathlib.Path(p).read_text())['values'] for p in given['--curves'].split(','))
+if given.get('--knob') == 'bad': sys.exit(3)
+if words[0] == 'work_precision':
+    pathlib.Path(given['--output_path'] + '.json').write_text(json.dumps({{'values': given.get('--values', ''), 'parts': [given['--workspace_path'].split('/')[-1]] if '--forced' in given else []}}))
+note('end')
+"""
+    PLAN = [{'name': 'by_gpu', 'knob': 'voxel', 'scenes': ['a', 'b'], 'seeds': [0, 1], 'values': [['1', '2'], ['3', '4']], 'gpu': True,
+             'arguments': ['x=1', 'y=2']},
+            {'name': 'meshes', 'knob': 'refinement', 'scenes': ['a'], 'seeds': [7], 'values': [['5', '6']], 'truth': True,
+             'model': {'arguments': ['quality=high']}},
+            {'name': 'parts', 'forced': ['p', 'q'], 'scenes': ['a', 'b'], 'seeds': [0, 1, 2], 'cores': 2},
+            {'name': 'fails', 'knob': 'bad', 'scenes': ['a'], 'seeds': [0], 'values': [['1', '2']]},
+            {'name': 'long', 'command': ['sleep', '60']}]
+
+    @unittest.skipUnless(hasattr(os, 'sched_setaffinity'), 'cores cannot be dealt out here')
+    def test_jobs_share_the_cores_until_the_time_is_up(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary).resolve()
+            program = folder / 's2gs'
+            program.write_text(self.PROGRAM.format(python=sys.executable))
+            program.chmod(0o755)
+            for scene in 'ab':
+                (folder / 'data' / scene).mkdir(parents=True)
+            jobs = lambda: curves.jobs_of(self.PLAN, str(program), folder / 'data', folder / 'out')
+            run_them = lambda these, seconds: curves.run_jobs(these, folder / 'out', seconds, [0, 0, 0, 0], 2, tick=0.01)
+            first = [job for job in jobs() if job.name != 'long']
+            with contextlib.redirect_stdout(io.StringIO()):
+                run_them(first, 120)
+            self.assertEqual({job.name: job.state for job in first if job.state != 'done'}, {'fails.a.seed0.0': 'failed'})
+            self.assertEqual(len(first), 8 + 2 + 2 + 1)
+            notes = [json.loads(line) for line in (folder / 'notes').read_text().splitlines()]
+            at_once = most = 0
+            for what, words, cores in notes:
+                if '--knob' in words and words[words.index('--knob') + 1] == 'voxel':
+                    at_once += 1 if what == 'begin' else -1
+                    most = max(most, at_once)
+                self.assertEqual(cores, [0])
+            self.assertEqual(most, 2)  # two jobs of the GPU at a time, and never more
+            order = [words[0] for what, words, _ in notes if str(curves.model_folder(folder / 'out', 'a', 7)) in words and what == 'end']
+            self.assertEqual(order, ['gaussian_trainer', 'gaussian_renderer', 'work_precision'])
+            # What is done is not done again, and what still runs at the end is cut off.
+            again = jobs()
+            with contextlib.redirect_stdout(io.StringIO()):
+                run_them(again, 3)
+            self.assertEqual({job.name: job.state for job in again if job.state != 'done'},
+                             {'fails.a.seed0.0': 'failed', 'long': 'cut off'})
+            self.assertEqual(sum('begin' in line for line in (folder / 'notes').read_text().splitlines()),
+                             sum(what == 'begin' for what, _, _ in notes) + 1)  # what failed
+            (folder / 'out/calls/by_gpu.b.seed1.1.json').unlink()  # as where the time was up
+            made = curves.collect(self.PLAN, str(program), folder / 'data', folder / 'out', folder / 'curves', 'abc', 'a machine')
+            self.assertEqual(made, ['by_gpu', 'meshes', 'parts'])
+            by_gpu = json.loads((folder / 'curves/by_gpu.json').read_text())
+            self.assertEqual(by_gpu['values'], ','.join(['1,2,3,4'] * 3 + ['1,2']))
+            self.assertEqual(by_gpu['made'], {'command': 'work_precision --knob voxel --use_gpu 1 --seeds 0,1 --arguments x=1,y=2',
+                                              'commit': 'abc', 'machine': 'a machine'})
+            self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
+            self.assertEqual(json.loads((folder / 'curves/parts.json').read_text())['parts'], ['a', 'b'])
+
+    def test_runs_that_ended_count_where_the_call_was_cut_off(self):
+        entry = self.PLAN[0]
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            calls = folder / 'out' / 'calls'
+            calls.mkdir(parents=True)
+            (calls / 'by_gpu.a.seed0.0.json').write_text(json.dumps({'what': 'edge', 'error': 'e', 'scenes': ['a'], 'points': ['p']}))
+            of_sweep = 'tsdf_mesher voxel x=1 y=2 turntable_mapper='
+
+            def ended(value, settings=of_sweep, failure='', **figures):
+                run = folder / 'data/b/work_precision/voxel' / f'{value}_seed1'
+                run.mkdir(parents=True)
+                (run / 'point.json').write_text(json.dumps({'scene': 3, 'value': value, 'seed': 1, 'failure': failure,
+                                                            'figures': figures, 'settings': settings}))
+            ended('1', e=0.5)
+            ended('2', failure='no memory')
+            ended('3', settings='tsdf_mesher voxel x=1 y=20', e=0.5)  # of another sweep
+            ended('4', faces=7)                                       # its error is not known yet
+            cut_off = folder / 'cut_off'
+            cut_off.mkdir()
+            files = curves.calls_of(entry, folder / 'data', folder / 'out', cut_off)
+            self.assertEqual([path.name for path in files], ['by_gpu.a.seed0.0.json', 'by_gpu.b.seed1.0.json'])
+            self.assertEqual(json.loads(files[1].read_text()),
+                             {'what': 'edge', 'error': 'e', 'scenes': ['b'], 'values': ['1', '2'], 'points': [
+                                 {'scene': 0, 'value': '1', 'seed': 1, 'failure': '', 'figures': {'e': 0.5}},
+                                 {'scene': 0, 'value': '2', 'seed': 1, 'failure': 'no memory', 'figures': {}}]})
+
+    def test_scenes_that_are_not_there_are_left_out_and_named(self):
+        with tempfile.TemporaryDirectory() as folder:
+            (pathlib.Path(folder) / 'b').mkdir()
+            with contextlib.redirect_stderr(io.StringIO()) as said:
+                plan = curves.with_scenes_of(self.PLAN, pathlib.Path(folder))
+        self.assertEqual([(entry['name'], entry.get('scenes')) for entry in plan],
+                         [('by_gpu', ['b']), ('parts', ['b']), ('long', None)])
+        self.assertIn('lacks a: left out', said.getvalue())
+
+    def test_the_plan_names_what_there_is(self):
+        plan = json.loads((pathlib.Path(curves.HERE) / 'curves.json').read_text())
+        known = scenes.read_scenes()
+        names = [job.name for job in curves.jobs_of(plan, 's2gs', pathlib.Path('/d'), pathlib.Path('/o'))]
+        self.assertEqual(len(names), len(set(names)))
+        for entry in plan:
+            self.assertLessEqual(set(entry.get('scenes', [])), set(known), entry['name'])
+
+
+class Plans(unittest.TestCase):
+    def test_training_decides_what_the_plan_left_to_it(self):
+        decision = lambda part, state: {'part': part, 'what': f'what {part} is', 'state': state, 'measured': '3 | 4', 'threshold': 't',
+                                        'reason': 'r', 'saving': 's'}
+        event = lambda part, left_out, measured: json.dumps({'event': 'decision', 'part': part, 'left_out': left_out,
+                                                             'measured': measured, 'threshold': 'u', 'reason': 'q', 'saving': ''}) + '\n'
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            (folder / 'w/s2gs').mkdir(parents=True)
+            (folder / 'w/s2gs/plan.json').write_text(json.dumps({'decisions': [
+                decision('pairs', 'runs'), decision('p', 'later'), decision('bands', 'later'), decision('scale', 'left out')]}))
+            (folder / 'log.jsonl').write_text(event('p', False, 'early') + '{"event": "step"}\n' + event('p', True, 'late') +
+                                              event('pairs', True, 'no concern of training'))
+            out = folder / 'plans.md'
+            self.assertEqual(plans.main(['--commit', 'abc', '--output', str(out), f'a={folder}/w', f'b={folder}/w={folder}/log.jsonl']), 0)
+            text = out.read_text()
+        self.assertIn('| `p`: what p is | not decided | left out |', text)
+        self.assertIn('| `pairs`: what pairs is | runs | runs |', text)
+        a, b = text.split('## a')[1].split('## b')
+        self.assertIn('| `p` | not decided | 3 / 4 | t | r | s |', a)
+        self.assertIn('| `p` | left out | late | u | q |  |', b)
+        self.assertEqual([line.split('`')[1] for line in b.split('\n') if '`' in line], ['p', 'scale', 'pairs', 'bands'])
+
 
 class Curves(unittest.TestCase):
     CURVE = {'knob': 'voxel', 'what': 'edge', 'error': 'e', 'error_text': 'error [px]', 'reference': 'ground truth', 'scenes': ['a', 'b'],
@@ -362,6 +580,19 @@ class Curves(unittest.TestCase):
         self.assertIn('a:', lines)
         self.assertIn('b:', lines)
         self.assertIn('wall [s]', '\n'.join(lines))
+
+    def test_gains_of_parts(self):
+        spread = lambda value: {'min': value, 'median': value, 'max': value}
+        part = lambda error_of, **more: {'error_of': error_of, 'planned_error': spread(0.2), 'forced_error': spread(0.19),
+                                         'gain_pct': 5.0, **more}
+        held_out = 'RMS error of held-out photos [of 0 to 1]'
+        # Medians say 5 %; the seeds' mean says .002 of .2, with a standard error of .001.
+        self.assertEqual(report.gain_cell(part(held_out, mean_gain=0.002, gain_sigma=0.001, gain_sigmas=2)), '+1.00 ± 0.50 %')
+        self.assertEqual(report.gain_cell(part(held_out, gain_sigma=0.001, gain_sigmas=-2)), '-1.00 ± 0.50 %')  # older files
+        self.assertEqual(report.gain_cell(part(held_out, mean_gain=0, gain_sigma=0, gain_sigmas=None)), '+0.00 ± 0.00 %')
+        self.assertEqual(report.gain_cell(part(held_out, gain_sigma=None)), '+5.00 %')
+        self.assertEqual(report.gain_cell(part('rotation error of the poses, median [degrees]', gain_sigma=0.04)), '+5.00 %')
+        self.assertEqual(report.gain_cell({**part(held_out), 'gain_pct': None}), '')
 
     def test_method_runs_become_one_table(self):
         with tempfile.TemporaryDirectory() as temporary:

@@ -118,13 +118,14 @@ def main():
     for sub in ["images", "truth_masks"] + (["masks"] if args.masks else []):
         os.makedirs(os.path.join(args.workspace, sub), exist_ok=True)
     from_object, from_world, turns, held_out = [], [], [], []
+    station_of = {station: i for i, station in enumerate(sorted({image["station"] for image in scene["images"]}))}
     for image in sorted(scene["images"], key=lambda i: os.path.basename(i["file"])):
         name = os.path.basename(image["file"])
         cam_from_world = np.array(image["world_to_camera"])
         world_from_object = np.array(image["object_to_world"])
         from_world.append((name, cam_from_world))
         from_object.append((name, cam_from_world @ world_from_object))
-        turns.append({"name": name, "station": image["station"], "angle_deg": image["angle_deg"],
+        turns.append({"name": name, "station": station_of[image["station"]], "angle_deg": image["angle_deg"],
                       "object_to_world": image["object_to_world"]})
         if image["split"] != "train":
             held_out.append(name)

@@ -172,16 +172,32 @@ def curves_part(written):
             lines += table(['value', f'{CLOCKS[clock]} [s]', 'error', 'reached', 'nothing beats it in both'], rows)
         lines += [f'![error over {CLOCKS[clock]} seconds](tests/bench/plots/curve_{name}.svg)', '']
     rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
-             '' if p['gain_pct'] is None else f'{p["gain_pct"]:+.2f} %', sigmas_cell(p), spread_cell(p['planned_cpu_s']),
-             spread_cell(p['forced_cpu_s'])] for written_file in written.values() for p in written_file.get('parts', [])]
+             gain_cell(p), sigmas_cell(p), spread_cell(p['planned_cpu_s']), spread_cell(p['forced_cpu_s']), name]
+            for name, written_file in written.items() for p in written_file.get('parts', [])]
     if rows:
         lines += ['### What was left out, and forced', '',
                   'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on. A rotation error of poses is '
-                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere the '
-                  'standard deviation is that of the mean gain over seeds.', '',
-                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced'], rows)]
+                  'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere, '
+                  'from three seeds on, gain is the mean over runs of one seed with its standard error.', '',
+                  *table(['scene', 'part', 'error', 'as planned', 'forced', 'gain', 'in standard deviations', 'CPU [s]', 'forced', 'file'], rows),
+                  *[f'- `{name}`: {made_lines(one)[0]}' for name, one in written.items() if 'parts' in one and made_lines(one)], '']
     return lines
+
+
+def mean_gain(part):
+    """Of the runs of one seed, and its standard error [%]; None where seeds are too few or tell poses."""
+    sigma, planned = part.get('gain_sigma'), part['planned_error']['median']
+    if sigma is None or not planned or 'poses' in part['error_of'] or 'angles' in part['error_of']:
+        return None
+    mean = part['mean_gain'] if part.get('mean_gain') is not None else (part.get('gain_sigmas') or 0) * sigma
+    return 100 * mean / planned, 100 * sigma / planned
+
+
+def gain_cell(part):
+    if found := mean_gain(part):
+        return '{:+.2f} ± {:.2f} %'.format(*found)
+    return '' if part['gain_pct'] is None else f'{part["gain_pct"]:+.2f} %'
 
 
 def sigmas_cell(part):
@@ -230,8 +246,9 @@ def page(r, notes, written=None):
     lines += ['## Mesh of these models', '', *scan_table(r, 'mesh'), '## Kernels', '', *kernels_table(r),
               '## Hostile input', '', 'What is counted, and the commands: [CONTRIBUTING.md](CONTRIBUTING.md#hostile-input).', '', *safety_lines(r),
               '## Numerics', '', 'Each bound with the value that the tests measure: [numerics](tests/bench/results/numerics.md), made by',
-              '`python3 tests/bench/numerics.py BUILD/tests`, once for each backend. Training, drawing and meshing at the ends of what numbers',
-              'allow: `numerics_stress`, small in every run of the tests, at full size with `--use_gpu 1 --gaussians 10000000 --max_side 8192`: [stress](tests/bench/results/numerics_stress.md).', '',
+              '`python3 tests/bench/numerics.py BUILD/tests --backend cpu` and, where a GPU is, `--backend cuda`, which make this and the two',
+              'pages that follow. Training, drawing and meshing at the ends of what numbers allow (`numerics_stress`, small in every run of the',
+              'tests, at full size on a GPU): [stress](tests/bench/results/numerics_stress.md).', '',
               *stiffness_lines(),
               *growth_lines(),
               *method_lines(),
@@ -244,7 +261,7 @@ def stiffness_lines():
     if not (results.RESULTS / 'stiffness.md').exists():
         return []
     return ['Where problems are badly conditioned, what happens there, what helps, and what that costs and gains:',
-            '[stiffness](tests/bench/results/stiffness.md), made by `BUILD/tests/stiffness`.', '']
+            '[stiffness](tests/bench/results/stiffness.md).', '']
 
 
 def growth_lines():
@@ -267,7 +284,14 @@ def curves_lines(written):
     return ['## Error against run time', '', 'Made by `s2gs work_precision`; CPU seconds are those of the process with what it '
             'starts, user and system, because the machines were shared: they are counts of work, not of waiting. Wall seconds are of runs '
             'on a GPU; the host had other work beside. Which settings each sweep had: [time](tests/bench/notes/time.md).', '',
-            *curves_part(written)]
+            *curves_part(written), *plan_lines()]
+
+
+def plan_lines():
+    if not (results.RESULTS / 'plans.md').exists():
+        return []
+    return ['What each of five scenes leaves out, by which measurement: [plans](tests/bench/results/plans.md), made by '
+            '`s2gs scan_planner` and `tests/bench/plans.py`.', '']
 
 
 def note_titles(folder):

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 
@@ -99,6 +100,10 @@ TEST(ForcedParts, GainOfSeedsInStandardErrors) {
   EXPECT_NEAR(*parts[0].mean_gain, 0.02, 1e-12);
   EXPECT_NEAR(parts[0].gain_sigma, 0.01 / std::sqrt(3.0), 1e-12);
   EXPECT_NEAR(parts[0].GainSigmas(), 2 * std::sqrt(3.0), 1e-9);
+  std::ostringstream text;
+  WriteForcedJson(parts, text);
+  const nlohmann::json json = nlohmann::json::parse(text.str());
+  EXPECT_NEAR(json["parts"][0]["mean_gain"].get<double>(), 0.02, 1e-12);
 }
 
 // Poses: the gain is also told in what the adjustment as planned says of the tilt, 0.04 degrees, and a failed

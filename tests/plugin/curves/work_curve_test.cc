@@ -237,6 +237,20 @@ TEST(WorkCurve, PartsOfACurveBecomeOne) {
   ExpectUserError([&] { MergeCurves({first, other}); }, {"not the same measurement"});
 }
 
+// Numbers stand from cheap to costly, which the first curve shows, however the runs were dealt out.
+TEST(WorkCurve, ValuesOfPartsStandInOrder) {
+  const auto merged = [](const std::vector<std::string>& first, const std::vector<std::string>& second) {
+    WorkCurve a, b;
+    a.values = first;
+    b.values = second;
+    return MergeCurves({a, b}).values;
+  };
+  EXPECT_THAT(merged({"190", "6000"}, {"375", "1500"}), testing::ElementsAre("190", "375", "1500", "6000"));
+  EXPECT_THAT(merged({"1e-1", "1e-8"}, {"1e-4", "1e-1"}), testing::ElementsAre("1e-1", "1e-4", "1e-8"));
+  EXPECT_THAT(merged({"6", "2"}, {"4", "1.5"}), testing::ElementsAre("6", "4", "2", "1.5"));
+  EXPECT_THAT(merged({"b", "2"}, {"a", "1"}), testing::ElementsAre("b", "2", "a", "1"));
+}
+
 TEST(WorkCurve, CurvesComeBackFromTheirFiles) {
   const TemporaryFolder folder;
   WorkCurve curve = Curve();
