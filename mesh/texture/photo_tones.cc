@@ -1,8 +1,10 @@
 #include "mesh/texture/photo_tones.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "mesh/texture/turn_light.h"
 #include "sfm_split/base/parallel_for.h"
@@ -18,6 +20,7 @@ constexpr uint8_t kBrightest = 245;
 constexpr size_t kMinPlaces = 100;
 // Medians in turn, of the places and of the photos, until nothing moves by more than rounding does.
 constexpr int kRounds = 30;
+constexpr int64_t kPlacesPerTurn = 256;  // of a thread
 // A photo without any detail is not better than nothing.
 constexpr float kLeastSharpness = 0.1F;
 
@@ -41,44 +44,68 @@ std::vector<Value> ChannelValues(const std::vector<ToneSample>& samples, const s
   return values;
 }
 
-// By photo, what each of its values lacks of its place's median under these gains.
-void CollectLacks(const std::vector<Value>& values, const std::vector<float>& gains,
-                  std::vector<std::vector<float>>* of_photo) {
-  for (auto& list : *of_photo) list.clear();
-  for (size_t begin = 0; begin < values.size();) {
-    size_t end = begin;
-    std::vector<float> here;
-    while (end < values.size() && values[end].place == values[begin].place) {
-      here.push_back(values[end].log + gains[values[end].photo]);
-      ++end;
+// The values of one channel by place and by photo. Places, and then photos, are apart from each other: so
+// they are divided among threads, and what comes out does not depend on how many there are.
+class GainSearch {
+ public:
+  GainSearch(std::vector<Value> values, int num_photos, int num_threads)
+      : values_(std::move(values)), num_threads_(num_threads), gains_(num_photos, 0), of_photo_(num_photos) {
+    std::vector<uint32_t> counts(num_photos, 0);
+    slots_.reserve(values_.size());
+    for (size_t i = 0; i < values_.size(); ++i) {
+      slots_.push_back(counts[values_[i].photo]++);
+      if (i == 0 || values_[i].place != values_[i - 1].place) begins_.push_back(i);
     }
+    begins_.push_back(values_.size());
+    for (int i = 0; i < num_photos; ++i) of_photo_[i].resize(counts[i]);
+  }
+
+  // Logarithms of the photos' gains.
+  std::vector<float> Find() {
+    for (int round = 0; round < kRounds; ++round) {
+      ParallelFor(static_cast<int64_t>(begins_.size()) - 1, num_threads_, kPlacesPerTurn,
+                  [&](int64_t place) { CollectLacks(begins_[place], begins_[place + 1]); });
+      ParallelFor(static_cast<int64_t>(gains_.size()), num_threads_, [&](int64_t i) {
+        if (IsKnown(i)) gains_[i] = UpperMedian(of_photo_[i]);
+      });
+      TakeOffMean();
+    }
+    return gains_;
+  }
+
+ private:
+  bool IsKnown(size_t photo) const { return of_photo_[photo].size() >= kMinPlaces; }
+
+  // What the values of a place lack of its median, each to its photo's.
+  void CollectLacks(size_t begin, size_t end) {
+    std::vector<float> here;
+    here.reserve(end - begin);
+    for (size_t i = begin; i < end; ++i) here.push_back(values_[i].log + gains_[values_[i].photo]);
     std::sort(here.begin(), here.end());
     const float middle = (here[(here.size() - 1) / 2] + here[here.size() / 2]) / 2;
-    for (size_t i = begin; i < end; ++i) (*of_photo)[values[i].photo].push_back(middle - values[i].log);
-    begin = end;
+    for (size_t i = begin; i < end; ++i) of_photo_[values_[i].photo][slots_[i]] = middle - values_[i].log;
   }
-}
 
-// Logarithms of the photos' gains in one channel.
-std::vector<float> FindGains(const std::vector<Value>& values, int num_photos) {
-  std::vector<float> gains(num_photos, 0);
-  std::vector<std::vector<float>> of_photo(num_photos);
-  for (int round = 0; round < kRounds; ++round) {
-    CollectLacks(values, gains, &of_photo);
+  void TakeOffMean() {
     double sum = 0;
     int64_t count = 0;
-    for (int i = 0; i < num_photos; ++i) {
-      if (of_photo[i].size() < kMinPlaces) continue;
-      gains[i] = UpperMedian(of_photo[i]);
-      sum += gains[i];
+    for (size_t i = 0; i < gains_.size(); ++i) {
+      if (!IsKnown(i)) continue;
+      sum += gains_[i];
       ++count;
     }
-    for (int i = 0; i < num_photos && count > 0; ++i) {
-      if (of_photo[i].size() >= kMinPlaces) gains[i] -= static_cast<float>(sum / static_cast<double>(count));
+    for (size_t i = 0; i < gains_.size(); ++i) {
+      if (IsKnown(i)) gains_[i] -= static_cast<float>(sum / static_cast<double>(count));
     }
   }
-  return gains;
-}
+
+  std::vector<Value> values_;
+  int num_threads_;
+  std::vector<float> gains_;
+  std::vector<std::vector<float>> of_photo_;  // what each photo's values lack
+  std::vector<uint32_t> slots_;               // per value: where it stands among its photo's
+  std::vector<size_t> begins_;                // of the places among the values, and the end
+};
 
 // The strength of each photo's detail beside that of its places' photos; empty lists have none.
 std::vector<std::vector<float>> DetailRatios(const std::vector<ToneSample>& samples, int num_photos) {
@@ -113,11 +140,13 @@ std::vector<PhotoTone> EstimateTones(const std::vector<ToneSample>& samples, int
   const size_t num_places = samples.back().place + size_t{1};
   std::vector<int> num_seen(num_places, 0);
   for (const ToneSample& s : samples) ++num_seen[s.place];
-  ParallelFor(3, num_threads, [&](int64_t channel) {
-    const auto c = static_cast<int>(channel);
-    const std::vector<float> gains = FindGains(ChannelValues(samples, num_seen, c), num_photos);
+  std::array<std::vector<Value>, 3> of_channel;
+  ParallelFor(3, num_threads,
+              [&](int64_t c) { of_channel[c] = ChannelValues(samples, num_seen, static_cast<int>(c)); });
+  for (int c = 0; c < 3; ++c) {
+    const std::vector<float> gains = GainSearch(std::move(of_channel[c]), num_photos, num_threads).Find();
     for (int i = 0; i < num_photos; ++i) tones[i].gain[c] = std::exp(gains[i]);
-  });
+  }
   const std::vector<std::vector<float>> ratios = DetailRatios(samples, num_photos);
   for (int i = 0; i < num_photos; ++i) {
     if (ratios[i].size() >= kMinPlaces)

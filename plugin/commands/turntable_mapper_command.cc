@@ -29,6 +29,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/circular_motion/circular_search.h"
 #include "sfm_split/evidence/scan_evidence.h"
 #include "sfm_split/relocalise/one_camera.h"
 #include "sfm_split/relocalise/place_scan.h"
@@ -174,6 +175,9 @@ class TurntableMapper {
     return input_.capture_case == CaptureCase::kTurntable && CountImages(input_.features.static_pairs) >= 2;
   }
 
+  /// Begins a part of Place() that needs no model, while COLMAP's mapper makes the object's on one thread.
+  /// Place() finds it in the options.
+  void BeginCircularSearch(Settings* settings);
   void Map(bool of_object, ColmapProgram* colmap);
   void Place();
 
@@ -195,6 +199,7 @@ class TurntableMapper {
   fs::path split_;
   ScanInput input_;
   json seconds_ = json::object();
+  std::optional<CircularSearch> circular_search_;  // after what it searches, so that it ends first
 };
 
 void TurntableMapper::ReadStatedAngles(Settings* settings) const {
@@ -213,6 +218,17 @@ void TurntableMapper::ReadStatedAngles(Settings* settings) const {
   if (unknown.empty()) return;
   reporter_.Warn(settings->angles_path.string() + ": " + std::to_string(unknown.size()) +
                  " names are none of the photos': " + unknown[0] + ", for example");
+}
+
+void TurntableMapper::BeginCircularSearch(Settings* settings) {
+  // Where the tripod moved, Place() searches the features of a camera that stood still, which the model tells
+  // of.
+  const bool is_searched = settings->placement.path == PlacementPath::kAuto &&
+                           input_.capture_case != CaptureCase::kOneBody &&
+                           !SteadyCameras(input_.features, {}).AnyMoved();
+  if (!is_searched) return;
+  circular_search_.emplace(input_.features, settings->placement.circular, reporter_);
+  settings->placement.circular.begun = &*circular_search_;
 }
 
 void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
@@ -499,7 +515,10 @@ void RunTurntableMapper(CommandContext& context) {
                 mapping_options,
                 {mapper.ObjectFolder()},
                 {"motion_splitter"}},
-               [&] { map(true); });
+               [&] {
+                 mapper.BeginCircularSearch(&settings);
+                 map(true);
+               });
     before.emplace_back("object_mapper");
   }
   if (mapper.HasBackground()) {

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -132,10 +133,13 @@ Fingerprint StateOf(const fs::path& path, const std::vector<File>& files) {
 }
 
 std::string ContentOf(const std::vector<File>& files, const Reporter& reporter) {
+  std::vector<uint64_t> hashes(files.size());
+  ParallelFor(static_cast<int64_t>(files.size()), 0,
+              [&](int64_t i) { hashes[i] = HashFile(files[i], reporter); });
   Hash hash;
-  for (const File& file : files) {
-    hash.Add(file.name);
-    hash.Add(HashFile(file, reporter));
+  for (size_t i = 0; i < files.size(); ++i) {
+    hash.Add(files[i].name);
+    hash.Add(hashes[i]);
   }
   return hash.Text();
 }

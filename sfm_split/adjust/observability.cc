@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -10,6 +11,7 @@
 
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -25,6 +27,7 @@ constexpr int kCells = 12;        // of a photo, in each direction, in which err
 constexpr int kQuadrature = 400;  // quantiles of a Rayleigh-distributed error, at which a mean is taken
 constexpr double kLeastCurvature = 0.1;  // of the robust cost, over that of squares
 constexpr size_t kRings = 6;             // of the object about the axis, each with as many points
+constexpr size_t kPointsAtOnce = 1024;   // that threads prepare before they are summed in their order
 
 struct Column {
   int block;
@@ -50,7 +53,38 @@ struct LossSums {
   double weights = 0;  // of the observations themselves
   double first = 0;    // times the loss' first derivative, as in S
   double second = 0;   // times the curvature of the loss, mean of both directions
+
+  void Add(const LossSums& other) {
+    weights += other.weights;
+    first += other.first;
+    second += other.second;
+  }
 };
+
+// What one point adds to the reduced system.
+struct EliminatedPoint {
+  PointScore score;
+  VectorXd diagonal;
+  MatrixXd square;
+  int redundancy = 0;
+  std::vector<LossSums> loss;  // of each observation
+};
+
+// Calls `prepare(i)` for all i below `count` on several threads, and `add(i, prepared)` in the order of i, so
+// that sums have the same bits however many threads there are.
+template <typename Prepare, typename Add>
+void PrepareAndAdd(size_t count, int num_threads, const Prepare& prepare, const Add& add) {
+  std::vector<decltype(prepare(size_t{0}))> prepared;
+  for (size_t begin = 0; begin < count; begin += kPointsAtOnce) {
+    const size_t here = std::min(kPointsAtOnce, count - begin);
+    prepared.clear();
+    prepared.resize(here);
+    ParallelFor(static_cast<int64_t>(here), num_threads, [&](int64_t i) {
+      prepared[static_cast<size_t>(i)] = prepare(begin + static_cast<size_t>(i));
+    });
+    for (size_t i = 0; i < here; ++i) add(begin + i, &prepared[i]);
+  }
+}
 
 // The reduced normal equations: S = sum over points of Jc^T Jc - Jc^T Jp (Jp^T Jp)^-1 Jp^T Jc.
 struct ReducedSystem {
@@ -92,13 +126,15 @@ std::vector<double> RingBounds(const JointProblem& problem) {
   return bounds;
 }
 
-void EliminatePoint(const JointProblem& problem, const JointSystem& system, const ceres::LossFunction* loss,
-                    const std::vector<double>& ring_bounds,
-                    const std::vector<const JointSystem::Term*>& terms, ReducedSystem* reduced) {
+EliminatedPoint EliminatePoint(const JointProblem& problem, const JointSystem& system,
+                               const ceres::LossFunction* loss, const std::vector<double>& ring_bounds,
+                               const std::vector<const JointSystem::Term*>& terms,
+                               const std::vector<std::vector<int>>& column_of) {
+  EliminatedPoint point;
   std::vector<int> touched;
   for (const JointSystem::Term* term : terms) {
     for (int b = 0; b < term->num_blocks; ++b) {
-      for (const int column : reduced->column_of[term->blocks[b]]) {
+      for (const int column : column_of[term->blocks[b]]) {
         if (column >= 0) touched.push_back(column);
       }
     }
@@ -112,7 +148,7 @@ void EliminatePoint(const JointProblem& problem, const JointSystem& system, cons
   std::array<std::array<double, 2 * 16>, 5> storage;
   std::array<double*, 5> jacobians{};
   for (int b = 0; b < 5; ++b) jacobians[b] = storage[b].data();
-  PointScore score;
+  PointScore& score = point.score;
   score.cells.reserve(terms.size());
   Eigen::Index row = 0;
   for (const JointSystem::Term* term : terms) {
@@ -123,16 +159,14 @@ void EliminatePoint(const JointProblem& problem, const JointSystem& system, cons
     double rho[3] = {0, 1, 0};
     const double squared = residual[0] * residual[0] + residual[1] * residual[1];
     if (loss != nullptr) loss->Evaluate(squared, rho);
-    reduced->loss.weights += term->weight;
-    reduced->loss.first += term->weight * rho[1];
-    reduced->loss.second += term->weight * (rho[1] + rho[2] * squared);
+    point.loss.push_back({term->weight, term->weight * rho[1], term->weight * (rho[1] + rho[2] * squared)});
     const double root_weight = std::sqrt(term->weight * rho[1]);
     residuals(row) = root_weight * residual[0];
     residuals(row + 1) = root_weight * residual[1];
     for (int b = 0; b < term->num_blocks; ++b) {
       const int size = system.blocks()[term->blocks[b]].size;
       for (int k = 0; k < size; ++k) {
-        const int column = reduced->column_of[term->blocks[b]][k];
+        const int column = column_of[term->blocks[b]][k];
         if (column < 0) continue;
         const auto local = std::lower_bound(touched.begin(), touched.end(), column) - touched.begin();
         by_cameras(row, local) = root_weight * storage[b][k];
@@ -145,9 +179,8 @@ void EliminatePoint(const JointProblem& problem, const JointSystem& system, cons
     }
     row += 2;
   }
-  for (size_t k = 0; k < touched.size(); ++k) {
-    reduced->diagonal(touched[k]) += by_cameras.col(static_cast<Eigen::Index>(k)).squaredNorm();
-  }
+  point.diagonal.resize(by_cameras.cols());
+  for (Eigen::Index k = 0; k < by_cameras.cols(); ++k) point.diagonal(k) = by_cameras.col(k).squaredNorm();
   // Elimination by orthogonal projection, so that no square is formed of a matrix that may lack rank.
   Eigen::ColPivHouseholderQR<Eigen::Matrix<double, Eigen::Dynamic, 3>> qr;
   qr.setThreshold(1e-12);
@@ -155,14 +188,8 @@ void EliminatePoint(const JointProblem& problem, const JointSystem& system, cons
   by_cameras.applyOnTheLeft(qr.householderQ().transpose());
   residuals.applyOnTheLeft(qr.householderQ().transpose());
   const auto left = by_cameras.bottomRows(rows - qr.rank());
-  reduced->redundancy += static_cast<int>(rows - qr.rank());
-  const MatrixXd square = left.transpose() * left;
-  for (size_t a = 0; a < touched.size(); ++a) {
-    for (size_t b = 0; b < touched.size(); ++b) {
-      reduced->s(touched[a], touched[b]) +=
-          square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
-    }
-  }
+  point.redundancy = static_cast<int>(rows - qr.rank());
+  point.square = left.transpose() * left;
   // What each observation adds to the gradient once the point has taken its share.
   by_cameras.topRows(qr.rank()).setZero();
   residuals.head(qr.rank()).setZero();
@@ -177,11 +204,25 @@ void EliminatePoint(const JointProblem& problem, const JointSystem& system, cons
   score.columns = std::move(touched);
   score.by_cameras = std::move(by_cameras);
   score.residuals = std::move(residuals);
-  reduced->scores.push_back(std::move(score));
+  return point;
 }
 
-ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system,
-                     const ceres::LossFunction* loss) {
+void AddPoint(EliminatedPoint* point, ReducedSystem* reduced) {
+  const std::vector<int>& columns = point->score.columns;
+  for (const LossSums& loss : point->loss) reduced->loss.Add(loss);
+  for (size_t a = 0; a < columns.size(); ++a) {
+    reduced->diagonal(columns[a]) += point->diagonal(static_cast<Eigen::Index>(a));
+    for (size_t b = 0; b < columns.size(); ++b) {
+      reduced->s(columns[a], columns[b]) +=
+          point->square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
+    }
+  }
+  reduced->redundancy += point->redundancy;
+  reduced->scores.push_back(std::move(point->score));
+}
+
+ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system, const ceres::LossFunction* loss,
+                     int num_threads) {
   ReducedSystem reduced;
   for (size_t b = 0; b < system.blocks().size(); ++b) {
     const JointSystem::Block& block = system.blocks()[b];
@@ -199,8 +240,15 @@ ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system,
   for (const JointSystem::Term& term : system.terms())
     by_point[{term.of_object, term.point}].push_back(&term);
   const std::vector<double> ring_bounds = RingBounds(problem);
-  for (const auto& [point, terms] : by_point)
-    EliminatePoint(problem, system, loss, ring_bounds, terms, &reduced);
+  std::vector<const std::vector<const JointSystem::Term*>*> points;
+  points.reserve(by_point.size());
+  for (const auto& [point, terms] : by_point) points.push_back(&terms);
+  PrepareAndAdd(
+      points.size(), num_threads,
+      [&](size_t i) {
+        return EliminatePoint(problem, system, loss, ring_bounds, *points[i], reduced.column_of);
+      },
+      [&](size_t, EliminatedPoint* point) { AddPoint(point, &reduced); });
   return reduced;
 }
 
@@ -281,14 +329,21 @@ MatrixXd CovarianceOfRings(const ReducedSystem& reduced, const MatrixXd& inverse
 // residuals are much smaller than errors. Shading and foreshortening move features alike in one part of the
 // photos: parts as clusters are added, less, as Cameron, Gelbach and Miller join two ways of clustering, what
 // both count.
-ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd& inverse_system) {
+ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd& inverse_system,
+                                   int num_threads) {
   const auto size = reduced.s.rows();
   const auto redundancy = static_cast<double>(reduced.redundancy);
   const double growth = redundancy / std::max(1.0, redundancy - static_cast<double>(size));
   ScoreCovariance sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size), MatrixXd()};
   MatrixXd of_background = MatrixXd::Zero(size, size);
   std::map<int, VectorXd> by_cell;
-  for (const PointScore& score : reduced.scores) {
+  struct Prepared {
+    VectorXd of_point;
+    MatrixXd of_observations;
+    std::vector<VectorXd> gradients;  // of each observation
+  };
+  const auto prepare = [&](size_t i) {
+    const PointScore& score = reduced.scores[i];
     const auto columns = static_cast<Eigen::Index>(score.columns.size());
     MatrixXd inverse(columns, columns);
     for (Eigen::Index a = 0; a < columns; ++a) {
@@ -297,23 +352,33 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
     }
     const MatrixXd left =
         MatrixXd::Identity(columns, columns) - score.by_cameras.transpose() * (score.by_cameras * inverse);
-    VectorXd of_point = left.partialPivLu().solve(score.Gradient());
-    if (!of_point.allFinite()) of_point = score.Gradient();
-    MatrixXd of_observations = MatrixXd::Zero(columns, columns);
+    Prepared point;
+    point.of_point = left.partialPivLu().solve(score.Gradient());
+    if (!point.of_point.allFinite()) point.of_point = score.Gradient();
+    point.of_observations = MatrixXd::Zero(columns, columns);
+    point.gradients.reserve(score.cells.size());
     for (size_t k = 0; k < score.cells.size(); ++k) {
-      const VectorXd gradient = score.GradientOf(static_cast<Eigen::Index>(k));
-      of_observations += growth * gradient * gradient.transpose();
+      point.gradients.push_back(score.GradientOf(static_cast<Eigen::Index>(k)));
+      point.of_observations += growth * point.gradients[k] * point.gradients[k].transpose();
+    }
+    return point;
+  };
+  PrepareAndAdd(reduced.scores.size(), num_threads, prepare, [&](size_t i, const Prepared* point) {
+    const PointScore& score = reduced.scores[i];
+    const auto columns = static_cast<Eigen::Index>(score.columns.size());
+    const VectorXd& of_point = point->of_point;
+    for (size_t k = 0; k < score.cells.size(); ++k) {
       VectorXd& cell = by_cell.try_emplace(score.cells[k], VectorXd::Zero(size)).first->second;
-      for (Eigen::Index a = 0; a < columns; ++a) cell(score.columns[a]) += gradient(a);
+      for (Eigen::Index a = 0; a < columns; ++a) cell(score.columns[a]) += point->gradients[k](a);
     }
     for (Eigen::Index a = 0; a < columns; ++a) {
       for (Eigen::Index b = 0; b < columns; ++b) {
         sums.of_points(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
         if (score.ring < 0) of_background(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
-        sums.of_regions(score.columns[a], score.columns[b]) -= of_observations(a, b);
+        sums.of_regions(score.columns[a], score.columns[b]) -= point->of_observations(a, b);
       }
     }
-  }
+  });
   MatrixXd cells(size, static_cast<Eigen::Index>(by_cell.size()));
   Eigen::Index next = 0;
   for (const auto& [cell, gradient] : by_cell) cells.col(next++) = gradient;
@@ -403,7 +468,7 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   if (free == 0 || free > options.max_dense_parameters) return result;
 
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
-  const ReducedSystem reduced = Reduce(problem, system, loss.get());
+  const ReducedSystem reduced = Reduce(problem, system, loss.get(), options.num_threads);
   for (const Column& column : reduced.columns) {
     result.names.push_back(ColumnName(system, problem, column));
     result.parameters.emplace_back(column.block, column.value);
@@ -448,7 +513,7 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
     result.prior_covariance = inverse_system * priors.of_gradients * inverse_system;
     result.covariance = variance * inverse_system * reduced.s * inverse_system + result.prior_covariance;
   }
-  const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system);
+  const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system, options.num_threads);
   result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
   result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
   result.ring_covariance = inverse_system * scores.of_rings * inverse_system / (share * share);

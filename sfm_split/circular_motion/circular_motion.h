@@ -45,12 +45,17 @@ struct CircularStation {
   std::vector<CircularPair> pairs;
 };
 
+class CircularSearch;
+
 struct CircularOptions {
   double noise_px = 1;   ///< largest standard deviation of a match's epipolar error.
   int max_matches = 60;  ///< of a pair.
   int num_refined = 4;   ///< starts of each hypothesis and view that are refined.
   int min_photos = 4;    ///< stations with fewer are not fitted.
   uint32_t random_seed = 0;
+  /// A search with these options that has begun, which is awaited where it is of the same features; nullptr:
+  /// none.
+  const CircularSearch* begun = nullptr;
 
   OptionCheck Check() const;
 };

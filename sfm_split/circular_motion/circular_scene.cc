@@ -9,7 +9,9 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/circular_motion/circular_search.h"
 #include "sfm_split/circular_motion/circular_ties.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 
@@ -93,7 +95,7 @@ class SceneBuilder {
   }
 
   /// Ties stations to each other, the surest first. Returns how many are placed.
-  int Place();
+  int Place(const Reporter& reporter);
   AlignedScene Build() const;
 
  private:
@@ -177,7 +179,7 @@ CircularPlace SceneBuilder::StartOf(int station, int placed) const {
   return start;
 }
 
-int SceneBuilder::Place() {
+int SceneBuilder::Place(const Reporter& reporter) {
   int root = -1;
   for (size_t s = 0; s < places_.size(); ++s) {
     if (FitOf(s).found && (root < 0 || FitOf(s).gain > FitOf(static_cast<size_t>(root)).gain))
@@ -192,6 +194,7 @@ int SceneBuilder::Place() {
     CircularTie best_tie;
     for (size_t s = 0; s < places_.size(); ++s) {
       if (places_[s] || !FitOf(s).found) continue;
+      if (reporter.StopRequested()) throw Interrupted();
       const double extent_px = 0.5 * (looks_[s].extent_px + looks_[static_cast<size_t>(root)].extent_px);
       const std::vector<CrossingPair> pairs =
           CrossingPairs(static_cast<int>(s), 1 / (kUniformWidth * extent_px));
@@ -295,6 +298,8 @@ std::vector<CircularStation> CollectCircularStations(const ScanFeatures& feature
 
 AlignedScene SceneFromCircularMotion(const ScanFeatures& features, const CircularOptions& options,
                                      Reporter& reporter, CircularFinding* finding) {
+  if (options.begun != nullptr && options.begun->IsOf(features))
+    return options.begun->Await(reporter, finding);
   std::vector<uint32_t> camera_ids;
   std::vector<Camera> cameras;
   std::vector<FocalPrior> priors;
@@ -309,7 +314,7 @@ AlignedScene SceneFromCircularMotion(const ScanFeatures& features, const Circula
       CollectCircularStations(features, camera_ids, &finding->stations);
   finding->motion = FitCircularMotion(stations, cameras, priors, options, reporter);
   SceneBuilder builder(features, *finding, camera_ids, stations);
-  finding->placed_stations = builder.Place();
+  finding->placed_stations = builder.Place(reporter);
   if (finding->placed_stations == 0) return {};
   return builder.Build();
 }

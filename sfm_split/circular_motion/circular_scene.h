@@ -19,7 +19,7 @@ struct CircularFinding {
 /// and turn about the axis) from the object's matches between them. The angle about the axis between two
 /// stations' cameras is unknown without the background: it is 0 at the first photo of each, by definition, as
 /// in AlignScene without a background. Raw matches are used where there are any, else verified ones. Empty
-/// when no station's circular motion was found.
+/// when no station's circular motion was found. Throws Interrupted when the reporter asks to stop.
 AlignedScene SceneFromCircularMotion(const ScanFeatures& features, const CircularOptions& options,
                                      Reporter& reporter, CircularFinding* finding);
 

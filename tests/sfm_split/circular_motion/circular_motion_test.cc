@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/circular_likelihood.h"
 #include "sfm_split/circular_motion/circular_scene.h"
+#include "sfm_split/circular_motion/circular_search.h"
 #include "sfm_split/circular_motion/circular_ties.h"
 #include "tests/support/synthetic_scan.h"
 
@@ -309,6 +311,75 @@ TEST(CircularTies, ThreeNumbersFromMatchesBetweenStations) {
   EXPECT_NEAR(tie.place.distance, truth.distance, 4e-3);
   EXPECT_NEAR(tie.place.height, truth.height, 4e-3);
   EXPECT_NEAR(tie.place.turn_rad, truth.turn_rad, 4e-3);
+}
+
+// The same features, searched by a thread of their own that was begun earlier: the same scene to the bit, and
+// what was logged.
+TEST(CircularSearch, FindsWhatIsFoundWithoutIt) {
+  class Listening : public Reporter {
+   public:
+    void Log(LogLevel /*level*/, std::string_view message) override { said.emplace_back(message); }
+    std::vector<std::string> said;
+  };
+  SyntheticTurntableOptions poor = Poor(3);
+  poor.stations = 2;
+  const ScanFeatures features = SyntheticScanFeatures(MakeSyntheticTurntable(poor));
+  Listening alone;
+  CircularFinding finding;
+  const AlignedScene aligned = SceneFromCircularMotion(features, {}, alone, &finding);
+
+  Listening hears;
+  CircularOptions options;
+  const CircularSearch search(features, options, hears);
+  options.begun = &search;
+  for (int time = 0; time < 2; ++time) {
+    hears.said.clear();
+    CircularFinding found;
+    const AlignedScene searched = SceneFromCircularMotion(features, options, hears, &found);
+    EXPECT_EQ(hears.said, alone.said);
+    EXPECT_EQ(found.stations, finding.stations);
+    EXPECT_EQ(found.placed_stations, finding.placed_stations);
+    EXPECT_EQ(found.motion.log_posterior, finding.motion.log_posterior);
+    ASSERT_EQ(searched.scene.views.size(), aligned.scene.views.size());
+    ASSERT_FALSE(aligned.scene.views.empty());
+    for (size_t i = 0; i < aligned.scene.views.size(); ++i) {
+      EXPECT_EQ(searched.scene.views[i].name, aligned.scene.views[i].name);
+      EXPECT_EQ(searched.scene.views[i].angle_deg, aligned.scene.views[i].angle_deg);
+      EXPECT_EQ(searched.scene.views[i].cam_from_world.translation,
+                aligned.scene.views[i].cam_from_world.translation);
+    }
+  }
+}
+
+// Steadied or taken from other photos, features are searched themselves.
+TEST(CircularSearch, IsOfItsOwnFeaturesAlone) {
+  const ScanFeatures features = SyntheticScanFeatures(MakeSyntheticTurntable(Poor(3)));
+  Reporter reporter;
+  CircularOptions options;
+  const CircularSearch search(features, options, reporter);
+  options.begun = &search;
+  const ScanFeatures copy = features;
+  EXPECT_TRUE(search.IsOf(features));
+  EXPECT_FALSE(search.IsOf(copy));
+  ScanFeatures none;
+  CircularFinding finding;
+  EXPECT_TRUE(SceneFromCircularMotion(none, options, reporter, &finding).scene.views.empty());
+}
+
+TEST(CircularSearch, StopsWhenAskedOrLeft) {
+  class Stopping : public Reporter {
+   public:
+    bool StopRequested() const override { return true; }
+  };
+  const ScanFeatures features = SyntheticScanFeatures(MakeSyntheticTurntable(Poor(3)));
+  Stopping reporter;
+  CircularOptions options;
+  const CircularSearch search(features, options, reporter);
+  options.begun = &search;
+  CircularFinding finding;
+  EXPECT_THROW(SceneFromCircularMotion(features, options, reporter, &finding), Interrupted);
+  Reporter patient;
+  const CircularSearch left(features, options, patient);
 }
 
 }  // namespace
