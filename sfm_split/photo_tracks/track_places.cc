@@ -196,11 +196,12 @@ class FirstNormals {
   size_t num_;
 };
 
-// Adds the photos that a patch faces.
-void Extend(const ColmapModel& model, const TrackPlacesOptions& options, const SurfacePatch& patch,
-            Track* track) {
+// Adds the photos that a patch faces. Returns how many.
+int AddFacingPhotos(const ColmapModel& model, const TrackPlacesOptions& options, const SurfacePatch& patch,
+                    Track* track) {
   std::set<const ColmapImage*> known;
   for (const Observation& o : track->observations) known.insert(o.image);
+  const size_t before = track->observations.size();
   for (const auto& [id, image] : model.images) {
     if (known.count(&image) > 0) continue;
     const Vector3d ray = (CameraCentre(image.cam_from_world) - track->point->xyz).normalized();
@@ -213,17 +214,7 @@ void Extend(const ColmapModel& model, const TrackPlacesOptions& options, const S
       continue;
     track->observations.push_back(std::move(*o));
   }
-}
-
-// The first tracks keep what was added.
-void LimitBeside(int max_beside, std::vector<Track>* tracks) {
-  int64_t left = max_beside;
-  for (Track& track : *tracks) {
-    const auto beside = std::find_if(track.observations.begin(), track.observations.end(),
-                                     [](const Observation& o) { return o.point2D_idx == kNoKeypoint; });
-    left -= track.observations.end() - beside;
-    if (left < 0) track.observations.erase(beside, track.observations.end());
-  }
+  return static_cast<int>(track->observations.size() - before);
 }
 
 // \param first_normals  that are tried.
@@ -303,14 +294,17 @@ std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPh
     const Observation& middle = track->observations[track->reference];
     const Vector3d towards = (CameraCentre(middle.image->cam_from_world) - track->point->xyz).normalized();
     *result = AlignOne(*track, {normals.At(track->point->xyz, towards), towards}, options);
-    if (static_cast<int>(result->places.size()) >= options.min_found && options.min_facing < 1)
-      Extend(model, options, result->patch, track);
   });
-  LimitBeside(options.max_beside, &tracks);
+  int left = options.min_facing < 1 ? options.max_beside : 0;
+  for (size_t t = 0; t < tracks.size() && left > 0; ++t) {
+    if (static_cast<int>(aligned[t].places.size()) >= options.min_found)
+      left -= AddFacingPhotos(model, options, aligned[t].patch, &tracks[t]);
+  }
   CutParts(read, options, &tracks, reporter);
   for_all([&](Track* track, AlignedTrack* result) {
     if (track->observations.back().point2D_idx != kNoKeypoint) return;
-    *result = AlignOne(*track, {result->patch.normal}, options);
+    AlignedTrack longer = AlignOne(*track, {result->patch.normal}, options);
+    if (longer.places.size() > result->places.size()) *result = std::move(longer);
   });
   aligned.erase(std::remove_if(aligned.begin(), aligned.end(),
                                [&](const AlignedTrack& track) {
