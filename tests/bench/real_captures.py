@@ -15,6 +15,8 @@ alone. Where the plate wobbles the angle is that of the whole tilted pose. Needs
 """
 import argparse, json, os, subprocess, sys, time
 import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 COMMON = '--width 480 --height 360 --samples 2 --held_out 0 --things 24'.split()
 MEDIAN_DEG, MAX_DEG = 0.3, 1.0
@@ -88,6 +90,17 @@ def common_rotation(of, to):
     return q
 
 
+def frame_rotations(estimate, truth):
+    """The rotations B and C of world and object for which B `estimate` C is nearest to `truth`, robustly. Both at once: one
+    after the other would hardly move, since about the table's axis the one undoes what the other does."""
+    def apart(x):
+        b, c = Rotation.from_rotvec(x[:3]).as_matrix(), Rotation.from_rotvec(x[3:]).as_matrix()
+        return np.degrees(Rotation.from_matrix(np.einsum('ij,kjl,lm,knm->kin', b, estimate, c, truth)).as_rotvec().ravel())
+    fits = [least_squares(apart, [0, 0, start, 0, 0, 0], loss='soft_l1', f_scale=0.05) for start in np.arange(4) * np.pi / 2]
+    x = min(fits, key=lambda fit: fit.cost).x
+    return Rotation.from_rotvec(x[:3]).as_matrix(), Rotation.from_rotvec(x[3:]).as_matrix()
+
+
 def read_json(path):
     try:
         return json.load(open(path))
@@ -115,12 +128,8 @@ def score_scan(folder, workspace):
         turns = {os.path.basename(i['name']): np.array(i['object_to_world'])[:3, :3]
                  for i in read_json(f'{workspace}/turntable.json').get('images', [])}
         if all(n in turns for n in names):
-            # Frames differ by a rotation on either side: B turn = truth C.
             E, W = np.array([turns[n] for n in names]), np.array([truth[n][1] for n in names])
-            B = np.eye(3)
-            for _ in range(30):
-                C = common_rotation(B @ E, W)
-                B = common_rotation(np.swapaxes(E @ C, 1, 2), np.swapaxes(W, 1, 2)).T
+            B, C = frame_rotations(E, W)
             angle = degrees(np.einsum('ij,kjl,lm,knm->kin', B, E, C, W))
             out['angle_deg'] = [float(np.median(angle)), float(angle.max())]
     right = len(names) == len(truth) and 'rotation_deg' in out
