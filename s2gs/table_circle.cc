@@ -409,7 +409,8 @@ class CircleFinder {
     return MostCommonEnd(std::move(ends), num_rings, circle.height);
   }
 
-  // Of where lines down the side end: the place that most share, if more do than chance would have it.
+  // Of where lines down the side end: the place that most share, if more than half and than chance do. That it
+  // is a circle is known from the rim.
   std::optional<double> MostCommonEnd(std::vector<int> ends, int num_rings, double top) const {
     std::sort(ends.begin(), ends.end());
     const auto count = static_cast<int>(ends.size());
@@ -423,7 +424,7 @@ class CircleFinder {
     }
     const double chance = (2.0 * kSameEnd + 1) / std::max(1, num_rings - kFirstOfSide);
     const double false_alarms = num_rings * BinomialTail(most, count, chance);
-    if (!(most > kMinShare * count) || !(false_alarms < kMaxFalseAlarms)) return std::nullopt;
+    if (!(2 * most > count) || !(false_alarms < kMaxFalseAlarms)) return std::nullopt;
     return top - (ends[first + most / 2] + 0.5) * step_;
   }
 
