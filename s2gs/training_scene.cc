@@ -35,6 +35,7 @@ constexpr double kRegionSlack = 0.25;  // of the radius: the plain side of a dis
 constexpr int64_t kMostLoadingBytes = 2'000'000'000;  // of photos that are read at the same time
 constexpr int64_t kLoadingBytesPerPixel =
     2 * (3 + 1);                            // of a photo and its mask, as they are and undistorted
+constexpr size_t kRaysThatBearOut = 3;      // a point
 constexpr size_t kMinPointsForRegion = 20;  // fewer say nothing about where it ends.
 
 // What the workspace's files say before any photo is read.
@@ -156,16 +157,23 @@ std::vector<ScenePoint> CollectPoints(const SceneFiles& files) {
   return points;
 }
 
+bool IsBorneOut(const ColmapPoint3D& point) { return point.track.size() >= kRaysThatBearOut; }
+
 std::optional<RotatingRegion> FindRegion(const SceneFiles& files) {
   if (files.mode != TrainMode::kS2gs || files.object.points3D.size() < kMinPointsForRegion)
     return std::nullopt;
   RotatingRegion region;
   region.axis = files.turntable->axis;
+  // Two rays that meet may do so by chance, of someone who walks by, say; a third bears a point out.
+  const size_t num_borne_out = std::count_if(files.object.points3D.begin(), files.object.points3D.end(),
+                                             [](const auto& entry) { return IsBorneOut(entry.second); });
+  const bool all_count = num_borne_out < kMinPointsForRegion;
   std::vector<double> radii;
   std::vector<double> heights;
   radii.reserve(files.object.points3D.size());
   heights.reserve(files.object.points3D.size());
   for (const auto& [id, point] : files.object.points3D) {
+    if (!all_count && !IsBorneOut(point)) continue;
     const Eigen::Vector3d from_axis = point.xyz - region.axis.point;
     const double height = from_axis.dot(region.axis.direction);
     heights.push_back(height);
