@@ -28,6 +28,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
+#include "s2gs/layers_over_top.h"
 #include "s2gs/opaque_region.h"
 #include "s2gs/photo_table.h"
 #include "s2gs/plain_top.h"
