@@ -13,10 +13,11 @@ namespace s2gs {
 /// not opaque. \param backend  with the model, which is left as it was.
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend);
 
-/// The rotating Gaussians over the top, higher than a pixel of the photos, that photos refute: the top in its
-/// own light is seen through them, more often than chance and than something else that nothing before them
-/// explains. In a shadow a thing of the same colour would look the same, so that shadows say nothing.
-/// \param stations  Learn's. \param depths  RotatingDepths'.
+/// The rotating Gaussians over the top, higher than a pixel of the photos, that photos refute: the top is
+/// seen through them, in its own light more often than chance and than something else that nothing before
+/// them explains; or in a shadow on it. A thing may have a shadow's colour, so that shadows count only where
+/// hardly any Gaussian goes for them that stands too high for a layer, and say nothing where no thing is so
+/// high. \param stations  Learn's. \param depths  RotatingDepths'.
 std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
                                         const std::vector<std::vector<float>>& depths,
                                         const Placement& gaussians);
