@@ -24,28 +24,32 @@ constexpr int kLeastSeen = 3;
 constexpr double kBehind = 3;  // [px], of a surface that hides what lies further behind it
 // What stands so high over the top [radii] is a thing and no layer, but for few.
 constexpr double kHigh = 0.4;
-// Of what goes for its shadows, this may be a thing's: layers hide more than a thing has lost, even so.
+// Of what goes because a thing does not have the top's colours, this may be the thing's.
 constexpr double kMaxLost = 0.25;
 constexpr int kChance = 3;  // None of many is chance while three are expected (one in twenty).
 
-// Of one Gaussian.
+// Of one Gaussian, by photos.
 struct Votes {
   bool is_over_top = false;
   double height = 0;  // [radii]
   int lit = 0;
   int shadow = 0;
+  int border = 0;
   int other = 0;
 
-  bool LitRefutes() const { return lit >= kLeastLit && kOtherPerLit * lit > other; }
-  bool Refute() const {
-    return LitRefutes() || (lit + shadow >= kLeastSeen && kOtherPerLit * lit + shadow > other);
+  // Whatever colours the thing has.
+  bool LitRefutes() const { return lit >= kLeastLit && kOtherPerLit * lit > other + border; }
+  // A thing that has other colours than the top in light and shadow: its borders are none of the top's.
+  bool ColorsRefute() const {
+    return (lit >= kLeastLit && kOtherPerLit * lit > other) ||
+           (lit + shadow >= kLeastSeen && kOtherPerLit * lit + shadow > other);
   }
-  // Whether photos could refute what the lit top does not.
   bool IsOpen() const { return is_over_top && !LitRefutes() && lit + shadow + other >= kLeastSeen; }
 };
 
-// Whether few of those that go for shadows can be a thing's: it has as large a share of what is high.
-bool ShadowsTell(const std::vector<Votes>& votes) {
+// Whether few of those that go for the top's colours can be a thing's: it has as large a share of what is
+// high.
+bool ColorsTell(const std::vector<Votes>& votes) {
   int high = 0;
   int high_lost = kChance;
   int low = 0;
@@ -54,7 +58,7 @@ bool ShadowsTell(const std::vector<Votes>& votes) {
     if (!of.IsOpen()) continue;
     const bool is_high = of.height > kHigh;
     (is_high ? high : low) += 1;
-    (is_high ? high_lost : low_lost) += of.Refute() ? 1 : 0;
+    (is_high ? high_lost : low_lost) += of.ColorsRefute() ? 1 : 0;
   }
   return static_cast<double>(high_lost) * low < kMaxLost * low_lost * high;
 }
@@ -81,6 +85,7 @@ Votes Ask(const std::vector<Witness>& witnesses, double pixel_size, const Eigen:
     const bool is_hidden = depth > 0 && x_in_cam.z() > depth + kBehind * pixel_size;
     votes.lit += witness.sights[p] == TopSight::kLit ? 1 : 0;
     votes.shadow += witness.sights[p] == TopSight::kShadow ? 1 : 0;
+    votes.border += witness.sights[p] == TopSight::kBorder && !is_hidden ? 1 : 0;
     votes.other += witness.sights[p] == TopSight::kOther && !is_hidden ? 1 : 0;
   }
   return votes;
@@ -135,10 +140,10 @@ std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<S
     votes[i].is_over_top = true;
     votes[i].height = height / table.radius;
   });
-  const bool shadows_tell = ShadowsTell(votes);
+  const bool colors_tell = ColorsTell(votes);
   std::vector<uint32_t> layers;
   for (size_t i = 0; i < votes.size(); ++i) {
-    if (votes[i].is_over_top && (shadows_tell ? votes[i].Refute() : votes[i].LitRefutes()))
+    if (votes[i].is_over_top && (colors_tell ? votes[i].ColorsRefute() : votes[i].LitRefutes()))
       layers.push_back(static_cast<uint32_t>(i));
   }
   return layers;

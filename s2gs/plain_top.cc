@@ -260,8 +260,8 @@ std::vector<TopSight> PlainTop::Look(const Image8& photo, const PinholeView& vie
     const bool is_plain = TextureAt(photo, pixels[i].x, pixels[i].y, kPatchRadius) < color->least_texture;
     if (is_plain) {
       sights[p] = SightOf(*color, errors[i]);
-    } else if (is_near_top[p] == 0) {
-      sights[p] = TopSight::kOther;
+    } else {
+      sights[p] = is_near_top[p] != 0 ? TopSight::kBorder : TopSight::kOther;
     }
   }
   return sights;

@@ -14,10 +14,11 @@ namespace s2gs {
 
 /// What a pixel shows by its colour of a table's plain top.
 enum class TopSight : uint8_t {
-  kElsewhere,  ///< Not the top's pixel, a border of something, or the photo does not tell.
+  kElsewhere,  ///< Not the top's pixel, or the photo does not tell.
   kOther,      ///< Another colour or texture, or a darkness that no shadow on the top has.
-  kLit,        ///< The top's own colour there.
-  kShadow,     ///< The same where the light is hidden, and as much of the sky as may be.
+  kBorder,  ///< Texture about the top's colours, in whatever light: of a thing, or a border before the top.
+  kLit,     ///< The top's own colour there.
+  kShadow,  ///< The same where the light is hidden, and as much of the sky as may be.
 };
 
 /// The plain top of a table under light that stands still: the colour that each station's camera sees where

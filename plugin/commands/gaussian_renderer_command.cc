@@ -119,8 +119,9 @@ void AddOptions(Options* options, Arguments* a) {
                "stand on it and is not the side of a body: plain ground");
   options->Add(
       "clear_plain_top", &a->clear_plain_top,
-      "leave out what rotates by the model over a plain table's top where photos see the top itself: "
-      "no photo tells the shape of what is plain");
+      "leave out what rotates by the model over a plain table's top where photos see the top itself, "
+      "in the light or, where things seldom look like one, in a shadow on it: no photo tells the shape of "
+      "what is plain");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");

@@ -104,7 +104,7 @@ TEST_P(PlainTopTest, NextToABorderAPhotoDoesNotTell) {
       top->Look(ShadeTop(Photo(2), View(2), is_strip, {0.3, 0.9, 0.9}), View(2), 0);
   const int strip = Count(bare, TopSight::kLit) - Count(sights, TopSight::kLit);
   ASSERT_GT(strip, 100);
-  EXPECT_GT(Count(sights, TopSight::kElsewhere) - Count(bare, TopSight::kElsewhere), strip * 9 / 10);
+  EXPECT_GT(Count(sights, TopSight::kBorder) - Count(bare, TopSight::kBorder), strip * 9 / 10);
 }
 
 TEST_P(PlainTopTest, OtherStationsAndNoneShowNothing) {
