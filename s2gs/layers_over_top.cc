@@ -26,7 +26,8 @@ constexpr double kBehind = 3;  // [px], of a surface that hides what lies furthe
 constexpr double kHigh = 0.4;
 // Of what goes because a thing does not have the top's colours, this may be the thing's.
 constexpr double kMaxLost = 0.25;
-constexpr int kChance = 3;  // None of many is chance while three are expected (one in twenty).
+constexpr int kChance =
+    3;  // None is chance while three are expected (one in twenty), and so are three of few.
 
 // Of one Gaussian, by photos.
 struct Votes {
@@ -44,23 +45,41 @@ struct Votes {
     return (lit >= kLeastLit && kOtherPerLit * lit > other) ||
            (lit + shadow >= kLeastSeen && kOtherPerLit * lit + shadow > other);
   }
-  bool IsOpen() const { return is_over_top && !LitRefutes() && lit + shadow + other >= kLeastSeen; }
+  bool IsJudged() const { return is_over_top && lit + shadow + border + other >= kLeastLit; }
 };
 
-// Whether few of those that go for the top's colours can be a thing's: it has as large a share of what is
-// high.
-bool ColorsTell(const std::vector<Votes>& votes) {
+// Of Gaussians that photos judge, and of those among them that a rule refutes.
+struct Tally {
   int high = 0;
-  int high_lost = kChance;
+  int high_lost = 0;
   int low = 0;
   int low_lost = 0;
-  for (const Votes& of : votes) {
-    if (!of.IsOpen()) continue;
-    const bool is_high = of.height > kHigh;
-    (is_high ? high : low) += 1;
-    (is_high ? high_lost : low_lost) += of.ColorsRefute() ? 1 : 0;
+
+  void Add(double height, bool is_lost) {
+    (height > kHigh ? high : low) += 1;
+    (height > kHigh ? high_lost : low_lost) += is_lost ? 1 : 0;
   }
-  return static_cast<double>(high_lost) * low < kMaxLost * low_lost * high;
+  // Whether more of the low that are refuted are a thing's, if it has as large a share of them as of the
+  // high. \param more  high ones than were seen.
+  bool TakesThings(int more) const {
+    return static_cast<double>(high_lost + more) * low > kMaxLost * low_lost * high;
+  }
+};
+
+enum class Rule : uint8_t { kNone, kLit, kColors };
+
+// Shadows and borders ask for things that bear them out; the top's own light for none that speak against it.
+Rule ChooseRule(const std::vector<Votes>& votes) {
+  Tally by_light;
+  Tally by_colors;
+  for (const Votes& of : votes) {
+    if (!of.IsJudged()) continue;
+    by_light.Add(of.height, of.LitRefutes());
+    if (!of.LitRefutes()) by_colors.Add(of.height, of.ColorsRefute());
+  }
+  if (by_light.TakesThings(-kChance)) return Rule::kNone;
+  return by_colors.low_lost > 0 && !by_colors.TakesThings(kChance) && by_colors.high > 0 ? Rule::kColors
+                                                                                         : Rule::kLit;
 }
 
 // A photo of the stations.
@@ -140,11 +159,12 @@ std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<S
     votes[i].is_over_top = true;
     votes[i].height = height / table.radius;
   });
-  const bool colors_tell = ColorsTell(votes);
+  const Rule rule = ChooseRule(votes);
   std::vector<uint32_t> layers;
   for (size_t i = 0; i < votes.size(); ++i) {
-    if (votes[i].is_over_top && (colors_tell ? votes[i].ColorsRefute() : votes[i].LitRefutes()))
-      layers.push_back(static_cast<uint32_t>(i));
+    const bool is_layer =
+        (rule == Rule::kLit && votes[i].LitRefutes()) || (rule == Rule::kColors && votes[i].ColorsRefute());
+    if (is_layer) layers.push_back(static_cast<uint32_t>(i));
   }
   return layers;
 }

@@ -17,7 +17,8 @@ std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>&
 /// seen through them, in its own light more often than chance and than something else that nothing before
 /// them explains; or in a shadow on it. A thing may have a shadow's colour, so that shadows count, and
 /// borders next to the top's colours do not, only where hardly any Gaussian goes for it that stands too high
-/// for a layer; never where no thing is so high. \param stations  Learn's. \param depths  RotatingDepths'.
+/// for a layer; never where no thing is so high. None where things go for the top's own light, too. \param
+/// stations  Learn's. \param depths  RotatingDepths'.
 std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
                                         const std::vector<std::vector<float>>& depths,
                                         const Placement& gaussians);

@@ -98,6 +98,19 @@ TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
   EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).size(), 1U);
 }
 
+// What is too high for a layer and goes for the top's light is a thing of its paint; a few may float.
+TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  for (double angle = 0; angle < 6; angle += 0.25)
+    Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+  const size_t num_layers = gaussians.size();
+  for (int i = 0; i < 3; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).size(), num_layers + 3);
+  for (int i = 3; i < 40; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).empty());
+}
+
 // A thing high over a table whose middle no light reaches, and layers between both.
 class LayersInShadow : public testing::Test {
  protected:
