@@ -59,8 +59,8 @@ struct Tally {
     (height > kHigh ? high : low) += 1;
     (height > kHigh ? high_lost : low_lost) += is_lost ? 1 : 0;
   }
-  // Whether more of the low that are refuted are a thing's, if it has as large a share of them as of the
-  // high. \param more  high ones than were seen.
+  // Whether too many of the low that are refuted are a thing's, if it loses as large a share of them as of
+  // the high. \param more  of the high, or less, than were seen to go: chance.
   bool TakesThings(int more) const {
     return static_cast<double>(high_lost + more) * low > kMaxLost * low_lost * high;
   }
