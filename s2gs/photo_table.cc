@@ -20,7 +20,7 @@ namespace s2gs {
 namespace {
 
 constexpr size_t kMinPhotos = 8;   // of a station: of fewer the object is in the median.
-constexpr size_t kMaxPhotos = 15;  // evenly from all of a station's
+constexpr size_t kMaxPhotos = 36;  // evenly from all of a station's: ten degrees apart
 constexpr int kLongSide = 480;     // [px]: a pixel is some hundredth of a table.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
 constexpr double kFew = 0.05;      // of the points: outliers.

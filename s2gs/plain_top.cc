@@ -3,13 +3,14 @@
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
+#include <utility>
 
 #include "s2gs/image/picture_noise.h"
-#include "s2gs/kernel/foreground.h"
+#include "s2gs/image/srgb.h"
 #include "s2gs/opaque_region.h"
-#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -29,12 +30,9 @@ constexpr double kDarkest = 0.2;   // of the lit colour, in a shadow
 // A normal law's standard deviation over a quarter's largest absolute value.
 constexpr double kSigmaOfQuartile = 1 / 0.3186;
 constexpr double kLeastDeviation = 0.004;  // of the logarithm: a grey level of 255
-// A thing's Gaussians look lit in less than .01 of the photos; of a layer's half do, and in the others a
-// shadow's border or a thing behind it is seen. So one photo that sees the top is worth ln(.5 / .01), one
-// that does not ln(.99 / .5), a fifth of it; a single one may be chance.
-constexpr int kLeastLit = 2;
-constexpr int kOtherPerLit = 4;
-constexpr double kBehind = 3;  // [px], of a surface that hides what lies further behind it
+constexpr int kPatchRadius = 2;            // [px]: larger patches do not fit between the parts of a thing.
+constexpr int kLineRadius = 1;  // [px], of patches that tell a border, which no larger one fits beside
+constexpr int kBorder = 2;      // [px], of blur and of poses that err
 
 using Color = Eigen::RowVector3d;
 using Terms = Eigen::Matrix<double, 1, 6>;
@@ -47,21 +45,21 @@ Terms TermsOf(const Eigen::Vector2d& level) {
 }
 
 // Of the mean colour about a pixel: noise and grain are left out.
-Color LogColor(const Image8& image, int x, int y) {
+Color LogColor(const Image8& image, int x, int y, int radius) {
   Color sum = Color::Zero();
-  for (int v = -kTextureRadius; v <= kTextureRadius; ++v) {
-    for (int u = -kTextureRadius; u <= kTextureRadius; ++u) {
+  for (int v = -radius; v <= radius; ++v) {
+    for (int u = -radius; u <= radius; ++u) {
       const uint8_t* pixel = image.Pixel(x + u, y + v);
       sum += Color(pixel[0], pixel[1], pixel[2]);
     }
   }
-  constexpr int kCount = (2 * kTextureRadius + 1) * (2 * kTextureRadius + 1);
-  return (sum / kCount).cwiseMax(1).array().log();
+  const int side = 2 * radius + 1;
+  return (sum / (side * side)).cwiseMax(1).array().log();
 }
 
 bool IsOnRing(const Eigen::Vector2d& level) { return level.norm() > kRingInner && level.norm() < kRingOuter; }
 
-// The middle of the shortest interval that holds a share of the values: shadows scatter, light does not. 0
+// The middle of the shortest interval that holds kLitShare of the values: shadows scatter, light does not. 0
 // when there are none.
 double MiddleOfDensest(std::vector<double> values) {
   if (values.empty()) return 0;
@@ -104,20 +102,20 @@ std::vector<PlainTop::TopPixel> PlainTop::PixelsOf(const PinholeView& view) cons
   return pixels;
 }
 
-std::optional<PlainTop::LitColor> PlainTop::LearnColor(const StationPhotos& station) const {
+std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& station) const {
   const Eigen::Vector3d camera = station.views.front().cam_from_world.Inverse().translation;
   if (!((camera - table_.axis.point).dot(table_.axis.direction) > table_.high)) return std::nullopt;
-  LitColor color;
+  TopColor color;
   color.station = station.number;
   color.least_texture = LeastTexture(MeasurePictureNoise(station.images.data(), station.images.size()));
   std::vector<Terms> terms;
   std::vector<Color> colors;
   std::vector<uint8_t> is_ring;
   for (const TopPixel& pixel : PixelsOf(station.views.front())) {
-    if (TextureAt(station.still, pixel.x, pixel.y) >= color.least_texture) continue;
+    if (TextureAt(station.still, pixel.x, pixel.y, kPatchRadius) >= color.least_texture) continue;
     const Eigen::Vector2d level = LevelOf(pixel.x_in_world);
     terms.push_back(TermsOf(level));
-    colors.push_back(LogColor(station.still, pixel.x, pixel.y));
+    colors.push_back(LogColor(station.still, pixel.x, pixel.y, kPatchRadius));
     is_ring.push_back(IsOnRing(level) ? 1 : 0);
   }
   if (std::count(is_ring.begin(), is_ring.end(), 1) < kLeastPixels) return std::nullopt;
@@ -158,7 +156,7 @@ std::optional<PlainTop::LitColor> PlainTop::LearnColor(const StationPhotos& stat
   std::vector<double> errors;
   for (size_t i = 0; i < station.images.size(); ++i) {
     const std::vector<TopPixel> pixels = PixelsOf(station.views[i]);
-    const std::vector<Color> of_photo = ErrorsOf(color, station.images[i], pixels);
+    const std::vector<Color> of_photo = ErrorsOf(color, station.images[i], pixels, kPatchRadius);
     for (size_t k = 0; k < pixels.size(); ++k) {
       if (IsOnRing(LevelOf(pixels[k].x_in_world))) errors.push_back(of_photo[k].cwiseAbs().mean());
     }
@@ -166,18 +164,62 @@ std::optional<PlainTop::LitColor> PlainTop::LearnColor(const StationPhotos& stat
   // Half of a ring may be in shadows, but not three quarters.
   color.deviation = std::max(kLeastDeviation, kSigmaOfQuartile * Quantile(std::move(errors), 0.25));
   if (!(color.deviation < kMaxDeviation)) return std::nullopt;
+  color.shadow = LearnShadow(color, station);
   return color;
 }
 
+// A shadow that falls next to the rim has only the sky's light there. Nothing where none does, or shadows
+// have no colour of their own.
+std::optional<PlainTop::ShadowColor> PlainTop::LearnShadow(const TopColor& color,
+                                                           const StationPhotos& station) const {
+  std::vector<Color> shades;
+  std::vector<double> levels;
+  for (size_t i = 0; i < station.images.size(); ++i) {
+    const std::vector<TopPixel> pixels = PixelsOf(station.views[i]);
+    const std::vector<Color> errors = ErrorsOf(color, station.images[i], pixels, kPatchRadius);
+    for (size_t k = 0; k < pixels.size(); ++k) {
+      const double level = errors[k].mean();
+      const bool is_dark = level < -2 * kDeviations * color.deviation && level > std::log(kDarkest);
+      if (!is_dark || !IsOnRing(LevelOf(pixels[k].x_in_world)) ||
+          (errors[k].array() - level).abs().maxCoeff() > kFirstLimit ||
+          TextureAt(station.images[i], pixels[k].x, pixels[k].y, kPatchRadius) >= color.least_texture)
+        continue;
+      shades.push_back(errors[k]);
+      levels.push_back(level);
+    }
+  }
+  if (levels.size() < kLeastPixels) return std::nullopt;
+  const double middle = MiddleOfDensest(std::move(levels));
+  std::array<std::vector<double>, 3> tints;
+  for (const Color& shade : shades) {
+    if (std::abs(shade.mean() - middle) > kFirstLimit) continue;
+    for (int k = 0; k < 3; ++k) tints[k].push_back(shade[k] - shade.mean());
+  }
+  ShadowColor shadow;
+  std::vector<double> errors;
+  for (int k = 0; k < 3; ++k) {
+    const double tint = UpperMedian(tints[k]);
+    shadow.umbra[k] = middle + tint;
+    for (const double other : tints[k]) errors.push_back(std::abs(other - tint));
+  }
+  shadow.deviation = std::max(color.deviation, kSigmaOfMad * UpperMedian(std::move(errors)));
+  if (!(shadow.deviation < kMaxDeviation)) return std::nullopt;
+  // By the tone curve of sRGB, as nothing better is known of the camera's tone curve.
+  const double lit = std::exp(color.terms.row(0).mean()) / 255;
+  const double sky = LightFromSrgb(lit * std::exp(middle)) / LightFromSrgb(lit);
+  shadow.darkest_lit = std::log(SrgbFromLight(LightFromSrgb(lit) * (1 - sky)) / lit);
+  return shadow;
+}
+
 // Of the logarithms, less a photo's own exposure and white balance.
-std::vector<Eigen::RowVector3d> PlainTop::ErrorsOf(const LitColor& color, const Image8& photo,
-                                                   const std::vector<TopPixel>& pixels) const {
+std::vector<Eigen::RowVector3d> PlainTop::ErrorsOf(const TopColor& color, const Image8& photo,
+                                                   const std::vector<TopPixel>& pixels, int radius) const {
   std::vector<Color> errors;
   errors.reserve(pixels.size());
   std::array<std::vector<double>, 3> on_ring;
   for (const TopPixel& pixel : pixels) {
     const Eigen::Vector2d level = LevelOf(pixel.x_in_world);
-    errors.emplace_back(LogColor(photo, pixel.x, pixel.y) - TermsOf(level) * color.terms);
+    errors.emplace_back(LogColor(photo, pixel.x, pixel.y, radius) - TermsOf(level) * color.terms);
     if (!IsOnRing(level)) continue;
     for (int k = 0; k < 3; ++k) on_ring[k].push_back(errors.back()[k]);
   }
@@ -191,7 +233,7 @@ std::optional<PlainTop> PlainTop::Learn(const std::vector<StationPhotos>& statio
                                         const RotatingRegion& table) {
   PlainTop top(table);
   for (const StationPhotos& station : stations) {
-    const std::optional<LitColor> color = top.LearnColor(station);
+    const std::optional<TopColor> color = top.LearnColor(station);
     if (color) top.colors_.push_back(*color);
   }
   if (top.colors_.empty()) return std::nullopt;
@@ -201,98 +243,54 @@ std::optional<PlainTop> PlainTop::Learn(const std::vector<StationPhotos>& statio
 std::vector<TopSight> PlainTop::Look(const Image8& photo, const PinholeView& view, int station) const {
   std::vector<TopSight> sights(static_cast<size_t>(view.width) * view.height, TopSight::kElsewhere);
   const auto color = std::find_if(colors_.begin(), colors_.end(),
-                                  [&](const LitColor& other) { return other.station == station; });
+                                  [&](const TopColor& other) { return other.station == station; });
   if (color == colors_.end()) return sights;
   const std::vector<TopPixel> pixels = PixelsOf(view);
-  const std::vector<Color> errors = ErrorsOf(*color, photo, pixels);
+  std::vector<uint8_t> is_near_top(sights.size(), 0);
+  const std::vector<Color> of_line = ErrorsOf(*color, photo, pixels, kLineRadius);
   for (size_t i = 0; i < pixels.size(); ++i) {
-    const bool is_plain = TextureAt(photo, pixels[i].x, pixels[i].y) < color->least_texture;
-    sights[static_cast<size_t>(pixels[i].y) * view.width + pixels[i].x] =
-        is_plain ? SightOf(*color, errors[i]) : TopSight::kOther;
+    if (!IsOnShadeLine(*color, of_line[i])) continue;
+    for (int y = pixels[i].y - kBorder; y <= pixels[i].y + kBorder; ++y)
+      std::fill_n(&is_near_top[static_cast<size_t>(y) * view.width + pixels[i].x - kBorder], 2 * kBorder + 1,
+                  1);
+  }
+  const std::vector<Color> errors = ErrorsOf(*color, photo, pixels, kPatchRadius);
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const size_t p = static_cast<size_t>(pixels[i].y) * view.width + pixels[i].x;
+    const bool is_plain = TextureAt(photo, pixels[i].x, pixels[i].y, kPatchRadius) < color->least_texture;
+    if (is_plain) {
+      sights[p] = SightOf(*color, errors[i]);
+    } else {
+      sights[p] = is_near_top[p] != 0 ? TopSight::kBorder : TopSight::kOther;
+    }
   }
   return sights;
 }
 
-TopSight PlainTop::SightOf(const LitColor& color, const Color& error) {
+// Of a plain patch.
+TopSight PlainTop::SightOf(const TopColor& color, const Color& error) {
   const double limit = kDeviations * color.deviation;
   if (error.cwiseAbs().maxCoeff() < limit) return TopSight::kLit;
-  const double darkening = error.mean();
-  if (!(darkening < 0 && darkening > std::log(kDarkest))) return TopSight::kOther;
-  const bool has_tint = (error.array() - darkening).abs().maxCoeff() < limit / std::exp(darkening);
-  return has_tint ? TopSight::kShadow : TopSight::kOther;
+  if (!IsOnShadeLine(color, error)) return TopSight::kOther;
+  if (!color.shadow) return TopSight::kElsewhere;
+  // Between both is the soft border of a shadow, which is no plain patch.
+  const double level = error.mean();
+  const double umbra = color.shadow->umbra.mean();
+  if (level < umbra + kDeviations * color.shadow->deviation / std::exp(umbra)) return TopSight::kShadow;
+  return level > color.shadow->darkest_lit ? TopSight::kElsewhere : TopSight::kOther;
 }
 
-std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend) {
-  std::vector<std::vector<float>> depths;
-  for (const StationPhotos& station : stations) {
-    for (const PinholeView& view : station.views) {
-      RenderRequest request;
-      request.view = view;
-      request.drawn = DrawnBody::kForeground;
-      request.geometry = true;
-      RenderedView rendered = backend->Render(request);
-      for (size_t p = 0; p < rendered.alpha.size(); ++p) {
-        if (rendered.alpha[p] < kOpaque) rendered.median_depth[p] = 0;
-      }
-      depths.push_back(std::move(rendered.median_depth));
-    }
+// From lit to the umbra, and on from there to black; noise grows as the light goes.
+bool PlainTop::IsOnShadeLine(const TopColor& color, const Color& error) {
+  const double level = error.mean();
+  const double limit = kDeviations * (color.shadow ? color.shadow->deviation : color.deviation);
+  if (!(level < limit && level > std::log(kDarkest))) return false;
+  Color tint = Color::Zero();
+  if (color.shadow) {
+    const double umbra = color.shadow->umbra.mean();
+    tint = (color.shadow->umbra.array() - umbra) * std::clamp(level / umbra, 0.0, 1.0);
   }
-  return depths;
-}
-
-std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                        const std::vector<std::vector<float>>& depths,
-                                        const Placement& gaussians) {
-  struct Witness {
-    const PinholeView* view;
-    const std::vector<float>* depths;
-    std::vector<TopSight> sights;
-  };
-  std::vector<Witness> witnesses;
-  double pixel_size = 0;
-  const RotatingRegion& table = top.table();
-  for (const StationPhotos& station : stations) {
-    for (size_t i = 0; i < station.views.size(); ++i) {
-      const PinholeView& view = station.views[i];
-      witnesses.push_back(
-          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number)});
-      pixel_size = std::max(pixel_size, (view.cam_from_world * table.axis.point).z() / view.fx);
-    }
-  }
-  std::vector<uint8_t> is_layer(gaussians.size(), 0);
-  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
-  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
-    const auto i = static_cast<size_t>(gaussian);
-    const float* centre = gaussians.centre.data() + 3 * i;
-    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
-    if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
-    const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
-    if (!(height > pixel_size) ||
-        (x - table.axis.point - (height + table.high) * table.axis.direction).norm() > table.radius)
-      return;
-    int lit = 0;
-    int other = 0;
-    for (const Witness& witness : witnesses) {
-      const PinholeView& view = *witness.view;
-      const Eigen::Vector3d x_in_cam = view.cam_from_object * x;
-      const std::optional<Eigen::Vector2d> pixel = PixelOf(view, x_in_cam);
-      if (!pixel ||
-          !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() < view.width && pixel->y() < view.height))
-        continue;
-      const size_t p = static_cast<size_t>(pixel->y()) * view.width + static_cast<size_t>(pixel->x());
-      // A photo that sees the top refutes all that is before it.
-      const float depth = (*witness.depths)[p];
-      const bool is_hidden = depth > 0 && x_in_cam.z() > depth + kBehind * pixel_size;
-      lit += witness.sights[p] == TopSight::kLit ? 1 : 0;
-      other += witness.sights[p] == TopSight::kOther && !is_hidden ? 1 : 0;
-    }
-    is_layer[i] = lit >= kLeastLit && kOtherPerLit * lit > other ? 1 : 0;
-  });
-  std::vector<uint32_t> layers;
-  for (size_t i = 0; i < is_layer.size(); ++i) {
-    if (is_layer[i] != 0) layers.push_back(static_cast<uint32_t>(i));
-  }
-  return layers;
+  return (error.array() - level - tint.array()).abs().maxCoeff() < limit / std::exp(std::min(level, 0.0));
 }
 
 }  // namespace s2gs

@@ -28,6 +28,7 @@
 #include "s2gs/image/image_file.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
+#include "s2gs/layers_over_top.h"
 #include "s2gs/opaque_region.h"
 #include "s2gs/photo_table.h"
 #include "s2gs/plain_top.h"
@@ -118,8 +119,9 @@ void AddOptions(Options* options, Arguments* a) {
                "stand on it and is not the side of a body: plain ground");
   options->Add(
       "clear_plain_top", &a->clear_plain_top,
-      "leave out what rotates by the model over a plain table's top where photos see the top itself: "
-      "no photo tells the shape of what is plain");
+      "leave out what rotates by the model over a plain table's top where photos see the top itself, "
+      "in the light or, where things seldom look like one, in a shadow on it: no photo tells the shape of "
+      "what is plain");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");

@@ -33,16 +33,16 @@ float SlopeAt(const Image8& image, int x, int y) {
          2;
 }
 
-float TextureAt(const Image8& image, int x, int y) {
-  constexpr double kSide = 2 * kTextureRadius + 1;
-  constexpr double kCount = kSide * kSide;
-  constexpr double kSquaresAlong = kCount * (kSide * kSide - 1) / 12;  // sum of u^2 over the patch
+float TextureAt(const Image8& image, int x, int y, int radius) {
+  const double side = 2 * radius + 1;
+  const double count = side * side;
+  const double squares_along = count * (side * side - 1) / 12;  // sum of u^2 over the patch
   double sum = 0;
   double along_x = 0;
   double along_y = 0;
   double squares = 0;
-  for (int v = -kTextureRadius; v <= kTextureRadius; ++v) {
-    for (int u = -kTextureRadius; u <= kTextureRadius; ++u) {
+  for (int v = -radius; v <= radius; ++v) {
+    for (int u = -radius; u <= radius; ++u) {
       const double grey = GreyFromRgb(image.Pixel(x + u, y + v));
       sum += grey;
       along_x += u * grey;
@@ -50,8 +50,8 @@ float TextureAt(const Image8& image, int x, int y) {
       squares += grey * grey;
     }
   }
-  const double left = squares - sum * sum / kCount - (along_x * along_x + along_y * along_y) / kSquaresAlong;
-  return static_cast<float>(std::sqrt(std::max(0.0, left) / (kCount - 3)));
+  const double left = squares - sum * sum / count - (along_x * along_x + along_y * along_y) / squares_along;
+  return static_cast<float>(std::sqrt(std::max(0.0, left) / (count - 3)));
 }
 
 float LeastTexture(const PictureNoise& noise) {

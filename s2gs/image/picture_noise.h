@@ -30,8 +30,9 @@ float SlopeAt(const Image8& image, int x, int y);
 constexpr int kTextureRadius = 3;
 
 /// Standard deviation of the grey values about a pixel, without their slope: so shading and the soft borders
-/// of shadows are plain. \param x, y  further than kTextureRadius from the image's border.
-float TextureAt(const Image8& image, int x, int y);
+/// of shadows are plain. \param x, y  further than `radius` from the image's border.
+/// \param radius  of the patch [px], at least 1.
+float TextureAt(const Image8& image, int x, int y, int radius = kTextureRadius);
 
 /// The least that is texture and not noise [grey levels].
 float LeastTexture(const PictureNoise& noise);

@@ -35,13 +35,13 @@ TEST(PhotoTable, ItsRimIsFoundInTheMedianOfAStation) {
 }
 
 TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
-  TrainingScene scene = TableOnGround(30, TableTop::kPlain);
-  for (size_t i = 0; i < scene.photos.size(); i += 10) scene.photos[i].held_out = true;
+  TrainingScene scene = TableOnGround(41, TableTop::kPlain);
+  for (size_t i = 0; i < 30; i += 10) scene.photos[i].held_out = true;
   scene.photos.back().station = 1;
   const std::vector<StationPhotos> stations = LoadStations(scene);
   ASSERT_EQ(stations.size(), 1U);  // one photo is no median
-  EXPECT_EQ(stations[0].images.size(), 15U);
-  EXPECT_EQ(stations[0].views.size(), 15U);
+  EXPECT_EQ(stations[0].images.size(), 36U);
+  EXPECT_EQ(stations[0].views.size(), 36U);
   for (const size_t held_out : {0, 10, 20}) {
     for (const Image8& image : stations[0].images)
       EXPECT_NE(image.pixels, scene.photos[held_out].image.pixels);

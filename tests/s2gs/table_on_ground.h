@@ -1,9 +1,13 @@
 #pragma once
 
+#include <Eigen/Core>
+#include <array>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "s2gs/core/rotating_region.h"
+#include "s2gs/image/image_file.h"
 #include "s2gs/photo_table.h"
 #include "s2gs/training_scene.h"
 
@@ -32,5 +36,11 @@ inline RotatingRegion TableRegion() { return {TurntableAxis(), kTableRadius, kTa
 /// \param num_photos  of one station, over a full turn.
 TrainingScene TableOnGround(int num_photos, TableTop top);
 std::vector<StationPhotos> LoadStations(const TrainingScene& scene);
+
+/// A photo where light is so much weaker, by channel, where it falls on these places of the top's plane,
+/// which the photo shows as if nothing stood there. \param is_shaded  of x and y in the world.
+Image8 ShadeTop(Image8 photo, const PinholeView& view,
+                const std::function<bool(const Eigen::Vector2d&)>& is_shaded,
+                const std::array<double, 3>& factors);
 
 }  // namespace s2gs

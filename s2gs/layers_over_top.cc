@@ -1,0 +1,172 @@
+#include "s2gs/layers_over_top.h"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
+#include <optional>
+#include <utility>
+
+#include "s2gs/kernel/foreground.h"
+#include "s2gs/opaque_region.h"
+#include "sfm_split/base/parallel_for.h"
+
+namespace s2gs {
+namespace {
+
+// A thing's Gaussians look lit in less than .01 of the photos; of a layer's half do, and in the others a
+// shadow's border or a thing behind it is seen. So one photo that sees the top is worth ln(.5 / .01), one
+// that does not ln(.99 / .5), a fifth of it; a single one may be chance.
+constexpr int kLeastLit = 2;
+constexpr int kOtherPerLit = 4;
+// At its foot a thing's own dark side looks like a shadow on the top in up to a fifth of the photos: worth as
+// much as one that sees something else, and one more is asked for.
+constexpr int kLeastSeen = 3;
+constexpr double kBehind = 3;  // [px], of a surface that hides what lies further behind it
+// What stands so high over the top [radii] is a thing and no layer, but for few.
+constexpr double kHigh = 0.4;
+// Of what goes because a thing does not have the top's colours, this may be the thing's.
+constexpr double kMaxLost = 0.25;
+constexpr int kChance =
+    3;  // None is chance while three are expected (one in twenty), and so are three of few.
+
+// Of one Gaussian, by photos.
+struct Votes {
+  bool is_over_top = false;
+  double height = 0;  // [radii]
+  int lit = 0;
+  int shadow = 0;
+  int border = 0;
+  int other = 0;
+
+  // Whatever colours the thing has.
+  bool LitRefutes() const { return lit >= kLeastLit && kOtherPerLit * lit > other + border; }
+  // A thing that has other colours than the top in light and shadow: its borders are none of the top's.
+  bool ColorsRefute() const {
+    return (lit >= kLeastLit && kOtherPerLit * lit > other) ||
+           (lit + shadow >= kLeastSeen && kOtherPerLit * lit + shadow > other);
+  }
+  bool IsJudged() const { return is_over_top && lit + shadow + border + other >= kLeastLit; }
+};
+
+// Of Gaussians that photos judge, and of those among them that a rule refutes.
+struct Tally {
+  int high = 0;
+  int high_lost = 0;
+  int low = 0;
+  int low_lost = 0;
+
+  void Add(double height, bool is_lost) {
+    (height > kHigh ? high : low) += 1;
+    (height > kHigh ? high_lost : low_lost) += is_lost ? 1 : 0;
+  }
+  // Whether too many of the low that are refuted are a thing's, if it loses as large a share of them as of
+  // the high. \param more  of the high, or less, than were seen to go: chance.
+  bool TakesThings(int more) const {
+    return static_cast<double>(high_lost + more) * low > kMaxLost * low_lost * high;
+  }
+};
+
+enum class Rule : uint8_t { kNone, kLit, kColors };
+
+// Shadows and borders ask for things that bear them out; the top's own light for none that speak against it.
+Rule ChooseRule(const std::vector<Votes>& votes) {
+  Tally by_light;
+  Tally by_colors;
+  for (const Votes& of : votes) {
+    if (!of.IsJudged()) continue;
+    by_light.Add(of.height, of.LitRefutes());
+    if (!of.LitRefutes()) by_colors.Add(of.height, of.ColorsRefute());
+  }
+  if (by_light.TakesThings(-kChance)) return Rule::kNone;
+  return by_colors.low_lost > 0 && !by_colors.TakesThings(kChance) && by_colors.high > 0 ? Rule::kColors
+                                                                                         : Rule::kLit;
+}
+
+// A photo of the stations.
+struct Witness {
+  const PinholeView* view;
+  const std::vector<float>* depths;
+  std::vector<TopSight> sights;
+};
+
+Votes Ask(const std::vector<Witness>& witnesses, double pixel_size, const Eigen::Vector3d& x) {
+  Votes votes;
+  for (const Witness& witness : witnesses) {
+    const PinholeView& view = *witness.view;
+    const Eigen::Vector3d x_in_cam = view.cam_from_object * x;
+    const std::optional<Eigen::Vector2d> pixel = PixelOf(view, x_in_cam);
+    if (!pixel ||
+        !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() < view.width && pixel->y() < view.height))
+      continue;
+    const size_t p = static_cast<size_t>(pixel->y()) * view.width + static_cast<size_t>(pixel->x());
+    // A photo that sees the top refutes all that is before it.
+    const float depth = (*witness.depths)[p];
+    const bool is_hidden = depth > 0 && x_in_cam.z() > depth + kBehind * pixel_size;
+    votes.lit += witness.sights[p] == TopSight::kLit ? 1 : 0;
+    votes.shadow += witness.sights[p] == TopSight::kShadow ? 1 : 0;
+    votes.border += witness.sights[p] == TopSight::kBorder && !is_hidden ? 1 : 0;
+    votes.other += witness.sights[p] == TopSight::kOther && !is_hidden ? 1 : 0;
+  }
+  return votes;
+}
+
+}  // namespace
+
+std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend) {
+  std::vector<std::vector<float>> depths;
+  for (const StationPhotos& station : stations) {
+    for (const PinholeView& view : station.views) {
+      RenderRequest request;
+      request.view = view;
+      request.drawn = DrawnBody::kForeground;
+      request.geometry = true;
+      RenderedView rendered = backend->Render(request);
+      for (size_t p = 0; p < rendered.alpha.size(); ++p) {
+        if (rendered.alpha[p] < kOpaque) rendered.median_depth[p] = 0;
+      }
+      depths.push_back(std::move(rendered.median_depth));
+    }
+  }
+  return depths;
+}
+
+std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
+                                        const std::vector<std::vector<float>>& depths,
+                                        const Placement& gaussians) {
+  std::vector<Witness> witnesses;
+  double pixel_size = 0;
+  const RotatingRegion& table = top.table();
+  for (const StationPhotos& station : stations) {
+    for (size_t i = 0; i < station.views.size(); ++i) {
+      const PinholeView& view = station.views[i];
+      witnesses.push_back(
+          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number)});
+      pixel_size = std::max(pixel_size, (view.cam_from_world * table.axis.point).z() / view.fx);
+    }
+  }
+  std::vector<Votes> votes(gaussians.size());
+  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
+  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
+    const auto i = static_cast<size_t>(gaussian);
+    const float* centre = gaussians.centre.data() + 3 * i;
+    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
+    if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
+    const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
+    if (!(height > pixel_size) ||
+        (x - table.axis.point - (height + table.high) * table.axis.direction).norm() > table.radius)
+      return;
+    votes[i] = Ask(witnesses, pixel_size, x);
+    votes[i].is_over_top = true;
+    votes[i].height = height / table.radius;
+  });
+  const Rule rule = ChooseRule(votes);
+  std::vector<uint32_t> layers;
+  for (size_t i = 0; i < votes.size(); ++i) {
+    const bool is_layer =
+        (rule == Rule::kLit && votes[i].LitRefutes()) || (rule == Rule::kColors && votes[i].ColorsRefute());
+    if (is_layer) layers.push_back(static_cast<uint32_t>(i));
+  }
+  return layers;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "s2gs/backend/backend.h"
+#include "s2gs/photo_table.h"
+#include "s2gs/plain_top.h"
+
+namespace s2gs {
+
+/// Depths of the rotating part alone as each photo of the stations sees it, by photo and pixel; 0 where it is
+/// not opaque. \param backend  with the model, which is left as it was.
+std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend);
+
+/// The rotating Gaussians over the top, higher than a pixel of the photos, that photos refute: the top is
+/// seen through them, in its own light more often than chance and than something else that nothing before
+/// them explains; or in a shadow on it. A thing may have a shadow's colour, so that shadows count, and
+/// borders next to the top's colours do not, only where hardly any Gaussian goes for it that stands too high
+/// for a layer; never where no thing is so high. None where things go for the top's own light, too. \param
+/// stations  Learn's. \param depths  RotatingDepths'.
+std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
+                                        const std::vector<std::vector<float>>& depths,
+                                        const Placement& gaussians);
+
+}  // namespace s2gs

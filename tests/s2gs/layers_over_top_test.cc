@@ -1,0 +1,179 @@
+#include "s2gs/layers_over_top.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "s2gs/core/rng.h"
+#include "s2gs/table_circle.h"
+#include "tests/s2gs/table_on_ground.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kPhotos = 12;
+
+std::vector<std::vector<float>> NothingHides() {
+  return std::vector<std::vector<float>>(kPhotos,
+                                         std::vector<float>(kTablePhotoWidth * kTablePhotoHeight, 0));
+}
+
+void Add(const Eigen::Vector3d& x, float logit, Placement* gaussians) {
+  for (int k = 0; k < 3; ++k) gaussians->centre.push_back(static_cast<float>(x[k]));
+  gaussians->foreground_logit.push_back(logit);
+}
+
+class LayersOverTopTest : public testing::TestWithParam<TableTop> {
+ protected:
+  LayersOverTopTest() : scene(TableOnGround(kPhotos, GetParam())), stations(LoadStations(scene)) {
+    top = PlainTop::Learn(stations, TableRegion());
+  }
+
+  TrainingScene scene;
+  std::vector<StationPhotos> stations;
+  std::optional<PlainTop> top;
+};
+
+// A card of another colour, with texture or without.
+INSTANTIATE_TEST_SUITE_P(Card, LayersOverTopTest, testing::Values(TableTop::kPlain, TableTop::kGreyCard));
+
+// Rotating Gaussians at one height over bare places and over the card, and such as stand still.
+TEST_P(LayersOverTopTest, AreFoundAndWhatStandsOnTheCardStays) {
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  std::vector<uint32_t> expected;
+  const auto add = [&](double radius, double angle, double height, float logit) {
+    Add({radius * std::cos(angle), radius * std::sin(angle), height}, logit, &gaussians);
+  };
+  for (double angle = 0; angle < 6; angle += 0.25) {
+    for (const double height : {0.1, 0.2}) {
+      expected.push_back(static_cast<uint32_t>(gaussians.size()));
+      add(0.75, angle, kTableTop + height, 5);
+      add(0.75, angle, kTableTop + height, -5);  // stands still
+      add(1.3, angle, kTableTop + height, 5);    // beside the table
+    }
+    add(0.1, angle, kTableTop + 1.2 * kTablePixel, 5);  // on the card
+    add(0.75, angle, kTableTop + 0.5 * kTablePixel, 5);
+    add(0.75, angle, kTableBottom, 5);
+  }
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians), expected);
+  EXPECT_TRUE(FindLayersOverTop(*top, {}, {}, gaussians).empty());
+}
+
+// A thing of another colour over a bare place: photos show it, and not the top behind it.
+TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
+  ASSERT_TRUE(top);
+  const Eigen::Vector3d x(0.6, 0, kTableTop + 0.3);
+  for (StationPhotos& station : stations) {
+    for (size_t i = 0; i < station.views.size(); ++i) {
+      const PinholeView& view = station.views[i];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * x);
+      for (int v = -4; v <= 4; ++v) {
+        for (int u = -4; u <= 4; ++u) {
+          uint8_t* color =
+              station.images[i].Pixel(static_cast<int>(pixel.x()) + u, static_cast<int>(pixel.y()) + v);
+          std::fill_n(color, 3, 190);
+        }
+      }
+    }
+  }
+  top = PlainTop::Learn(stations, TableRegion());
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  Add(x, 5, &gaussians);
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).empty());
+  // Was the thing before it, none of them says that it is there; and none sees the top.
+  std::vector<std::vector<float>> hidden = NothingHides();
+  for (std::vector<float>& depths : hidden) std::fill(depths.begin(), depths.end(), 1.0F);
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
+  // Where photos see the top instead, it is not there; a single one may be chance.
+  stations[0].images[3] = scene.photos[3].image;
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
+  for (int i = 0; i < kPhotos; ++i) stations[0].images[i] = scene.photos[i].image;
+  EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).size(), 1U);
+}
+
+// What is too high for a layer and goes for the top's light is a thing of its paint; a few may float.
+TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  for (double angle = 0; angle < 6; angle += 0.25)
+    Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+  const size_t num_layers = gaussians.size();
+  for (int i = 0; i < 3; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).size(), num_layers + 3);
+  for (int i = 3; i < 40; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).empty());
+}
+
+// A thing high over a table whose middle no light reaches, and layers between both.
+class LayersInShadow : public testing::Test {
+ protected:
+  LayersInShadow() : scene(TableOnGround(kPhotos, TableTop::kPlain)), stations(LoadStations(scene)) {
+    for (size_t i = 0; i < kPhotos; ++i) {
+      // Nor a part of the ring next to the rim, by which the shadow is known.
+      stations[0].images[i] = ShadeTop(
+          stations[0].images[i], stations[0].views[i],
+          [](const Eigen::Vector2d& x) { return x.norm() < 0.78 || x.x() < -0.5; }, {0.5, 0.55, 0.6});
+    }
+    for (double angle = 0; angle < 6; angle += 0.25)
+      Add({0.55 * std::cos(angle), 0.55 * std::sin(angle), kTableTop + 0.08}, 5, &gaussians);
+    num_layers = gaussians.size();
+    for (int i = 0; i < 40; ++i) Add(thing + Eigen::Vector3d(0, 0, 0.001 * i), 5, &gaussians);
+  }
+
+  // \param color_of  by pixel.
+  template <typename ColorOf>
+  void PaintThing(const ColorOf& color_of) {
+    for (size_t i = 0; i < kPhotos; ++i) {
+      const PinholeView& view = stations[0].views[i];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * thing);
+      for (int y = static_cast<int>(pixel.y()) - 6; y <= static_cast<int>(pixel.y()) + 4; ++y) {
+        for (int x = static_cast<int>(pixel.x()) - 4; x <= static_cast<int>(pixel.x()) + 4; ++x) {
+          const std::array<uint8_t, 3> color = color_of(x, y);
+          std::copy(color.begin(), color.end(), stations[0].images[i].Pixel(x, y));
+        }
+      }
+    }
+    stations[0].still = MedianPicture(stations[0].images);
+  }
+
+  std::vector<uint32_t> Find() const {
+    const std::optional<PlainTop> top = PlainTop::Learn(stations, TableRegion());
+    EXPECT_TRUE(top);
+    return top ? FindLayersOverTop(*top, stations, NothingHides(), gaussians) : std::vector<uint32_t>();
+  }
+
+  const Eigen::Vector3d thing{0.3, 0, kTableTop + 0.41};
+  TrainingScene scene;
+  std::vector<StationPhotos> stations;
+  Placement gaussians;
+  size_t num_layers = 0;
+};
+
+TEST_F(LayersInShadow, AreFoundBelowAThingOfItsOwnColors) {
+  PaintThing([](int x, int y) {
+    const auto grey = static_cast<uint8_t>(RandomBits(5, x, y).words[0] % 150 + 50);
+    return std::array<uint8_t, 3>{grey, static_cast<uint8_t>(grey / 2), 20};
+  });
+  std::vector<uint32_t> expected(num_layers);
+  for (size_t i = 0; i < num_layers; ++i) expected[i] = static_cast<uint32_t>(i);
+  EXPECT_EQ(Find(), expected);
+  // Of what is so high nothing is left to judge shadows by.
+  gaussians.centre.resize(3 * num_layers);
+  gaussians.foreground_logit.resize(num_layers);
+  EXPECT_TRUE(Find().empty());
+}
+
+TEST_F(LayersInShadow, StayBelowAThingThatLooksLikeAShadow) {
+  PaintThing([](int, int) { return std::array<uint8_t, 3>{75, 82, 90}; });
+  EXPECT_TRUE(Find().empty());
+}
+
+}  // namespace
+}  // namespace s2gs
