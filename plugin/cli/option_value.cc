@@ -2,41 +2,38 @@
 
 #include <fmt/format.h>
 
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <system_error>
+
+#include "sfm_split/base/parse_number.h"
 
 namespace s2gs {
 namespace {
 
 template <typename T>
 void ParseInteger(const std::string& text, T* value) {
-  T parsed = 0;
-  const char* end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, parsed);
-  if (error == std::errc::result_out_of_range && stop == end) {
+  const std::errc fault = ParseNumber(text, value);
+  if (fault == std::errc::result_out_of_range) {
     throw BadValue(fmt::format("does not fit: whole numbers from {} to {} do", std::numeric_limits<T>::min(),
                                std::numeric_limits<T>::max()));
   }
-  if (error != std::errc() || stop != end) {
+  if (fault != std::errc()) {
     const bool is_negative = text.size() > 1 && text[0] == '-' && text[1] >= '0' && text[1] <= '9';
     throw BadValue(std::is_unsigned_v<T> && is_negative
                        ? "is negative: a whole number of at least 0 is wanted"
                        : "is not a whole number");
   }
-  *value = parsed;
 }
 
 template <typename T>
 void ParseReal(const std::string& text, T* value) {
   T parsed = 0;
-  const char* end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data(), end, parsed);
-  if (error == std::errc::result_out_of_range && stop == end) {
+  const std::errc fault = ParseNumber(text, &parsed);
+  if (fault == std::errc::result_out_of_range) {
     throw BadValue("is too large or too close to 0 for a number");
   }
-  if (error != std::errc() || stop != end) {
+  if (fault != std::errc()) {
     if (text.find(',') != std::string::npos) throw BadValue("is not a number (decimals follow a point)");
     throw BadValue("is not a number");
   }

@@ -136,7 +136,7 @@ KnobError ErrorOf(KnobStage stage, bool with_truth) {
 KnobError OwnErrorOf(KnobStage stage) {
   switch (stage) {
     case KnobStage::kPoses:
-      return {"held_back_px", "RMS of matches held back from the adjustment [px]"};
+      return {"held_back_px", "RMS of each run's own matches held back from the adjustment [px]"};
     case KnobStage::kTraining:
       return ErrorOf(stage, false);
     case KnobStage::kMesh:

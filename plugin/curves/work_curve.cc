@@ -1,9 +1,8 @@
 #include "plugin/curves/work_curve.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <optional>
+#include <map>
 #include <set>
 #include <string>
 #include <system_error>
@@ -12,6 +11,7 @@
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/infinity.h"
+#include "sfm_split/base/parse_number.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
@@ -40,22 +40,16 @@ double LeastError(const std::vector<WorkSetting>& settings, int scene) {
   return least;
 }
 
-std::optional<double> NumberOf(const std::string& text) {
-  double value = 0;
-  const auto [end, fault] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (fault != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return value;
-}
-
 // Numbers in the order in which `values` has its first two, whatever comes between them; others stay.
 void SortFromCheapToCostly(std::vector<std::string>* values) {
+  std::map<std::string, double> number_of;
   for (const std::string& value : *values) {
-    if (!NumberOf(value)) return;
+    if (ParseNumber(value, &number_of[value]) != std::errc()) return;
   }
   if (values->size() < 2) return;
-  const bool rises = *NumberOf((*values)[0]) < *NumberOf((*values)[1]);
+  const bool rises = number_of[(*values)[0]] < number_of[(*values)[1]];
   std::stable_sort(values->begin(), values->end(), [&](const std::string& a, const std::string& b) {
-    return rises ? *NumberOf(a) < *NumberOf(b) : *NumberOf(a) > *NumberOf(b);
+    return rises ? number_of[a] < number_of[b] : number_of[a] > number_of[b];
   });
 }
 

@@ -183,14 +183,23 @@ json ToJson(const PhotoAdjustment& photos) {
                 {"after_px", held_back.after_px},     {"gain", held_back.gain},
                 {"gain_sigma", held_back.gain_sigma}, {"overdispersion", held_back.overdispersion}};
   };
-  return {{"taken", photos.is_taken},
-          {"finding", photos.finding},
-          {"tracks", photos.tracks},
-          {"places", photos.places},
-          {"places_beside_tracks", photos.places_beside},
-          {"sigma_px", photos.sigma_px},
-          {"held_back", {{"patches", change(photos.patches)}, {"keypoints", change(photos.keypoints)}}},
-          {"seconds", photos.seconds}};
+  const std::map<PhotoReason, json> reasons = {{PhotoReason::kNone, nullptr},
+                                               {PhotoReason::kHeldBackPatches, "held-back patches"},
+                                               {PhotoReason::kStandardDeviations, "standard deviations"}};
+  return {
+      {"taken", photos.is_taken},
+      {"taken_for", reasons.at(photos.reason)},
+      {"looked_in",
+       photos.looked_in == PhotosLookedIn::kFacing ? "photos that points face" : "photos of tracks"},
+      {"finding", photos.finding},
+      {"finding_in_facing_photos", photos.facing_finding.empty() ? json() : json(photos.facing_finding)},
+      {"log_sigma_change", std::isfinite(photos.log_sigma_change) ? json(photos.log_sigma_change) : json()},
+      {"tracks", photos.tracks},
+      {"places", photos.places},
+      {"places_beside_tracks", photos.places_beside},
+      {"sigma_px", photos.sigma_px},
+      {"held_back", {{"patches", change(photos.patches)}, {"keypoints", change(photos.keypoints)}}},
+      {"seconds", photos.seconds}};
 }
 
 json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {

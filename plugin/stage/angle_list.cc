@@ -1,6 +1,5 @@
 #include "plugin/stage/angle_list.h"
 
-#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
@@ -8,12 +7,14 @@
 #include <set>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 
 #include "plugin/stage/json_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
 #include "sfm_split/base/lower_case.h"
+#include "sfm_split/base/parse_number.h"
 
 namespace s2gs {
 namespace {
@@ -32,8 +33,7 @@ std::string_view Trimmed(std::string_view text) {
 
 std::optional<double> Number(std::string_view text) {
   double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  if (ParseNumber(text, &value) != std::errc()) return std::nullopt;
   if (!std::isfinite(value) || std::abs(value) > kMaxAngleDeg) return std::nullopt;
   return value;
 }

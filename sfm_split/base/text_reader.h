@@ -1,15 +1,14 @@
 #pragma once
 
-#include <charconv>
 #include <cstdint>
 #include <filesystem>
 #include <istream>
 #include <string>
 #include <string_view>
 #include <system_error>
-#include <type_traits>
 
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parse_number.h"
 
 namespace s2gs {
 
@@ -44,11 +43,9 @@ class TextReader {
   /// The next word as a number.
   template <typename T>
   T Number(const char* what) {
-    static_assert(std::is_arithmetic_v<T>);
     const std::string_view word = Word(what);
     T value{};
-    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (error != std::errc() || end != word.data() + word.size()) FailNumber(what, word);
+    if (ParseNumber(word, &value) != std::errc()) FailNumber(what, word);
     return value;
   }
 

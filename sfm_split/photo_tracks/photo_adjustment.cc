@@ -389,6 +389,7 @@ struct AdjustmentInput {
 PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOptions& places, int min_places,
                            Reporter& reporter, AlignedScene* aligned, JointReport* joint) {
   PhotoAdjustment result;
+  result.looked_in = places.min_facing < 1 ? PhotosLookedIn::kFacing : PhotosLookedIn::kTracks;
   const auto finish = [&](const std::string& finding) {
     result.finding = finding;
     return result;
@@ -425,6 +426,8 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
   }
   result.patches = ChangeOf(errors);
   result.patches.overdispersion = std::max(1.0, kSigmaOfMedian * result.patches.after_px / result.sigma_px);
+  const std::string of_photos = result.looked_in == PhotosLookedIn::kFacing ? "in all photos that they face"
+                                                                            : "in photos of their tracks";
   const std::string change = PxText(result.patches.before_px) + " to " + PxText(result.patches.after_px);
   const std::string no_better = "patches do not tell better poses for each other: " + change;
   if (result.patches.HasRisen()) return finish(no_better);
@@ -436,7 +439,8 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
   JointReport report = AdjustJointly(by_patches, reporter, &problem);
   result.log_sigma_change = LogSigmaChange(*joint, report);
   // Standard deviations know of noise alone.
-  if (!result.patches.HasFallen() && !(is_noise && result.log_sigma_change < 0)) return finish(no_better);
+  const bool is_surer = is_noise && result.log_sigma_change < 0;
+  if (!result.patches.HasFallen() && !is_surer) return finish(no_better);
   result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, problem, false));
   if (!CamerasHold(adjuster.problem(), problem)) return finish("patches ask for another focal length");
   if (Contradict(result.keypoints, result.patches))
@@ -444,7 +448,15 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
   adjuster.Take(&problem);
   *joint = std::move(report);
   result.is_taken = true;
-  return finish("errors of patches that were held back went from " + change);
+  if (result.patches.HasFallen()) {
+    result.reason = PhotoReason::kHeldBackPatches;
+    return finish("points looked for " + of_photos + ", errors of patches that were held back went from " +
+                  change);
+  }
+  result.reason = PhotoReason::kStandardDeviations;
+  return finish("points looked for " + of_photos + ", errors of patches that were held back are no larger (" +
+                change + "), and standard deviations " +
+                std::to_string(std::lround(100 * (1 - std::exp(result.log_sigma_change)))) + " % smaller");
 }
 
 }  // namespace
@@ -472,10 +484,11 @@ PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& fe
       AdjustOnce(input, options.places, joint_options.min_free_observations, reporter, aligned, joint);
   if (!result.is_taken && result.places_beside > 0) {
     // What bends or is lit otherwise as it turns is one thing from neighbouring angles only.
-    reporter.Debug("looked for in all photos: " + result.finding);
+    const std::string facing_finding = result.finding;
     TrackPlacesOptions of_tracks = options.places;
     of_tracks.min_facing = 1;
     result = AdjustOnce(input, of_tracks, std::numeric_limits<int>::max(), reporter, aligned, joint);
+    result.facing_finding = facing_finding;
   }
   result.seconds = SteadySeconds() - start;
   return result;

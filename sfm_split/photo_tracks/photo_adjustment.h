@@ -32,16 +32,34 @@ struct HeldBackChange {
   bool HasRisen() const { return points > 1 && -gain > 3.4 * overdispersion * gain_sigma; }
 };
 
+/// For which of two reasons poses by patches are taken.
+enum class PhotoReason {
+  kNone,                ///< they are not.
+  kHeldBackPatches,     ///< errors of patches that were held back fell.
+  kStandardDeviations,  ///< ... did not rise, and the adjustment states smaller standard deviations.
+};
+
+/// Where the points of tracks were looked for.
+enum class PhotosLookedIn {
+  kFacing,  ///< in all photos that they face.
+  kTracks,  ///< in photos whose keypoints see them.
+};
+
 struct PhotoAdjustment {
   bool is_taken = false;
-  std::string finding;  ///< why (not), for the report.
-  int tracks = 0;       ///< whose patches agree.
+  PhotoReason reason = PhotoReason::kNone;
+  PhotosLookedIn looked_in = PhotosLookedIn::kFacing;  ///< of the last try, which the rest is about.
+  std::string finding;                                 ///< why (not), for the report.
+  /// Why it is not about all photos that points face; empty where it is.
+  std::string facing_finding;
+  int tracks = 0;  ///< whose patches agree.
   int places = 0;
   int places_beside = 0;     ///< of these, in photos whose keypoints do not see the point.
   double sigma_px = 0;       ///< of a place, as its patch says (median).
   HeldBackChange patches;    ///< of each half's places by poses of the other half.
   HeldBackChange keypoints;  ///< of points that no adjustment saw.
-  /// Mean change of the logarithms of the stated standard deviations: focal length, axis, table angles.
+  /// Mean change of the logarithms of the stated standard deviations: focal length, axis, table angles. 0
+  /// where it did not come to an adjustment by all patches, infinite where there is none to compare.
   double log_sigma_change = 0;
   double seconds = 0;
 };

@@ -420,9 +420,11 @@ void Placement::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
   result_.photos =
       AdjustByPhotos(read_photo, features_, best.refined.held_back, best.refined.priors, options_.joint,
                      best.refined.model, options_.photos, reporter_, &best.aligned, &best.refined.joint);
+  const PhotoAdjustment& photos = result_.photos;
   reporter_.Info(
-      std::string(result_.photos.is_taken ? "poses by patches of the photos: " : "poses by keypoints: ") +
-      result_.photos.finding);
+      std::string(photos.is_taken ? "poses by patches of the photos: " : "poses by keypoints: ") +
+      photos.finding +
+      (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
 }
 
 ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,

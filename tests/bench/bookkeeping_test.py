@@ -492,6 +492,32 @@ note('end')
             self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
             self.assertEqual(json.loads((folder / 'curves/parts.json').read_text())['parts'], ['a', 'b'])
 
+    @unittest.skipUnless(hasattr(os, 'sched_setaffinity'), 'cores cannot be dealt out here')
+    def test_jobs_of_several_gpus_see_one_each_and_long_ones_are_not_begun_late(self):
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary).resolve()
+            note = folder / 'note'
+            note.write_text('#!/bin/sh\necho "$1 begins ${CUDA_VISIBLE_DEVICES-none}" >> ' + str(folder) + '/notes; sleep 0.3; '
+                            'echo "$1 ends" >> ' + str(folder) + '/notes\n')
+            note.chmod(0o755)
+            of = lambda name, **more: {'name': name, 'command': [str(note), name], **more}
+            plan = [*[of(f'g{i}', gpu=True) for i in range(4)], of('c'), of('late', needs=1000)]
+            jobs = curves.jobs_of(plan, 's2gs', folder / 'data', folder / 'out')
+            with contextlib.redirect_stdout(io.StringIO()):
+                curves.run_jobs(jobs, folder / 'out', 60, [0] * 4, 1, gpus=2, tick=0.01)
+            self.assertEqual({job.name: job.state for job in jobs if job.state != 'done'}, {'late': 'waiting'})
+            running, seen = {}, {}
+            for line in (folder / 'notes').read_text().splitlines():
+                name, what, *gpu = line.split()
+                if what == 'ends':
+                    running.pop(name)
+                    continue
+                seen[name] = gpu[0]
+                self.assertNotIn(gpu[0], running.values())  # one job of a GPU at a time
+                running[name] = gpu[0]
+            self.assertEqual({seen[name] for name in ('g0', 'g1', 'g2', 'g3')}, {'0', '1'})
+            self.assertEqual(seen['c'], os.environ.get('CUDA_VISIBLE_DEVICES', 'none'))
+
     def test_runs_that_ended_count_where_the_call_was_cut_off(self):
         entry = self.PLAN[0]
         with tempfile.TemporaryDirectory() as temporary:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Error against run time of many knobs, scenes and seeds at once on one machine, most valuable first.
 
-usage: curves.py PLAN S2GS DATA OUTPUT [--seconds N] [--cores N] [--gpu_jobs N] [--only NAME ...] [--commit HASH]
+usage: curves.py PLAN S2GS DATA OUTPUT [--seconds N] [--cores N] [--gpus N] [--gpu_jobs N] [--only NAME ...] [--commit HASH]
        curves.py PLAN S2GS DATA OUTPUT --collect FOLDER --commit HASH --machine TEXT
 
 PLAN is a JSON list in order of worth (curves.json), S2GS the program (that of preset `trainer` will do), DATA holds a
@@ -14,9 +14,10 @@ An entry of PLAN has `name` and one of
   `knob`     a sweep: `values` are lists of lists, a call each;
   `forced`   parts that the plan leaves out, run all the same: a call for each scene, all seeds in it;
   `command`  anything else, with {programs} (S2GS's folder), {data}, {output}, {here} and {commit} filled in;
-and may have `scenes`, `seeds`, `arguments` (as --arguments), `gpu` (true: at most --gpu_jobs at a time), `cores` of a
-call, `truth` (measured against DATA/SCENE/gt), `about` (what stands beside the command), and `model`: each scene and
-seed is first trained with these arguments and rendered, and the sweep begins from there.
+and may have `scenes`, `seeds`, `arguments` (as --arguments), `gpu` (true: at most --gpu_jobs at a time on each of --gpus),
+`cores` of a call, `needs` (seconds: a call is not begun when fewer are left), `truth` (measured against DATA/SCENE/gt),
+`about` (what stands beside the command), and `model`: each scene and seed is first trained with these arguments and
+rendered, and the sweep begins from there.
 """
 import argparse
 import json
@@ -33,10 +34,10 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 
 class Job:
-    def __init__(self, name, commands, gpu=False, cores=1, after=None):
-        self.name, self.commands, self.gpu, self.cores, self.after = name, commands, gpu, cores, after
+    def __init__(self, name, commands, gpu=False, cores=1, after=None, needs=0):
+        self.name, self.commands, self.gpu, self.cores, self.after, self.needs = name, commands, gpu, cores, after, needs
         self.state = 'waiting'  # running, done, failed, cut off
-        self.process, self.own_cores, self.started, self.seconds = None, [], 0.0, 0.0
+        self.process, self.own_cores, self.own_gpu, self.started, self.seconds = None, [], None, 0.0, 0.0
 
 
 def model_folder(output, scene, seed):
@@ -59,12 +60,12 @@ def jobs_of(plan, s2gs, data, output, commit=None):
     """In the order of PLAN; of sweeps that begin from models, the models stand before their first sweep."""
     jobs, models = [], {}
     for entry in plan:
-        gpu, cores = entry.get('gpu', False), entry.get('cores', 1)
+        gpu, cores, needs = entry.get('gpu', False), entry.get('cores', 1), entry.get('needs', 0)
         use_gpu = ['--use_gpu', '1' if gpu else '0']
         if 'command' in entry:
             words = [w.format(programs=pathlib.Path(s2gs).parent, data=data, output=output, here=HERE, commit=commit)
                      for w in entry['command']]
-            jobs.append(Job(entry['name'], [words], gpu, cores))
+            jobs.append(Job(entry['name'], [words], gpu, cores, needs=needs))
             continue
         for scene in entry['scenes']:
             truth = ['--ground_truth_path', str(data / scene)] if entry.get('truth') else []
@@ -74,7 +75,7 @@ def jobs_of(plan, s2gs, data, output, commit=None):
                 jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(data / scene),
                                         '--forced', ','.join(entry['forced']), '--seeds', ','.join(map(str, entry['seeds'])),
                                         '--jobs', str(cores), *use_gpu, *truth, *arguments,
-                                        '--output_path', str(output / 'calls' / name)]], gpu, cores))
+                                        '--output_path', str(output / 'calls' / name)]], gpu, cores, needs=needs))
                 continue
             for seed in entry['seeds']:
                 folder, after = data / scene, None
@@ -95,11 +96,11 @@ def jobs_of(plan, s2gs, data, output, commit=None):
                     name = call_name(entry, scene, seed, i)
                     jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(folder), '--knob', entry['knob'],
                                             '--values', ','.join(values), '--seeds', str(seed), *use_gpu, *truth, *arguments,
-                                            '--output_path', str(output / 'calls' / name)]], gpu, cores, after))
+                                            '--output_path', str(output / 'calls' / name)]], gpu, cores, after, needs))
     return jobs
 
 
-def run_jobs(jobs, output, seconds, cores, gpu_jobs, tick=0.2):
+def run_jobs(jobs, output, seconds, cores, gpu_jobs, gpus=1, tick=0.2):
     """Until all are done or the time is up; a job's state says what became of it."""
     deadline = time.monotonic() + seconds
     free = list(cores)
@@ -109,7 +110,13 @@ def run_jobs(jobs, output, seconds, cores, gpu_jobs, tick=0.2):
         if (output / 'done' / job.name).exists():
             job.state = 'done'
 
+    def gpu_of_fewest():
+        """The GPU on which fewest jobs run, and how many those are."""
+        running = [sum(j.state == 'running' and j.own_gpu == gpu for j in jobs) for gpu in range(gpus)]
+        return running.index(min(running)), min(running)
+
     def start(job):
+        job.own_gpu = gpu_of_fewest()[0] if job.gpu else None
         job.own_cores = [free.pop() for _ in range(job.cores)]
         job.started = time.monotonic()
         job.state = 'running'
@@ -119,8 +126,9 @@ def run_jobs(jobs, output, seconds, cores, gpu_jobs, tick=0.2):
             folder.mkdir(parents=True)
         script = ' && '.join(' '.join(map(quoted, words)) for words in job.commands)
         own = set(job.own_cores)
+        seen = dict(os.environ, CUDA_VISIBLE_DEVICES=str(job.own_gpu)) if gpus > 1 and job.gpu else None
         with open(output / 'logs' / f'{job.name}.log', 'w') as log:
-            job.process = subprocess.Popen(['sh', '-c', script], stdout=log, stderr=log, start_new_session=True,
+            job.process = subprocess.Popen(['sh', '-c', script], stdout=log, stderr=log, start_new_session=True, env=seen,
                                            preexec_fn=lambda: os.sched_setaffinity(0, own))
 
     def finish(job, state):
@@ -131,14 +139,14 @@ def run_jobs(jobs, output, seconds, cores, gpu_jobs, tick=0.2):
         print(f'{state:8} {job.seconds:7.1f} s  {job.name}', flush=True)
 
     def may_start(job):
-        if job.after is not None and job.after.state != 'done':
+        if job.after is not None and job.after.state != 'done' or deadline - time.monotonic() < job.needs:
             return False
-        running = [j for j in jobs if j.state == 'running']
         if job.gpu:
-            return job.cores <= len(free) and sum(j.gpu for j in running) < gpu_jobs
-        # Cores are kept for jobs of the GPU, which would stand idle otherwise.
-        ready = [j for j in jobs if j.state == 'waiting' and j.gpu and (j.after is None or j.after.state == 'done')]
-        kept = min(len(ready), gpu_jobs - sum(j.gpu for j in running))
+            return job.cores <= len(free) and gpu_of_fewest()[1] < gpu_jobs
+        # Cores are kept for worthier jobs of the GPU, which would stand idle otherwise.
+        ready = [j for j in jobs[:jobs.index(job)]
+                 if j.state == 'waiting' and j.gpu and (j.after is None or j.after.state == 'done')]
+        kept = min(len(ready), gpus * gpu_jobs - sum(j.state == 'running' and j.gpu for j in jobs))
         return job.cores <= len(free) - kept
 
     while time.monotonic() < deadline:
@@ -255,6 +263,7 @@ def main(arguments=None):
     parser.add_argument('output', type=pathlib.Path)
     parser.add_argument('--seconds', type=float, default=1e9)
     parser.add_argument('--cores', type=int)
+    parser.add_argument('--gpus', type=int, default=1)
     parser.add_argument('--gpu_jobs', type=int, default=4)
     parser.add_argument('--only', nargs='+', default=[])
     parser.add_argument('--collect', type=pathlib.Path)
@@ -271,7 +280,7 @@ def main(arguments=None):
         return 0
     cores = sorted(os.sched_getaffinity(0))[:args.cores]
     jobs = jobs_of(plan, args.s2gs, args.data, args.output, args.commit)
-    run_jobs(jobs, args.output, args.seconds, cores, args.gpu_jobs)
+    run_jobs(jobs, args.output, args.seconds, cores, args.gpu_jobs, args.gpus)
     for state in ('done', 'failed', 'cut off', 'waiting'):
         print(f'{state}: {sum(job.state == state for job in jobs)}')
     return 0 if all(job.state == 'done' for job in jobs) else 1

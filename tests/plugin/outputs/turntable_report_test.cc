@@ -217,6 +217,24 @@ TEST(TurntableReport, DescribesAScene) {
   guided.chance = 3;
   guided.matches = 4;
   text += ToJson(std::vector<GuidedPhoto>{guided}).dump(1) + "\n";
+  PhotoAdjustment photos;
+  photos.is_taken = true;
+  photos.reason = PhotoReason::kStandardDeviations;
+  photos.looked_in = PhotosLookedIn::kTracks;
+  photos.finding = "i";
+  photos.facing_finding = "j";
+  photos.tracks = 1;
+  photos.places = 2;
+  photos.places_beside = 3;
+  photos.sigma_px = 4;
+  photos.patches = {5, 6, 7, 8, 9, 10};
+  photos.keypoints = {11, 12, 13, 14, 15, 16};
+  photos.log_sigma_change = -0.25;
+  photos.seconds = 17;
+  text += ToJson(photos).dump(1) + "\n";
+  photos = PhotoAdjustment();
+  photos.log_sigma_change = std::numeric_limits<double>::infinity();
+  text += ToJson(photos).dump(1) + "\n";
   ExpectText(text, "plugin/outputs/expected/turntable_report.txt");
 }
 

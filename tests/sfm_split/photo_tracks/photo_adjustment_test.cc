@@ -7,7 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/pose_error.h"
@@ -103,6 +105,10 @@ TEST(PhotoAdjustment, PosesComeNearerToTheTruth) {
   const PhotoAdjustment result =
       scan.Adjust([&](const std::string& name) { return scan.photos.at(name); }, &scene, &joint);
   EXPECT_TRUE(result.is_taken) << result.finding;
+  EXPECT_EQ(result.reason, PhotoReason::kHeldBackPatches);
+  EXPECT_EQ(result.looked_in, PhotosLookedIn::kFacing);
+  EXPECT_EQ(result.facing_finding, "");
+  EXPECT_LT(result.log_sigma_change, 0);
   EXPECT_GT(result.patches.gain, 3.4 * result.patches.gain_sigma);
   EXPECT_LT(joint.sigma_px, 0.5 * scan.refined.joint.sigma_px);
   const Eigen::Vector2d before = scan.ErrorsOf(scan.aligned);
@@ -140,6 +146,7 @@ TEST(PhotoAdjustment, OtherPhotosChangeNothing) {
     JointReport joint = scan.refined.joint;
     const PhotoAdjustment result = scan.Adjust(read, &scene, &joint);
     EXPECT_FALSE(result.is_taken) << result.finding;
+    EXPECT_EQ(result.reason, PhotoReason::kNone);
     ExpectUntouched(scan.aligned, scene);
     EXPECT_EQ(joint.sigma_px, scan.refined.joint.sigma_px);
   }
@@ -184,6 +191,60 @@ TEST(PhotoAdjustment, PhotosThatPointsFaceTellMoreThanTracksAlone) {
   EXPECT_LT(scan.ErrorsOf(by_all).x(), 0.7 * scan.ErrorsOf(by_tracks).x());
   // Models keep the tracks of their keypoints.
   for (const auto& [id, point] : by_all.object.points3D) EXPECT_LE(point.track.size(), 3U);
+}
+
+// Every fourth photo shows the object a pixel higher, as one that bends might, and no track of three photos
+// has a keypoint in it: what patches say all around is contradictory then, and tracks' own photos are what is
+// left.
+TEST(PhotoAdjustment, WhatBendsLeavesThePhotosOfTheTracks) {
+  const Scan& scan = TheScan();
+  std::map<std::string, int> number;
+  for (const View& view : scan.aligned.scene.views)
+    number.emplace(view.name, static_cast<int>(number.size()));
+  const auto is_bent = [&](const std::string& name) { return number.at(name) % 4 == 3; };
+  AlignedScene scene = scan.aligned;
+  for (auto& [id, point] : scene.object.points3D) {
+    // Those of two photos keep the bent ones where they are.
+    const bool is_short = id % 2 == 0;
+    std::vector<ColmapTrackElement> kept;
+    for (const bool wants_bent : {true, false}) {
+      for (const ColmapTrackElement& element : point.track) {
+        ColmapImage& image = scene.object.images.at(element.image_id);
+        if (is_bent(image.name) != wants_bent) continue;
+        if (is_short ? kept.size() < 2 : !wants_bent) {
+          kept.push_back(element);
+        } else {
+          image.points2D[element.point2D_idx].point3D_id = kInvalidPoint3DId;
+        }
+      }
+    }
+    point.track = std::move(kept);
+  }
+  // Poses that patches can mend: each angle is off by half a degree.
+  JointProblem turned = MakeJointProblem(scene);
+  for (size_t i = 0; i < turned.images.size(); ++i) {
+    if (static_cast<int>(i) != turned.reference)
+      turned.images[i].angle_rad += (i % 2 == 0 ? 0.5 : -0.5) * kDegree;
+  }
+  ApplyJointProblem(turned, &scene);
+  const double before = scan.ErrorsOf(scene).x();
+  JointReport joint = scan.refined.joint;
+  const ReadGreyPhoto bent = [&](const std::string& name) {
+    GreyPhoto photo = scan.photos.at(name);
+    if (is_bent(name)) std::rotate(photo.grey.begin(), photo.grey.begin() + photo.width, photo.grey.end());
+    return photo;
+  };
+  Reporter reporter;
+  const PhotoAdjustment result =
+      AdjustByPhotos(bent, scan.features, scan.refined.held_back, scan.refined.priors, {}, scan.refined.model,
+                     {}, reporter, &scene, &joint);
+  EXPECT_TRUE(result.is_taken) << result.finding << "; " << result.facing_finding;
+  EXPECT_EQ(result.looked_in, PhotosLookedIn::kTracks);
+  EXPECT_EQ(result.reason, PhotoReason::kHeldBackPatches);
+  EXPECT_EQ(result.places_beside, 0);
+  EXPECT_NE(result.facing_finding, "");
+  EXPECT_NE(result.finding.find("in photos of their tracks"), std::string::npos) << result.finding;
+  EXPECT_LT(scan.ErrorsOf(scene).x(), 0.05 * before);  // .481 to .0077 degrees
 }
 
 // A photo in which no patch is found keeps its keypoints, and its angle with them.
