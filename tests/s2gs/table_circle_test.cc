@@ -90,6 +90,34 @@ TEST(TableCircle, OfAPlainTableIsFoundByOneCamera) {
   EXPECT_NEAR(*circle->side_end, kSideEnd, 1.5 * kPixel);
 }
 
+// What lies left of the table has its side's own grey: nearly half of the lines down the side end elsewhere.
+TEST(TableCircle, ItsSideEndsWhereMoreThanHalfOfItDoes) {
+  const auto with_grey_until = [](double radii) {
+    std::vector<StillPicture> pictures;
+    for (const double azimuth : {0.3, 1.9, 3.6}) {
+      const PinholeView view = ViewFrom(azimuth);
+      Image8 picture = PictureOf(view, IsInCircle, 150, 90);
+      PixelMask top{view.width, view.height, std::vector<uint8_t>(picture.pixels.size() / 3, 0)};
+      AddRegion({TurntableAxis(), kRadius, kTop, kTop}, view, &top);
+      const double column = view.cx + radii * kRadius / kPixel;
+      for (size_t i = 0; i < picture.pixels.size(); ++i) {
+        const auto x = static_cast<double>(i / 3 % static_cast<size_t>(view.width));
+        if (x < column && top.inside[i / 3] == 0) picture.pixels[i] = 90;
+      }
+      pictures.push_back({view, picture});
+    }
+    return FindTableCircle(pictures, SearchAboutTop());
+  };
+  // 7 and 5 of 12 lines of each picture.
+  const std::optional<TableCircle> most = with_grey_until(-0.3);
+  ASSERT_TRUE(most);
+  ASSERT_TRUE(most->side_end);
+  EXPECT_NEAR(*most->side_end, kSideEnd, 1.5 * kPixel);
+  const std::optional<TableCircle> few = with_grey_until(0.1);
+  ASSERT_TRUE(few);
+  EXPECT_FALSE(few->side_end);
+}
+
 TEST(TableCircle, IsFoundByTwoCamerasAboutAnotherAxisInAnotherUnit) {
   constexpr double kScale = 0.25;
   const Rigid3 moved{Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, -1).normalized())),

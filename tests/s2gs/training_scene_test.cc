@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/scene/io/colmap_model.h"
 #include "tests/s2gs/turntable_workspace.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
@@ -80,6 +81,33 @@ TEST_F(TrainingSceneFiles, HasPosesPointsAndRegionInScenesOfSizeOne) {
   }
   EXPECT_EQ(rotating, 100U);
   EXPECT_GE(inside, 98U);
+}
+
+// As many as someone who walks by leaves: a tenth of all points, each seen by two photos.
+TEST_F(TrainingSceneFiles, PointsOfTwoRaysDoNotWidenTheRegion) {
+  const TrainingScene before = ReadTrainingScene(paths_, {}, silent_);
+  ASSERT_TRUE(before.region);
+  ColmapModel object = ReadColmapModel(paths_.object_model);
+  const auto add_rays = [&](int count, ColmapPoint3D* point) {
+    auto image = object.images.begin();
+    for (int ray = 0; ray < count; ++ray, ++image) {
+      point->track.push_back({image->first, static_cast<uint32_t>(image->second.points2D.size())});
+      image->second.points2D.push_back({{10, 10}, point->point3D_id});
+    }
+  };
+  for (auto& [id, point] : object.points3D) add_rays(3, &point);
+  for (uint64_t id = 1000; id < 1010; ++id) {
+    ColmapPoint3D& point = object.points3D[id];
+    point.point3D_id = id;
+    point.xyz = {3, 0.1 * static_cast<double>(id - 1000), 2};
+    add_rays(2, &point);
+  }
+  WriteColmapModel(paths_.object_model, object, ColmapFormat::kBinary);
+  const TrainingScene scene = ReadTrainingScene(paths_, {}, silent_);
+  ASSERT_TRUE(scene.region);
+  EXPECT_NEAR(scene.region->radius * scene.size, before.region->radius * before.size, 1e-9);
+  EXPECT_NEAR((scene.region->high - scene.region->low) * scene.size,
+              (before.region->high - before.region->low) * before.size, 1e-9);
 }
 
 TEST_F(TrainingSceneFiles, HoldsOutEveryNthOrAList) {
