@@ -2,9 +2,11 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cctype>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <set>
 #include <sstream>
@@ -15,6 +17,7 @@
 #include "s2gs/image/photo_folder.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/undistort.h"
+#include "s2gs/photo_exposure.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
@@ -516,6 +519,16 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
     if (is_callers_thread && done < size.num_photos) reporter.Progress("read photos", done, size.num_photos);
   });
   reporter.Progress("read photos", size.num_photos, size.num_photos);
+  if (options.equalise_exposure) {
+    const ExposureSpread spread = EqualiseExposure(&scene.photos);
+    if (spread.num_photos > 0) {
+      std::array<char, 120> text{};
+      std::snprintf(text.data(), text.size(),
+                    "exposure and white balance of %d photos made equal: gains of %.2f to %.2f",
+                    spread.num_photos, spread.least, spread.greatest);
+      reporter.Info(text.data());
+    }
+  }
   NormaliseScene(&scene);
   WarnFarFromOrigin(scene, paths.object_model, reporter);
   return scene;

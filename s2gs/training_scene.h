@@ -46,6 +46,8 @@ struct TrainingSceneOptions {
   int test_every = 0;               ///< every n-th photo by name is held out; 0: none.
   std::filesystem::path test_list;  ///< names of held-out photos, one a line; empty: none.
   bool masks_as_hint = false;       ///< in mode S2GS: load the masks where there are any.
+  bool equalise_exposure =
+      true;  ///< take off what automatic exposure and white balance did (photo_exposure.h).
 
   OptionCheck Check() const;
 };

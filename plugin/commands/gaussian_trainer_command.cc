@@ -118,6 +118,9 @@ void AddSceneOptions(Options* options, Arguments* a) {
             "hold out every n-th photo by name, to measure by; 0: none");
   scene.Add("test_list", &TrainingSceneOptions::test_list,
             "file with the names of held-out photos, one a line");
+  scene.Add(
+      "equalise_exposure", &TrainingSceneOptions::equalise_exposure,
+      "divide photos of a camera that stands still by what its automatic exposure and white balance did");
   scene.Add("masks_as_hint", &TrainingSceneOptions::masks_as_hint,
             "in mode s2gs: draw p towards the masks there are");
   options->Add("resume", &a->resume, "go on from the last checkpoint, if options and photos are the same");

@@ -1,0 +1,122 @@
+#include "s2gs/photo_exposure.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <tuple>
+#include <utility>
+
+#include "s2gs/image/photos.h"
+#include "s2gs/table_circle.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+constexpr size_t kFewestPhotos = 8;  // of a camera: of fewer the object is in the median.
+constexpr int kSmallSide = 160;      // [px], of the pictures that are compared
+constexpr uint8_t kDark = 10;        // [grey levels]: below, rounding is more than a twentieth.
+constexpr uint8_t kBright = 245;     // [grey levels]: what saturates says nothing.
+constexpr size_t kLeastPixels = 400;
+constexpr double kMostScatter = 0.1;  // of the ratios, relative: more than noise: half of the picture turns.
+constexpr double kGreyLevel = 1.0 / 255;  // relative, of the brightest: less is not seen.
+constexpr int kEqualisingRounds = 3;      // the median's own exposure changes with what is taken off.
+
+using LogGains = std::array<double, 3>;
+
+Image8 Small(const Image8& image) {
+  const double scale = std::min(1.0, static_cast<double>(kSmallSide) / std::max(image.width, image.height));
+  return ResizeByArea(image, std::max(1, static_cast<int>(image.width * scale)),
+                      std::max(1, static_cast<int>(image.height * scale)));
+}
+
+Image8 Divided(const Image8& image, const LogGains& gains) {
+  std::array<std::array<uint8_t, 256>, 3> table;
+  for (size_t c = 0; c < 3; ++c) {
+    for (int v = 0; v < 256; ++v) {
+      table[c][static_cast<size_t>(v)] =
+          static_cast<uint8_t>(std::clamp(std::lround(v * std::exp(-gains[c])), 0L, 255L));
+    }
+  }
+  Image8 divided = image;
+  for (size_t i = 0; i < divided.pixels.size(); ++i) divided.pixels[i] = table[i % 3][divided.pixels[i]];
+  return divided;
+}
+
+// Of a photo over a picture of the same size. False where the pixels do not agree on one.
+bool FindGains(const Image8& photo, const Image8& still, LogGains* gains) {
+  for (size_t c = 0; c < 3; ++c) {
+    std::vector<double> ratios;
+    for (size_t i = c; i < photo.pixels.size(); i += 3) {
+      const uint8_t a = photo.pixels[i];
+      const uint8_t b = still.pixels[i];
+      if (std::min(a, b) > kDark && std::max(a, b) < kBright) ratios.push_back(std::log(double{a} / b));
+    }
+    if (ratios.size() < kLeastPixels) return false;
+    (*gains)[c] = UpperMedian(ratios);
+    for (double& ratio : ratios) ratio = std::abs(ratio - (*gains)[c]);
+    if (kSigmaOfMad * UpperMedian(std::move(ratios)) > kMostScatter) return false;
+  }
+  return true;
+}
+
+// Of a camera's photos. Empty where they do not tell.
+std::vector<LogGains> GainsOf(const std::vector<ScenePhoto*>& photos) {
+  std::vector<Image8> pictures(photos.size());
+  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
+    pictures[static_cast<size_t>(i)] = Small(photos[static_cast<size_t>(i)]->image);
+  });
+  std::vector<LogGains> gains(photos.size(), LogGains{});
+  for (int round = 0; round < kEqualisingRounds; ++round) {
+    std::vector<Image8> equal;
+    for (size_t i = 0; i < pictures.size(); ++i) equal.push_back(Divided(pictures[i], gains[i]));
+    const Image8 still = MedianPicture(equal);
+    LogGains mean = {};
+    for (size_t i = 0; i < pictures.size(); ++i) {
+      if (!FindGains(pictures[i], still, &gains[i])) return {};
+      for (size_t c = 0; c < 3; ++c) mean[c] += gains[i][c] / static_cast<double>(pictures.size());
+    }
+    for (LogGains& of_photo : gains) {
+      for (size_t c = 0; c < 3; ++c) of_photo[c] -= mean[c];
+    }
+  }
+  return gains;
+}
+
+}  // namespace
+
+ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos) {
+  std::map<std::tuple<int, int, int>, std::vector<ScenePhoto*>> by_camera;
+  for (ScenePhoto& photo : *photos) {
+    if (!photo.image.pixels.empty())
+      by_camera[{photo.station, photo.image.width, photo.image.height}].push_back(&photo);
+  }
+  ExposureSpread spread;
+  for (const auto& [key, of_camera] : by_camera) {
+    if (of_camera.size() < kFewestPhotos) continue;
+    const std::vector<LogGains> gains = GainsOf(of_camera);
+    double most = 0;
+    for (const LogGains& of_photo : gains) {
+      for (const double gain : of_photo) most = std::max(most, std::abs(gain));
+    }
+    if (!(most > kGreyLevel)) continue;
+    ParallelFor(static_cast<int64_t>(of_camera.size()), 0, [&](int64_t i) {
+      ScenePhoto& photo = *of_camera[static_cast<size_t>(i)];
+      photo.image = Divided(photo.image, gains[static_cast<size_t>(i)]);
+    });
+    spread.num_photos += static_cast<int>(of_camera.size());
+    for (const LogGains& of_photo : gains) {
+      for (const double gain : of_photo) {
+        spread.least = std::min(spread.least, std::exp(gain));
+        spread.greatest = std::max(spread.greatest, std::exp(gain));
+      }
+    }
+  }
+  return spread;
+}
+
+}  // namespace s2gs

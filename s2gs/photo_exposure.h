@@ -1,0 +1,23 @@
+#pragma once
+
+#include <vector>
+
+#include "s2gs/training_scene.h"
+
+namespace s2gs {
+
+/// What automatic exposure and white balance did to photos of cameras that stand still.
+struct ExposureSpread {
+  int num_photos = 0;   ///< that were changed.
+  double least = 1;     ///< gain of a channel that was taken off.
+  double greatest = 1;  ///< the same.
+};
+
+/// Brings the photos of each camera that stands still to one exposure and white balance, so that a model has
+/// one colour to learn: each channel is divided by its gain, the median ratio to what most of the camera's
+/// photos show at a pixel, over the pixels that are neither dark nor saturated; gains' logarithms have a mean
+/// of zero. Where what turns fills most of the picture, where a camera has fewer than eight photos, and where
+/// photos agree to a grey level, photos stay as they are.
+ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos);
+
+}  // namespace s2gs
