@@ -54,7 +54,8 @@ bool FindGains(const Image8& photo, const Image8& still, LogGains* gains) {
     for (size_t i = c; i < photo.pixels.size(); i += 3) {
       const uint8_t a = photo.pixels[i];
       const uint8_t b = still.pixels[i];
-      if (std::min(a, b) > kDark && std::max(a, b) < kBright) ratios.push_back(std::log(double{a} / b));
+      if (std::min(a, b) > kDark && std::max(a, b) < kBright)
+        ratios.push_back(std::log(static_cast<double>(a) / b));
     }
     if (ratios.size() < kLeastPixels) return false;
     (*gains)[c] = UpperMedian(ratios);
@@ -96,7 +97,8 @@ ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos) {
       by_camera[{photo.station, photo.image.width, photo.image.height}].push_back(&photo);
   }
   ExposureSpread spread;
-  for (const auto& [key, of_camera] : by_camera) {
+  for (const auto& entry : by_camera) {
+    const std::vector<ScenePhoto*>& of_camera = entry.second;
     if (of_camera.size() < kFewestPhotos) continue;
     const std::vector<LogGains> gains = GainsOf(of_camera);
     double most = 0;
