@@ -409,8 +409,8 @@ class CircleFinder {
     return MostCommonEnd(std::move(ends), num_rings, circle.height);
   }
 
-  // Of where lines down the side end: the place that most share, if more than half and than chance do. That it
-  // is a circle is known from the rim.
+  // Of where lines down the side end: the place that most share, if more than half and than chance do. That
+  // it is a circle is known from the rim.
   std::optional<double> MostCommonEnd(std::vector<int> ends, int num_rings, double top) const {
     std::sort(ends.begin(), ends.end());
     const auto count = static_cast<int>(ends.size());
