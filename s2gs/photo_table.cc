@@ -86,13 +86,18 @@ std::optional<Eigen::Vector2d> InnerPixelOf(const PinholeView& view, const Eigen
 class StillWitness {
  public:
   StillWitness(const StationPhotos& station, const RotatingRegion& table)
-      : station_(station), noise_(MeasurePictureNoise(station.images.data(), station.images.size())) {
+      : station_(station),
+        noise_(MeasurePictureNoise(station.images.data(), station.images.size())),
+        least_texture_(LeastTexture(noise_)) {
     tables_.reserve(station.views.size());
     for (const PinholeView& view : station.views) tables_.emplace_back(table, view);
   }
 
   // Photos that show something else at the point than most do, less those that show the same.
-  int Changes(const Eigen::Vector3d& x_in_object) const {
+  // \param by_texture  the same says something only where it has texture: a plain round thing looks alike as
+  // it
+  //     turns.
+  int Changes(const Eigen::Vector3d& x_in_object, bool by_texture) const {
     int changes = 0;
     for (size_t i = 0; i < station_.views.size(); ++i) {
       const PinholeView& view = station_.views[i];
@@ -106,12 +111,21 @@ class StillWitness {
       const float most = noise_.tolerance + static_cast<float>(kSamePlace) * SlopeAt(station_.still, x, y);
       const bool is_other =
           MostDifferentChannel(station_.images[i].Pixel(x, y), station_.still.Pixel(x, y)) > most;
-      changes += is_other ? 1 : -1;
+      if (is_other) {
+        ++changes;
+      } else if (!by_texture || HasTexture(x, y)) {
+        --changes;
+      }
     }
     return changes;
   }
 
  private:
+  bool HasTexture(int x, int y) const {
+    const Image8& still = station_.still;
+    return x >= kTextureRadius && y >= kTextureRadius && x + kTextureRadius < still.width &&
+           y + kTextureRadius < still.height && TextureAt(still, x, y) >= least_texture_;
+  }
   // A camera that was touched sees the room elsewhere than the first view, of which the still picture is
   // [px].
   double MovedBy(const PinholeView& view, const Eigen::Vector3d& in_camera,
@@ -124,6 +138,7 @@ class StillWitness {
 
   const StationPhotos& station_;
   PictureNoise noise_;
+  float least_texture_;
   std::vector<RegionView> tables_;  // by photo
 };
 
@@ -243,28 +258,31 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
   RotatingRegion body = table;
   body.radius += pixel_size;
   const Eigen::Vector3d up = table.axis.direction;
-  std::vector<uint32_t> below;
+  std::vector<uint32_t> around;
+  std::vector<uint8_t> is_high;
   for (size_t i = 0; i < gaussians.size(); ++i) {
     const float* centre = gaussians.centre.data() + 3 * i;
     const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
     if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) continue;
     const double height = (x - table.axis.point).dot(up);
-    if (!(height < table.high - pixel_size)) continue;
     const double distance = (x - table.axis.point - height * up).norm();
     const bool is_under_side = table.low < table.high && height < table.low - pixel_size;
-    if (distance > body.radius || is_under_side) below.push_back(static_cast<uint32_t>(i));
+    if (!(distance > body.radius || is_under_side)) continue;
+    around.push_back(static_cast<uint32_t>(i));
+    is_high.push_back(height < table.high - pixel_size ? 0 : 1);
   }
-  std::vector<uint8_t> stands(below.size(), 0);
-  ParallelFor(static_cast<int64_t>(below.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
-    const float* centre = gaussians.centre.data() + size_t{3} * below[i];
+  std::vector<uint8_t> stands(around.size(), 0);
+  ParallelFor(static_cast<int64_t>(around.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
+    const float* centre = gaussians.centre.data() + size_t{3} * around[i];
+    const bool by_texture = is_high[i] != 0;
     int changes = 0;
     for (const StillWitness& witness : witnesses)
-      changes += witness.Changes(Eigen::Vector3d(centre[0], centre[1], centre[2]));
-    stands[i] = changes <= 0 ? 1 : 0;
+      changes += witness.Changes(Eigen::Vector3d(centre[0], centre[1], centre[2]), by_texture);
+    stands[i] = changes < (by_texture ? 0 : 1) ? 1 : 0;
   });
   std::vector<uint32_t> standing;
-  for (size_t i = 0; i < below.size(); ++i) {
-    if (stands[i] != 0) standing.push_back(below[i]);
+  for (size_t i = 0; i < around.size(); ++i) {
+    if (stands[i] != 0) standing.push_back(around[i]);
   }
   return standing;
 }

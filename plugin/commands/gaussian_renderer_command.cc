@@ -369,7 +369,7 @@ class Renderer {
     const std::vector<uint32_t> standing =
         FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
     num_around_table_ = standing.size();
-    LeaveOut(standing, "around the table and below its top, where photos show no change");
+    LeaveOut(standing, "around the table, where photos show no change");
   }
 
   // Of what training builds over a plain top.

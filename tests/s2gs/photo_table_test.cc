@@ -70,7 +70,6 @@ TEST(PhotoTable, GroundAroundItStandsAndALeafThatHangsDownTurns) {
   for (double angle = 0; angle < 2 * kPi; angle += 0.5) {
     places.emplace_back(std::cos(angle), std::sin(angle), 0);                      // on its side
     places.emplace_back(0.9 * std::cos(angle), 0.9 * std::sin(angle), kTableTop);  // on its top
-    places.emplace_back(1.2 * std::cos(angle), 1.2 * std::sin(angle), 0.3);        // reaching beyond it
   }
   Placement gaussians = Rotating(places);
   const std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TableTop::kPlain));
@@ -82,6 +81,24 @@ TEST(PhotoTable, GroundAroundItStandsAndALeafThatHangsDownTurns) {
   std::fill(gaussians.foreground_logit.begin(), gaussians.foreground_logit.end(), -5.0F);
   EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians).empty());
   EXPECT_TRUE(FindStandingAroundTable({}, TableRegion(), Rotating(places)).empty());
+}
+
+// Gaussians beyond the rim, higher than the top, where photos show nothing but tiled ground.
+TEST(PhotoTable, WhatReachesBeyondItStandsWherePhotosShowTheGroundsTexture) {
+  std::vector<Eigen::Vector3d> places;
+  for (double angle = 0; angle < 2 * kPi; angle += 0.1)
+    places.emplace_back(1.2 * std::cos(angle), 1.2 * std::sin(angle), 0.15);
+  const Placement gaussians = Rotating(places);
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TableTop::kPlain));
+  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians);
+  // Half a tile is plain between its borders.
+  EXPECT_GT(standing.size(), places.size() / 3);
+  // Photos of plain things alone, in which a round one may reach so far.
+  for (StationPhotos& station : stations) {
+    for (Image8& image : station.images) std::fill(image.pixels.begin(), image.pixels.end(), uint8_t{120});
+    station.still = station.images.front();
+  }
+  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians).empty());
 }
 
 // A camera that was touched shows other ground in the same pixels, which is no change.
