@@ -17,10 +17,9 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kFewestPhotos = 8;  // of a camera: of fewer the object is in the median.
-constexpr int kSmallSide = 160;      // [px], of the pictures that are compared
-constexpr uint8_t kDark = 10;        // [grey levels]: below, rounding is more than a twentieth.
-constexpr uint8_t kBright = 245;     // [grey levels]: what saturates says nothing.
+constexpr int kSmallSide = 160;   // [px], of the pictures that are compared
+constexpr uint8_t kDark = 10;     // [grey levels]: below, rounding is more than a twentieth.
+constexpr uint8_t kBright = 245;  // [grey levels]: what saturates says nothing.
 constexpr size_t kLeastPixels = 400;
 constexpr double kMostScatter = 0.1;  // of the ratios, relative: more than noise: half of the picture turns.
 constexpr double kGreyLevel = 1.0 / 255;  // relative, of the brightest: less is not seen.
@@ -99,7 +98,7 @@ ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos) {
   ExposureSpread spread;
   for (const auto& entry : by_camera) {
     const std::vector<ScenePhoto*>& of_camera = entry.second;
-    if (of_camera.size() < kFewestPhotos) continue;
+    if (of_camera.size() < kPhotosForMedian) continue;
     const std::vector<LogGains> gains = GainsOf(of_camera);
     double most = 0;
     for (const LogGains& of_photo : gains) {

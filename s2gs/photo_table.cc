@@ -19,7 +19,6 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kMinPhotos = 8;   // of a station: of fewer the object is in the median.
 constexpr size_t kMaxPhotos = 36;  // evenly from all of a station's: ten degrees apart
 constexpr int kLongSide = 480;     // [px]: a pixel is some hundredth of a table.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
@@ -94,9 +93,8 @@ class StillWitness {
   }
 
   // Photos that show something else at the point than most do, less those that show the same.
-  // \param by_texture  the same says something only where it has texture: a plain round thing looks alike as
-  // it
-  //     turns.
+  // \param by_texture  the same says something only where it has texture: a plain round thing looks alike
+  //     as it turns.
   int Changes(const Eigen::Vector3d& x_in_object, bool by_texture) const {
     int changes = 0;
     for (size_t i = 0; i < station_.views.size(); ++i) {
@@ -157,7 +155,7 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
   }
   std::vector<StationPhotos> stations;
   for (const auto& [number, photos] : by_number) {
-    if (photos.size() < kMinPhotos) continue;
+    if (photos.size() < kPhotosForMedian) continue;
     const size_t count = std::min(photos.size(), kMaxPhotos);
     StationPhotos station;
     station.number = number;
@@ -258,8 +256,12 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
   RotatingRegion body = table;
   body.radius += pixel_size;
   const Eigen::Vector3d up = table.axis.direction;
-  std::vector<uint32_t> around;
-  std::vector<uint8_t> is_high;
+  struct Around {
+    uint32_t index;
+    bool is_high;
+    bool stands;
+  };
+  std::vector<Around> around;
   for (size_t i = 0; i < gaussians.size(); ++i) {
     const float* centre = gaussians.centre.data() + 3 * i;
     const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
@@ -268,21 +270,19 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
     const double distance = (x - table.axis.point - height * up).norm();
     const bool is_under_side = table.low < table.high && height < table.low - pixel_size;
     if (!(distance > body.radius || is_under_side)) continue;
-    around.push_back(static_cast<uint32_t>(i));
-    is_high.push_back(height < table.high - pixel_size ? 0 : 1);
+    around.push_back({static_cast<uint32_t>(i), !(height < table.high - pixel_size), false});
   }
-  std::vector<uint8_t> stands(around.size(), 0);
   ParallelFor(static_cast<int64_t>(around.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
-    const float* centre = gaussians.centre.data() + size_t{3} * around[i];
-    const bool by_texture = is_high[i] != 0;
+    Around& of = around[static_cast<size_t>(i)];
+    const float* centre = gaussians.centre.data() + size_t{3} * of.index;
     int changes = 0;
     for (const StillWitness& witness : witnesses)
-      changes += witness.Changes(Eigen::Vector3d(centre[0], centre[1], centre[2]), by_texture);
-    stands[i] = changes < (by_texture ? 0 : 1) ? 1 : 0;
+      changes += witness.Changes(Eigen::Vector3d(centre[0], centre[1], centre[2]), of.is_high);
+    of.stands = of.is_high ? changes < 0 : changes <= 0;
   });
   std::vector<uint32_t> standing;
-  for (size_t i = 0; i < around.size(); ++i) {
-    if (stands[i] != 0) standing.push_back(around[i]);
+  for (const Around& of : around) {
+    if (of.stands) standing.push_back(of.index);
   }
   return standing;
 }

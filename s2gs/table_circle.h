@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
@@ -15,6 +16,9 @@ struct StillPicture {
   PinholeView view;  ///< of the image's size.
   Image8 image;      ///< RGB
 };
+
+/// Of a camera that stands still: of fewer photos what turns is in their median.
+constexpr size_t kPhotosForMedian = 8;
 
 /// Medians of each channel. \param photos  of one size, RGB; at least one.
 Image8 MedianPicture(const std::vector<Image8>& photos);

@@ -16,10 +16,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kPhotos = 12;
-
 std::vector<std::vector<float>> NothingHides() {
-  return std::vector<std::vector<float>>(kPhotos,
+  return std::vector<std::vector<float>>(kTablePhotos,
                                          std::vector<float>(kTablePhotoWidth * kTablePhotoHeight, 0));
 }
 
@@ -28,16 +26,7 @@ void Add(const Eigen::Vector3d& x, float logit, Placement* gaussians) {
   gaussians->foreground_logit.push_back(logit);
 }
 
-class LayersOverTopTest : public testing::TestWithParam<TableTop> {
- protected:
-  LayersOverTopTest() : scene(TableOnGround(kPhotos, GetParam())), stations(LoadStations(scene)) {
-    top = PlainTop::Learn(stations, TableRegion());
-  }
-
-  TrainingScene scene;
-  std::vector<StationPhotos> stations;
-  std::optional<PlainTop> top;
-};
+class LayersOverTopTest : public PlainTableTest {};
 
 // A card of another colour, with texture or without.
 INSTANTIATE_TEST_SUITE_P(Card, LayersOverTopTest, testing::Values(TableTop::kPlain, TableTop::kGreyCard));
@@ -94,7 +83,7 @@ TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
   // Where photos see the top instead, it is not there; a single one may be chance.
   stations[0].images[3] = scene.photos[3].image;
   EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
-  for (int i = 0; i < kPhotos; ++i) stations[0].images[i] = scene.photos[i].image;
+  for (int i = 0; i < kTablePhotos; ++i) stations[0].images[i] = scene.photos[i].image;
   EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).size(), 1U);
 }
 
@@ -114,8 +103,8 @@ TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
 // A thing high over a table whose middle no light reaches, and layers between both.
 class LayersInShadow : public testing::Test {
  protected:
-  LayersInShadow() : scene(TableOnGround(kPhotos, TableTop::kPlain)), stations(LoadStations(scene)) {
-    for (size_t i = 0; i < kPhotos; ++i) {
+  LayersInShadow() : scene(TableOnGround(kTablePhotos, TableTop::kPlain)), stations(LoadStations(scene)) {
+    for (size_t i = 0; i < kTablePhotos; ++i) {
       // Nor a part of the ring next to the rim, by which the shadow is known.
       stations[0].images[i] = ShadeTop(
           stations[0].images[i], stations[0].views[i],
@@ -130,7 +119,7 @@ class LayersInShadow : public testing::Test {
   // \param color_of  by pixel.
   template <typename ColorOf>
   void PaintThing(const ColorOf& color_of) {
-    for (size_t i = 0; i < kPhotos; ++i) {
+    for (size_t i = 0; i < kTablePhotos; ++i) {
       const PinholeView& view = stations[0].views[i];
       const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * thing);
       for (int y = static_cast<int>(pixel.y()) - 6; y <= static_cast<int>(pixel.y()) + 4; ++y) {

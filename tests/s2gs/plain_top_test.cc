@@ -15,8 +15,6 @@
 namespace s2gs {
 namespace {
 
-constexpr int kPhotos = 12;
-
 int Count(const std::vector<TopSight>& sights, TopSight which) {
   return static_cast<int>(std::count(sights.begin(), sights.end(), which));
 }
@@ -32,17 +30,10 @@ Image8 InLight(Image8 photo, double red, double others) {
 // Under a light's shadow that stands still.
 bool IsOnLeft(const Eigen::Vector2d& x_in_world) { return x_in_world.x() < -0.05; }
 
-class PlainTopTest : public testing::TestWithParam<TableTop> {
+class PlainTopTest : public PlainTableTest {
  protected:
-  PlainTopTest() : scene(TableOnGround(kPhotos, GetParam())), stations(LoadStations(scene)) {
-    top = PlainTop::Learn(stations, TableRegion());
-  }
   const Image8& Photo(int i) const { return scene.photos[i].image; }
   const PinholeView& View(int i) const { return scene.photos[i].view; }
-
-  TrainingScene scene;
-  std::vector<StationPhotos> stations;
-  std::optional<PlainTop> top;
 };
 
 // A card of another colour, with texture or without.
@@ -66,7 +57,7 @@ TEST_P(PlainTopTest, AShadowIsLearntWhereItFallsNextToTheRim) {
   ASSERT_TRUE(top);
   // The light's shadow is blue, and lies on the left in all photos.
   const auto learn_and_look = [&](const std::array<double, 3>& factors) {
-    for (int i = 0; i < kPhotos; ++i)
+    for (int i = 0; i < kTablePhotos; ++i)
       stations[0].images[i] = ShadeTop(Photo(i), View(i), IsOnLeft, {0.5, 0.55, 0.6});
     stations[0].still = MedianPicture(stations[0].images);
     const std::optional<PlainTop> shaded = PlainTop::Learn(stations, TableRegion());
@@ -115,7 +106,7 @@ TEST_P(PlainTopTest, OtherStationsAndNoneShowNothing) {
 }
 
 TEST(PlainTop, ATopWithTextureHasNoColor) {
-  EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kPhotos, TableTop::kTiled)), TableRegion()));
+  EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kTablePhotos, TableTop::kTiled)), TableRegion()));
 }
 
 }  // namespace

@@ -1,20 +1,25 @@
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "s2gs/core/rotating_region.h"
 #include "s2gs/image/image_file.h"
 #include "s2gs/photo_table.h"
+#include "s2gs/plain_top.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {
 
 // Photos, a camera on a tripod looking down, of a round table that turns about the z axis above tiled ground
 // that stands still. On the middle of its top lies a card, and beside it a leaf hangs down and turns with it.
+constexpr int kTablePhotos = 12;  // of a turn, where a test does not ask for more.
 constexpr int kTablePhotoWidth = 240;
 constexpr int kTablePhotoHeight = 180;
 constexpr double kTableTop = 0.1;
@@ -36,6 +41,18 @@ inline RotatingRegion TableRegion() { return {TurntableAxis(), kTableRadius, kTa
 /// \param num_photos  of one station, over a full turn.
 TrainingScene TableOnGround(int num_photos, TableTop top);
 std::vector<StationPhotos> LoadStations(const TrainingScene& scene);
+
+/// Photos of a table whose top is plain but for what its parameter says, and what they tell of it.
+class PlainTableTest : public testing::TestWithParam<TableTop> {
+ protected:
+  PlainTableTest() : scene(TableOnGround(kTablePhotos, GetParam())), stations(LoadStations(scene)) {
+    top = PlainTop::Learn(stations, TableRegion());
+  }
+
+  TrainingScene scene;
+  std::vector<StationPhotos> stations;
+  std::optional<PlainTop> top;
+};
 
 /// A photo where light is so much weaker, by channel, where it falls on these places of the top's plane,
 /// which the photo shows as if nothing stood there. \param is_shaded  of x and y in the world.
