@@ -12,6 +12,7 @@
 #include "mesh/refine/offset_field.h"
 #include "mesh/refine/photo_consistency.h"
 #include "mesh/refine/refinement_photos.h"
+#include "mesh/refine/refuted_surface.h"
 #include "mesh/refine/surface_carving.h"
 #include "mesh/refine/surface_relief.h"
 #include "mesh/refine/vertex_visibility.h"
@@ -32,8 +33,11 @@ struct Pass {
 };
 constexpr std::array<Pass, 3> kPasses = {{{1, 2.0F, 3, false}, {0, 1.0F, 4, false}, {0, 0.5F, 4, true}}};
 
-// With fewer, a part that one photo shows may well be there.
-constexpr size_t kMinPhotosToDrop = 40;
+// With fewer, a part that one photo shows may well be there: of 24 photos what is lost outweighs what is
+// gained, of 30 no more (tests/bench/notes/refinement.md).
+constexpr size_t kMinPhotosToAskTwo = 30;
+// What is dropped uncovers what photos refute, too, and that little more.
+constexpr int kDropRounds = 3;
 // Around a vertex, as far as its patch reaches, the photo must show the mesh and nothing in front of it [px
 // of the pyramid's level].
 constexpr int kVisibilityMargin = kPatchSide / 2;
@@ -76,30 +80,22 @@ class Refiner {
 
   // \return  how many triangles.
   int64_t DropUnseen() {
-    if (!(options_.min_seen_pct > 0) || photos_.size() < kMinPhotosToDrop) return 0;
+    if (!(options_.min_seen_pct > 0)) return 0;
     const std::vector<VertexFlags> visible = photos_.FindVisible(mesh_, {kMinSeenCosine, 0});
-    const int needed = std::max(
-        2, static_cast<int>(std::lround(options_.min_seen_pct / 100 * static_cast<double>(photos_.size()))));
-    const auto is_seen = [&](uint32_t vertex) {
-      int count = 0;
-      for (const VertexFlags& flags : visible) count += flags.Get(vertex) ? 1 : 0;
-      return count >= needed;
-    };
-    std::vector<bool> vertex_seen;
-    vertex_seen.reserve(mesh_.vertices.size());
-    for (size_t i = 0; i < mesh_.vertices.size(); ++i) vertex_seen.push_back(is_seen(i));
-    std::vector<bool> keep;
-    keep.reserve(mesh_.triangles.size());
-    for (const auto& triangle : mesh_.triangles) {
-      keep.push_back(vertex_seen[triangle[0]] && vertex_seen[triangle[1]] && vertex_seen[triangle[2]]);
+    const auto share =
+        static_cast<int>(std::lround(options_.min_seen_pct / 100 * static_cast<double>(photos_.size())));
+    const int needed = photos_.size() < kMinPhotosToAskTwo ? 1 : std::max(2, share);
+    std::vector<uint8_t> is_unseen(mesh_.vertices.size());
+    for (size_t i = 0; i < is_unseen.size(); ++i) {
+      const auto count = std::count_if(visible.begin(), visible.end(),
+                                       [i](const VertexFlags& flags) { return flags.Get(i); });
+      is_unseen[i] = count < needed ? 1 : 0;
     }
-    const int64_t dropped = std::count(keep.begin(), keep.end(), false);
-    // A mesh that the photos do not show at all is not for them to judge.
-    if (dropped == static_cast<int64_t>(keep.size())) return 0;
-    KeepTriangles(keep, &mesh_);
-    ComputeNormals(&mesh_);
-    return dropped;
+    return Drop(is_unseen);
   }
+
+  // \return  how many triangles.
+  int64_t DropRefuted() { return Drop(FindRefuted(photos_, VertexGraph(mesh_), mesh_, num_threads_)); }
 
   // The mesh keeps its vertices and triangles from here on.
   void BeginPasses() {
@@ -212,6 +208,21 @@ class Refiner {
       ++count;
     }
     if (count > 0) course_.push_back({SteadySeconds() - started_, 1 - sum / static_cast<double>(count)});
+  }
+
+  // Triangles with such a corner. \return  how many.
+  int64_t Drop(const std::vector<uint8_t>& vertices) {
+    std::vector<bool> keep;
+    keep.reserve(mesh_.triangles.size());
+    for (const auto& triangle : mesh_.triangles) {
+      keep.push_back(vertices[triangle[0]] == 0 && vertices[triangle[1]] == 0 && vertices[triangle[2]] == 0);
+    }
+    const int64_t dropped = std::count(keep.begin(), keep.end(), false);
+    // A mesh that the photos do not show at all is not for them to judge.
+    if (dropped == 0 || dropped == static_cast<int64_t>(keep.size())) return 0;
+    KeepTriangles(keep, &mesh_);
+    ComputeNormals(&mesh_);
+    return dropped;
   }
 
   void MeasureCurve(size_t vertex, const Pass& pass) {
@@ -334,6 +345,12 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   if (refiner.Carve()) refiner.Run(kPasses.back(), total - count, total);
   refiner.Summarise(&summary);
   summary.num_unseen_triangles += refiner.DropUnseen();
+  for (int round = 0; round < kDropRounds && options.drop_refuted; ++round) {
+    const int64_t refuted = refiner.DropRefuted();
+    if (refuted == 0) break;
+    summary.num_refuted_triangles += refuted;
+    summary.num_unseen_triangles += refiner.DropUnseen();
+  }
   summary.seconds = SteadySeconds() - start;
   return summary;
 }

@@ -20,17 +20,19 @@ namespace s2gs {
 /// surface (Furukawa and Ponce, "Accurate, dense, and robust multiview stereopsis", 2010, score their patches
 /// so). The peaks, weighted by their sharpness, become a smooth field of offsets on the mesh. From coarse to
 /// fine in three passes; in the last the patches have the mesh's own relief. Where photos contradict each
-/// other after these, the surface is carved (surface_carving.h), and the last pass comes again.
+/// other after these, the surface is carved (surface_carving.h), and the last pass comes again. What photos
+/// refute at the end is dropped (refuted_surface.h), and what no photo sees behind it.
 
 struct MeshRefinementOptions {
   bool enabled = true;
   int num_views = 8;               ///< photos in which a vertex is compared.
   double max_view_angle_deg = 60;  ///< between a vertex's normal and the rays to these photos.
   double smoothness = 0.1;         ///< of the offsets over the mesh; larger trusts photos less.
-  /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; 0: all stay,
-  /// as they do with fewer than 40 photos.
+  /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
+  /// fewer than 30 photos; 0: all stay.
   double min_seen_pct = 3;
   bool carve = true;          ///< open hollows that photos contradict (surface_carving.h).
+  bool drop_refuted = true;   ///< parts where hardly two photos show the same (refuted_surface.h).
   double max_memory_gib = 4;  ///< photos are shrunk until they fit.
   int num_threads = 0;        ///< 0: one for each core.
 
@@ -58,12 +60,13 @@ struct RefinementMoment {
 };
 
 struct MeshRefinementSummary {
-  int num_photos = 0;                ///< that show the mesh.
-  int64_t num_vertices = 0;          ///< after what nobody sees is gone.
-  int64_t num_accepted = 0;          ///< of these, with a clear peak in the last pass.
-  int64_t num_carved = 0;            ///< of the vertices, taken from the front of a hollow into it.
-  int64_t num_unseen_triangles = 0;  ///< dropped.
-  double mean_offset_px = 0;         ///< how far vertices moved outwards in all passes, in pixels there.
+  int num_photos = 0;                 ///< that show the mesh.
+  int64_t num_vertices = 0;           ///< after what nobody sees is gone.
+  int64_t num_accepted = 0;           ///< of these, with a clear peak in the last pass.
+  int64_t num_carved = 0;             ///< of the vertices, taken from the front of a hollow into it.
+  int64_t num_unseen_triangles = 0;   ///< dropped.
+  int64_t num_refuted_triangles = 0;  ///< dropped.
+  double mean_offset_px = 0;          ///< how far vertices moved outwards in all passes, in pixels there.
   double rms_offset_px = 0;
   double seconds = 0;
   std::vector<RefinementMoment>

@@ -18,6 +18,9 @@ constexpr float kEnoughParallax = 0.26F;
 // Less than this, and a photo adds nothing [rad, times the cosine].
 constexpr float kLeastParallax = 1e-3F;
 
+// On a true surface more than one pair of photos in so many is alike, whatever moves over it.
+constexpr int kAlikePairs = 5;
+
 // Light stands still while the object turns: how brightness slopes across a patch is partly shading, which
 // differs between photos and pulls smooth bodies inwards, and partly texture. So much of the slope comes off.
 // All of it takes the edges of printed pictures along (tests/bench/notes/refinement.md).
@@ -235,6 +238,30 @@ void ConsistencyCurve(const SurfacePatch& patch, int level, float step, int max_
     const Eigen::Vector3f middle = patch.middle + static_cast<float>(offset) * step * patch.normal;
     curve[offset + max_steps] = comparison.At(middle, level).correlation;
   }
+}
+
+bool PhotosDisagree(const SurfacePatch& patch, float least_texture) {
+  const Slopes slopes(patch);
+  std::array<std::array<float, kPatchSize>, SurfacePatch::kMaxViews> values{};
+  std::array<float, SurfacePatch::kMaxViews> lengths{};
+  int count = 0;  // of the photos that show texture
+  for (int i = 0; i < patch.num_views; ++i) {
+    patch.views[i]->SamplePatch(patch, patch.middle, 0, values[count].data());
+    lengths[count] = slopes.Normalise(&values[count]);
+    count += lengths[count] * lengths[count] > least_texture ? 1 : 0;
+  }
+  if (count < 2 || 2 * count < patch.num_views) return false;
+  int num_alike = 0;
+  for (int i = 0; i < count; ++i) {
+    for (int j = 0; j < i; ++j) {
+      float product = 0;
+      for (int k = 0; k < patch.num_points; ++k) product += values[i][k] * values[j][k];
+      // Noise is in the lengths, and in their scale once more: of a share t of texture and noise, both photos
+      // have 2 t - 1 in common.
+      num_alike += product >= lengths[i] * lengths[j] - 0.5F ? 1 : 0;
+    }
+  }
+  return kAlikePairs * num_alike < count * (count - 1) / 2;
 }
 
 PatchAgreement MeasureAgreement(const SurfacePatch& patch) { return Comparison(patch).At(patch.middle, 0); }

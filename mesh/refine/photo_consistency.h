@@ -84,4 +84,9 @@ struct PatchAgreement {
 };
 PatchAgreement MeasureAgreement(const SurfacePatch& patch);
 
+/// Whether less than a fifth of the pairs of photos are more alike than half of what two photos of one
+/// surface are under their noise: nearer to that than to chance. \param least_texture  as in PatchAgreement:
+/// photos with less say nothing, and nothing is said where half of them do not.
+bool PhotosDisagree(const SurfacePatch& patch, float least_texture);
+
 }  // namespace s2gs

@@ -86,9 +86,11 @@ void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
     return;
   }
   reporter.Info(fmt::format(
-      "refined by {} photos: {} triangles dropped that hardly any of them sees, {:.0f} % of {} vertices "
+      "refined by {} photos: {} triangles dropped that hardly any of them sees and {} of which hardly two "
+      "show "
+      "the same, {:.0f} % of {} vertices "
       "placed by their texture; moved by {:+.2f} px outwards, {:.2f} px rms, in {:.2f} s",
-      refinement.num_photos, refinement.num_unseen_triangles,
+      refinement.num_photos, refinement.num_unseen_triangles, refinement.num_refuted_triangles,
       100.0 * static_cast<double>(refinement.num_accepted) / static_cast<double>(refinement.num_vertices),
       refinement.num_vertices, refinement.mean_offset_px, refinement.rms_offset_px, refinement.seconds));
 }
@@ -104,9 +106,10 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
                      summary.cleanup.num_clusters);
   if (summary.refinement.num_vertices > 0) {
     out << fmt::format(
-        "refined          {:+.3f} px outwards, {} unseen triangles dropped, {} vertices carved\n",
+        "refined          {:+.3f} px outwards, {} unseen and {} refuted triangles dropped, {} vertices "
+        "carved\n",
         summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles,
-        summary.refinement.num_carved);
+        summary.refinement.num_refuted_triangles, summary.refinement.num_carved);
   }
   if (mesher.cleanup.max_hole_edges > 0) {
     out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
@@ -179,6 +182,7 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"accepted", refinement.num_accepted},
        {"moved", refinement.has_moved},
        {"carved", refinement.num_carved},
+       {"refuted_triangles", refinement.num_refuted_triangles},
        {"rms_offset_px", refinement.rms_offset_px}});
   WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
 }
@@ -213,7 +217,10 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   if (options.refinement.enabled && !mesh.triangles.empty()) {
     MeshRefinementOptions refinement = options.refinement;
     // What stands around a body that is not told from it hides the body's rough parts, which are lost then.
-    if (!cleanup.is_axis_known) refinement.min_seen_pct = 0;
+    if (!cleanup.is_axis_known) {
+      refinement.min_seen_pct = 0;
+      refinement.drop_refuted = false;
+    }
     summary.fused_seconds = watch.Lap();
     summary.refinement = RefineMesh(GreyPhotos(files), refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
@@ -296,11 +303,15 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
   refinement
       .Add(
           "min_seen_pct", &MeshRefinementOptions::min_seen_pct,
-          "drop triangles that fewer of the photos see, where a table turns and there are 40 photos or more; "
-          "0 keeps all")
+          "drop triangles that fewer of the photos see, where a table turns; with fewer than 30 photos those "
+          "that none sees; 0 keeps all")
       .Unit("%");
   refinement.Add("carve", &MeshRefinementOptions::carve,
                  "let parts sink that photos contradict, where they agree deeper: hollows that were filled");
+  refinement.Add(
+      "drop_refuted", &MeshRefinementOptions::drop_refuted,
+      "where a table turns, drop parts of which hardly two photos show the same: webs between parts of "
+      "the object");
   refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
       .Unit("GiB");
   refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
