@@ -110,7 +110,9 @@ class Placement {
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
-  // What all poses explain, less what their unknowns cost.
+  // What is known of the lenses before the matches are looked at.
+  double LogPriorOfLenses(const TurntableScene& scene) const;
+  // What all poses explain with lenses that there are, less what their unknowns cost.
   double LogLikelihood(const ScanCandidate& candidate) const;
   // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos,
   // by more than their being fitted to these matches alone does.
@@ -132,9 +134,20 @@ class Placement {
   ScanPlacement result_;
 };
 
+double Placement::LogPriorOfLenses(const TurntableScene& scene) const {
+  double sum = 0;
+  for (const Camera& camera : scene.cameras) {
+    const auto given = features_.cameras.find(camera.camera_id);
+    if (given == features_.cameras.end()) continue;
+    const auto exif = features_.has_prior_focal.find(camera.camera_id);
+    sum += LogPriorOfLens(camera, given->second, exif != features_.has_prior_focal.end() && exif->second);
+  }
+  return sum;
+}
+
 double Placement::LogLikelihood(const ScanCandidate& candidate) const {
   const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
-  return matches.gain - Charge(candidate, matches.inliers);
+  return matches.gain + LogPriorOfLenses(candidate.aligned.scene) - Charge(candidate, matches.inliers);
 }
 
 ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
@@ -205,13 +218,16 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, Joint
   candidate->has_given_steps = !steps.steps.empty();
   JointOptions joint = options_.joint;
   joint.model = model;
+  PrincipalPointTest cut;
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
     agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
     agreeing.raw_pairs.clear();
     candidate->aligned.object.points3D.clear();
     candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
+    if (candidate->refined.principal_point.accepted) cut = candidate->refined.principal_point;
   }
+  if (cut.accepted) candidate->refined.principal_point = cut;
   candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
   candidate->log_likelihood = LogLikelihood(*candidate);
 }
@@ -269,8 +285,8 @@ bool Placement::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, b
   if (!IsEnough(result_.best)) return true;
   const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
   const MatchLikelihood matches = LikelihoodOfMatches(features_, result_.best.aligned, pairs);
-  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain;
-  double best = matches.gain;
+  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain + LogPriorOfLenses(aligned.scene);
+  double best = matches.gain + LogPriorOfLenses(result_.best.aligned.scene);
   // A pose for each photo follows wrong matches as well, and pays for it.
   if (result_.best.refined.model != JointModel::kSharedStations)
     best -= Charge(result_.best, matches.inliers);
@@ -408,6 +424,7 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
       reporter_.Info("which the adjustment does not bear out: they are left out again");
       return;
     }
+    if (best.refined.principal_point.accepted) refined.principal_point = best.refined.principal_point;
     refined.mended.insert(refined.mended.begin(), best.refined.mended.begin(), best.refined.mended.end());
     best.aligned = std::move(aligned);
     best.refined = std::move(refined);

@@ -511,6 +511,9 @@ void ScanRefiner::WriteModels() {
 
 RefineReport ScanRefiner::Run() {
   IndexViews();
+  // Principal points that were found beside the middle before have their prior, and are not held there.
+  for (const Camera& camera : aligned_->scene.cameras)
+    photos_are_cut_ |= PrincipalPoint(camera) != PrincipalPoint(features_.cameras.at(camera.camera_id));
   // First with the tracks of the two reconstructions, each of which fits its own cameras: this brings the two
   // to common ones. Gross errors are pulled in, not cut off.
   if (!aligned_->object.points3D.empty()) {
