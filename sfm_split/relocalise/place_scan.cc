@@ -20,6 +20,7 @@
 #include "sfm_split/relocalise/model_difference.h"
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/relocalise/station_turns.h"
+#include "sfm_split/relocalise/triple_likelihood.h"
 #include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -31,6 +32,7 @@ constexpr double kCertainDeviations = 3.4;  // of a normal distribution: chance 
 constexpr double kAgreeingSigmas = 4;       // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;
 constexpr size_t kMostCircles = 2;  // whose stations are moved to where they are likeliest
+constexpr double kHalfAStep = 0.5;  // a turn that closes and one that does not differ by more
 constexpr double kRisk = 0.01;      // that chance takes a photo off its place among equal steps
 
 // Half the logarithm of the matches for each unknown of the poses.
@@ -259,7 +261,16 @@ ScanCandidate Placement::RefineCircle(const AlignedScene& aligned, double sigma_
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
   if (!steps.steps.empty()) about_steps = RefineSimplest(aligned, sigma_px, steps);
-  const ScanCandidate free = RefineSimplest(aligned, sigma_px, {});
+  ScanCandidate free = RefineSimplest(aligned, sigma_px, {});
+  // How far the table turned altogether is told by points of three photos where those of two leave it open.
+  if (about_steps.is_usable && free.is_usable &&
+      StepsTurnedOtherwise(features_, about_steps.aligned, free.aligned) > kHalfAStep) {
+    for (ScanCandidate* candidate : {&about_steps, &free}) {
+      const double gain = GainOfTriples(features_, candidate->aligned, sigma_px);
+      reporter_.Debug("points of three photos: " + std::to_string(gain));
+      candidate->log_likelihood += gain;
+    }
+  }
   if (about_steps.is_usable) {
     reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
                     ", with free angles " + std::to_string(free.log_likelihood));
