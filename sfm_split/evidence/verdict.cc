@@ -103,6 +103,9 @@ class Judge {
       "the photos as the camera took them: these look cut from larger ones, beside their middle";
   static constexpr const char* kBetween =
       "another turn from a place between the camera places, so that neighbouring ones see the same details";
+  static constexpr const char* kHigher =
+      "a camera that looks down at the table: before one that is level with it points go back and forth on a "
+      "line, which hardly tells the lens from how far the table turned";
   static constexpr const char* kFullTurn = "a full turn whose last photo comes one step before the first";
 
   void Add(Verdict verdict, std::string reason, std::vector<std::string> advice) {
@@ -277,6 +280,9 @@ class Judge {
     }
   }
 
+  // Cameras that stand no higher over the points than these lie from the axis.
+  bool IsLevel() const { return evidence_.camera_height_rel && *evidence_.camera_height_rel < 1; }
+
   void JudgeSigmas() {
     if (evidence_.angle_sigma_max_deg && kSigmas * *evidence_.angle_sigma_max_deg > kMaxAngleDeg) {
       Add(Verdict::kDoubtful,
@@ -284,6 +290,7 @@ class Judge {
               ? Text("a table angle is known to +- %.2g degrees only", *evidence_.angle_sigma_max_deg)
               : std::string("a table angle cannot be told from the photos"),
           evidence_.stations > 1 ? std::vector<std::string>{kBetween, kTexture, kSmallerSteps}
+          : IsLevel()            ? std::vector<std::string>{kHigher, kFullTurn, kTexture}
                                  : std::vector<std::string>{kTexture, kSmallerSteps, kFullTurn});
     }
     // Where the axis is wrong before the camera, the rotation of each photo of the station is, by as much.

@@ -20,6 +20,7 @@
 #include "sfm_split/relocalise/model_difference.h"
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/relocalise/station_turns.h"
+#include "sfm_split/relocalise/triple_likelihood.h"
 #include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -31,6 +32,7 @@ constexpr double kCertainDeviations = 3.4;  // of a normal distribution: chance 
 constexpr double kAgreeingSigmas = 4;       // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;
 constexpr size_t kMostCircles = 2;  // whose stations are moved to where they are likeliest
+constexpr double kHalfAStep = 0.5;  // a turn that closes and one that does not differ by more
 constexpr double kRisk = 0.01;      // that chance takes a photo off its place among equal steps
 
 // Half the logarithm of the matches for each unknown of the poses.
@@ -110,7 +112,9 @@ class Placement {
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
-  // What all poses explain, less what their unknowns cost.
+  // What is known of the lenses before the matches are looked at.
+  double LogPriorOfLenses(const TurntableScene& scene) const;
+  // What all poses explain with lenses that there are, less what their unknowns cost.
   double LogLikelihood(const ScanCandidate& candidate) const;
   // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos,
   // by more than their being fitted to these matches alone does.
@@ -132,9 +136,20 @@ class Placement {
   ScanPlacement result_;
 };
 
+double Placement::LogPriorOfLenses(const TurntableScene& scene) const {
+  double sum = 0;
+  for (const Camera& camera : scene.cameras) {
+    const auto given = features_.cameras.find(camera.camera_id);
+    if (given == features_.cameras.end()) continue;
+    const auto exif = features_.has_prior_focal.find(camera.camera_id);
+    sum += LogPriorOfLens(camera, given->second, exif != features_.has_prior_focal.end() && exif->second);
+  }
+  return sum;
+}
+
 double Placement::LogLikelihood(const ScanCandidate& candidate) const {
   const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
-  return matches.gain - Charge(candidate, matches.inliers);
+  return matches.gain + LogPriorOfLenses(candidate.aligned.scene) - Charge(candidate, matches.inliers);
 }
 
 ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel* background,
@@ -205,13 +220,16 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, Joint
   candidate->has_given_steps = !steps.steps.empty();
   JointOptions joint = options_.joint;
   joint.model = model;
+  PrincipalPointTest cut;
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
     agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
     agreeing.raw_pairs.clear();
     candidate->aligned.object.points3D.clear();
     candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
+    if (candidate->refined.principal_point.accepted) cut = candidate->refined.principal_point;
   }
+  if (cut.accepted) candidate->refined.principal_point = cut;
   candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
   candidate->log_likelihood = LogLikelihood(*candidate);
 }
@@ -243,7 +261,16 @@ ScanCandidate Placement::RefineCircle(const AlignedScene& aligned, double sigma_
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
   if (!steps.steps.empty()) about_steps = RefineSimplest(aligned, sigma_px, steps);
-  const ScanCandidate free = RefineSimplest(aligned, sigma_px, {});
+  ScanCandidate free = RefineSimplest(aligned, sigma_px, {});
+  // How far the table turned altogether is told by points of three photos where those of two leave it open.
+  if (about_steps.is_usable && free.is_usable &&
+      StepsTurnedOtherwise(features_, about_steps.aligned, free.aligned) > kHalfAStep) {
+    for (ScanCandidate* candidate : {&about_steps, &free}) {
+      const double gain = GainOfTriples(features_, candidate->aligned, sigma_px);
+      reporter_.Debug("points of three photos: " + std::to_string(gain));
+      candidate->log_likelihood += gain;
+    }
+  }
   if (about_steps.is_usable) {
     reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
                     ", with free angles " + std::to_string(free.log_likelihood));
@@ -269,8 +296,8 @@ bool Placement::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, b
   if (!IsEnough(result_.best)) return true;
   const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
   const MatchLikelihood matches = LikelihoodOfMatches(features_, result_.best.aligned, pairs);
-  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain;
-  double best = matches.gain;
+  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain + LogPriorOfLenses(aligned.scene);
+  double best = matches.gain + LogPriorOfLenses(result_.best.aligned.scene);
   // A pose for each photo follows wrong matches as well, and pays for it.
   if (result_.best.refined.model != JointModel::kSharedStations)
     best -= Charge(result_.best, matches.inliers);
@@ -408,6 +435,7 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
       reporter_.Info("which the adjustment does not bear out: they are left out again");
       return;
     }
+    if (best.refined.principal_point.accepted) refined.principal_point = best.refined.principal_point;
     refined.mended.insert(refined.mended.begin(), best.refined.mended.begin(), best.refined.mended.end());
     best.aligned = std::move(aligned);
     best.refined = std::move(refined);

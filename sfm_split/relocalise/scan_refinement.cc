@@ -426,7 +426,10 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   for (size_t c = 0; c < problem.cameras.size(); ++c) {
     const double before = FocalLengths(aligned_->scene.cameras[c]).x();
     const double after = FocalLengths(problem.cameras[c]).x();
-    ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange);
+    // Towards what is known of lenses it comes back, from a start that was wrong.
+    const double expected = problem.priors.lenses[c].focal.focal_px;
+    const bool comes_back = std::abs(std::log(after / expected)) < std::abs(std::log(before / expected));
+    ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange) && !comes_back;
   }
   if (ran_away && options.refine_focal_length) {
     if (is_rough) {
@@ -511,6 +514,9 @@ void ScanRefiner::WriteModels() {
 
 RefineReport ScanRefiner::Run() {
   IndexViews();
+  // Principal points that were found beside the middle before have their prior, and are not held there.
+  for (const Camera& camera : aligned_->scene.cameras)
+    photos_are_cut_ |= PrincipalPoint(camera) != PrincipalPoint(features_.cameras.at(camera.camera_id));
   // First with the tracks of the two reconstructions, each of which fits its own cameras: this brings the two
   // to common ones. Gross errors are pulled in, not cut off.
   if (!aligned_->object.points3D.empty()) {

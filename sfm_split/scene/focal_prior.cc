@@ -1,6 +1,7 @@
 #include "sfm_split/scene/focal_prior.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace s2gs {
 namespace {
@@ -33,6 +34,19 @@ std::optional<size_t> DistortionPlace(const Camera& camera) {
 
 Eigen::Vector2d PrincipalPointShift(const Camera& camera, const Eigen::Vector2d& expected_px) {
   return (PrincipalPoint(camera) - expected_px) / LongerSide(camera);
+}
+
+double LogPriorOfLens(const Camera& camera, const Camera& given, bool is_from_exif) {
+  const FocalPrior prior = FocalPriorOf(given, is_from_exif);
+  const double off = std::log(FocalLengths(camera).mean() / prior.focal_px) / prior.sigma_log;
+  double sum = -0.5 * off * off;
+  const std::optional<size_t> k = DistortionPlace(camera);
+  const std::optional<size_t> given_k = DistortionPlace(given);
+  if (k && given_k) {
+    const double bent = (camera.params[*k] - given.params[*given_k]) / kDistortionSigma;
+    sum -= 0.5 * bent * bent;
+  }
+  return sum;
 }
 
 bool IsPlausibleFocal(const Camera& camera, double focal_px) {

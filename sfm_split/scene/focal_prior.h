@@ -37,6 +37,11 @@ constexpr double kDistortionSigma = 0.15;
 /// Place of k among the parameters of a perspective camera; nothing when its model has none.
 std::optional<size_t> DistortionPlace(const Camera& camera);
 
+/// Logarithm of how likely a lens is before the photos are looked at, over the likeliest: by its focal length
+/// and, where its model and that of the camera before have it, its radial distortion.
+/// \param given  the camera as it was before any photo was looked at.
+double LogPriorOfLens(const Camera& camera, const Camera& given, bool is_from_exif);
+
 /// Whether a focal length is one that a lens may have.
 bool IsPlausibleFocal(const Camera& camera, double focal_px);
 

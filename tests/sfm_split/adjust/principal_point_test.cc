@@ -26,8 +26,10 @@ struct CutScan {
 
   // \param offset  of the principal point from the middle, in widths.
   // \param wobble_deg  by which the object lies otherwise at each photo.
-  CutScan(uint64_t seed, int stations, const Vector2d& offset, double wobble_deg = 0) {
+  // \param slide_px  by which keypoints slide with the light, before a camera that is level with the table.
+  CutScan(uint64_t seed, int stations, const Vector2d& offset, double wobble_deg = 0, double slide_px = 0) {
     SyntheticTurntableOptions options;
+    if (slide_px > 0) options.min_elevation_deg = options.max_elevation_deg = 1;
     options.seed = seed;
     options.stations = stations;
     options.steps = 18;
@@ -44,6 +46,7 @@ struct CutScan {
     if (stations > 1) aligned.background = SyntheticStaticModel(turntable);
     truth = MakeJointProblem(aligned);
     if (wobble_deg > 0) Wobble(seed, wobble_deg);
+    if (slide_px > 0) Slide(slide_px);
 
     problem = truth;
     Camera& camera = problem.cameras[0];
@@ -90,6 +93,15 @@ struct CutScan {
       const Vector3d after =
           cam_from_world * (world_from_object * (turns[static_cast<size_t>(observation.image)] * x));
       observation.xy += focal * (after.hnormalized() - before.hnormalized());
+    }
+  }
+
+  // Where the object's surface turns away from the camera, its keypoints lie higher than the points, by so
+  // much at 100 px from the axis.
+  void Slide(double slide_px) {
+    for (JointObservation& observation : truth.object.observations) {
+      const double across = (observation.xy.x() - truth.cameras[0].params[1]) / 100;
+      observation.xy.y() -= slide_px * across * across;
     }
   }
 
@@ -150,6 +162,22 @@ TEST(PrincipalPoint, AMovedObjectIsNoCut) {
     EXPECT_FALSE(scan.report.principal_point.accepted) << seed;
     EXPECT_NE(scan.report.model, JointModel::kSharedStations) << seed;
     EXPECT_EQ(scan.problem.cameras[0].params[1], 320) << seed;
+  }
+}
+
+// Keypoints that slide with the light are no noise: a level camera's prefer a lens whose distortion has
+// another centre, along the axis, where pinholes tell nothing. Measured: without a look at pinholes 127 to
+// 250 of twice the logarithm of the odds for principal points .29 to .42 beside the middle, and cameras 14
+// degrees off; with it -14 to -24.
+TEST(PrincipalPoint, KeypointsThatSlideAreNoCut) {
+  for (const uint64_t seed : {1, 3, 4}) {
+    const CutScan scan(seed, 1, {0, 0}, 0, 0.4);
+    EXPECT_TRUE(scan.report.principal_point.fitted) << seed;
+    EXPECT_GT(scan.report.principal_point.shift.norm(), kMostLensShift) << seed;
+    EXPECT_FALSE(scan.report.principal_point.accepted) << seed;
+    EXPECT_EQ(scan.report.model, JointModel::kSharedStations) << seed;
+    EXPECT_EQ(scan.problem.cameras[0].params[1], 320) << seed;
+    EXPECT_EQ(scan.problem.cameras[0].params[2], 240) << seed;
   }
 }
 

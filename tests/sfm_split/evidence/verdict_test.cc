@@ -205,6 +205,17 @@ TEST(Verdict, StationsThatNothingTiesWantATurnFromBetween) {
   EXPECT_TRUE(wants_between());
 }
 
+TEST(Verdict, AnglesThatALevelCameraDoesNotTellWantAHigherOne) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.angle_sigma_max_deg = 1.3;
+  evidence.camera_height_rel = 1.1;
+  EXPECT_EQ(JudgeScan(evidence).advice[0].find("looks down"), std::string::npos);
+  evidence.camera_height_rel = 0.1;
+  EXPECT_NE(JudgeScan(evidence).advice[0].find("looks down"), std::string::npos);
+  evidence.stations = 2;
+  EXPECT_EQ(JudgeScan(evidence).advice[0].find("looks down"), std::string::npos);
+}
+
 // A degree within three standard deviations.
 TEST(Verdict, AnglesAreGoodToADegreeButForOneScanInFourHundred) {
   ScanEvidence evidence = GoodEvidence();
