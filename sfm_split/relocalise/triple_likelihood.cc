@@ -12,6 +12,7 @@
 
 #include "sfm_split/adjust/posed_images.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/scene/camera_model.h"
