@@ -437,7 +437,7 @@ time.sleep(0.15)
 if 'curves' in ' '.join(given): given['--values'] = ','.join(json.loads(pathlib.Path(p).read_text())['values'] for p in given['--curves'].split(','))
 if given.get('--knob') == 'bad': sys.exit(3)
 if words[0] == 'work_precision':
-    pathlib.Path(given['--output_path'] + '.json').write_text(json.dumps({{'values': given.get('--values', ''), 'parts': [given['--workspace_path'].split('/')[-1]] if '--forced' in given else []}}))
+    pathlib.Path(given['--output_path'] + '.json').write_text(json.dumps({{'values': given.get('--values', ''), 'parts': []}}))
 note('end')
 """
     PLAN = [{'name': 'by_gpu', 'knob': 'voxel', 'scenes': ['a', 'b'], 'seeds': [0, 1], 'values': [['1', '2'], ['3', '4']], 'gpu': True,
@@ -456,14 +456,18 @@ note('end')
             program.write_text(self.PROGRAM.format(python=sys.executable))
             program.chmod(0o755)
             for scene in 'ab':
-                (folder / 'data' / scene).mkdir(parents=True)
+                (folder / 'data' / scene / 'work_precision').mkdir(parents=True)
+            curves.make_scans(self.PLAN, folder / 'data', folder / 'out')
+            self.assertEqual(sorted(str(p.relative_to(folder / 'out/scans')) for p in (folder / 'out/scans').glob('*/*')),
+                             ['by_gpu/a', 'by_gpu/b', 'fails/a', 'parts/a', 'parts/b'])
+            self.assertEqual(list((folder / 'out/scans').glob('*/*/*')), [])  # runs of the scan itself stay behind
             jobs = lambda: curves.jobs_of(self.PLAN, str(program), folder / 'data', folder / 'out')
             run_them = lambda these, seconds: curves.run_jobs(these, folder / 'out', seconds, [0, 0, 0, 0], 2, tick=0.01)
             first = [job for job in jobs() if job.name != 'long']
             with contextlib.redirect_stdout(io.StringIO()):
                 run_them(first, 120)
             self.assertEqual({job.name: job.state for job in first if job.state != 'done'}, {'fails.a.seed0.0': 'failed'})
-            self.assertEqual(len(first), 8 + 2 + 2 + 1)
+            self.assertEqual(len(first), 8 + 2 + 6 + 1)
             notes = [json.loads(line) for line in (folder / 'notes').read_text().splitlines()]
             at_once = most = 0
             for what, words, cores in notes:
@@ -482,15 +486,50 @@ note('end')
                              {'fails.a.seed0.0': 'failed', 'long': 'cut off'})
             self.assertEqual(sum('begin' in line for line in (folder / 'notes').read_text().splitlines()),
                              sum(what == 'begin' for what, _, _ in notes) + 1)  # what failed
+            log = [line.split('\t') for line in (folder / 'out/jobs.log').read_text().splitlines()]
+            self.assertTrue(all(0 <= float(began) <= float(ended) for began, ended, *_ in log))
+            self.assertEqual({tuple(line[2:]) for line in log if line[3] != 'done'},
+                             {('3', 'failed', 'fails.a.seed0.0'), ('-9', 'cut off', 'long')})
             (folder / 'out/calls/by_gpu.b.seed1.1.json').unlink()  # as where the time was up
-            made = curves.collect(self.PLAN, str(program), folder / 'data', folder / 'out', folder / 'curves', 'abc', 'a machine')
-            self.assertEqual(made, ['by_gpu', 'meshes', 'parts'])
+            made = curves.collect(self.PLAN, str(program), folder / 'out', folder / 'curves', 'abc', 'a machine')
+            self.assertEqual(made, ['by_gpu', 'meshes'])  # of the parts there are no runs
             by_gpu = json.loads((folder / 'curves/by_gpu.json').read_text())
             self.assertEqual(by_gpu['values'], ','.join(['1,2,3,4'] * 3 + ['1,2']))
             self.assertEqual(by_gpu['made'], {'command': 'work_precision --knob voxel --use_gpu 1 --seeds 0,1 --arguments x=1,y=2',
                                               'commit': 'abc', 'machine': 'a machine'})
             self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
-            self.assertEqual(json.loads((folder / 'curves/parts.json').read_text())['parts'], ['a', 'b'])
+
+    def test_forced_parts_are_summed_up_over_calls_of_one_seed(self):
+        entry = {'name': 'parts', 'forced': ['p', 'q'], 'scenes': ['a', 'b'], 'seeds': [0, 1, 2, 3], 'arguments': ['gaussian_trainer.x=1']}
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = pathlib.Path(temporary)
+            (folder / 'calls').mkdir()
+            (folder / 'calls/others.c.seed2.json').write_text(json.dumps({'parts': [{'scene': 'c', 'part': 'p', 'what': 'a part', 'mean_gain': None}]}))
+
+            def run(value, seed, error, failure='', settings='gaussian_trainer planned x=1'):
+                at = folder / 'scans/parts/a/work_precision/forced_training' / f'{value}_seed{seed}'
+                at.mkdir(parents=True)
+                (at / 'point.json').write_text(json.dumps({'value': value, 'seed': seed, 'cpu_s': 10 + seed, 'failure': failure,
+                                                           'settings': settings, 'figures': {'held_out_rmse': error}}))
+            for seed, error in enumerate([4, 5, 6]):
+                run('planned', seed, error)
+            for seed, error in enumerate([3, 5, 3]):
+                run('p', seed, error)
+            run('p', 3, 99)  # the planned run of this seed was cut off
+            run('planned', 4, 1)  # a seed that was not asked for
+            run('q', 0, 0, 'no memory')
+            run('q', 1, 0, settings='gaussian_trainer planned x=10')  # of another sweep
+            with contextlib.redirect_stderr(io.StringIO()) as said:
+                parts = curves.forced_parts(entry, folder)
+        self.assertIn('no memory', said.getvalue())
+        self.assertEqual(len(parts), 1)  # q has no runs
+        self.assertEqual({key: parts[0][key] for key in ('scene', 'what', 'seeds', 'planned_error', 'planned_cpu_s')},
+                         {'scene': 'a', 'what': 'a part', 'seeds': 3, 'planned_error': {'min': 4, 'median': 5, 'max': 6},
+                          'planned_cpu_s': {'min': 10, 'median': 11, 'max': 12}})
+        self.assertEqual(parts[0]['forced_error'], {'min': 3, 'median': 3, 'max': 5})
+        self.assertAlmostEqual(parts[0]['mean_gain'], 4 / 3)  # of 1, 0 and 3
+        self.assertAlmostEqual(parts[0]['gain_sigma'], (7 / 9) ** 0.5)
+        self.assertAlmostEqual(parts[0]['gain_pct'], 40)
 
     @unittest.skipUnless(hasattr(os, 'sched_setaffinity'), 'cores cannot be dealt out here')
     def test_jobs_of_several_gpus_see_one_each_and_long_ones_are_not_begun_late(self):
@@ -528,7 +567,7 @@ note('end')
             of_sweep = 'tsdf_mesher voxel x=1 y=2 turntable_mapper='
 
             def ended(value, settings=of_sweep, failure='', **figures):
-                run = folder / 'data/b/work_precision/voxel' / f'{value}_seed1'
+                run = folder / 'out/scans/by_gpu/b/work_precision/voxel' / f'{value}_seed1'
                 run.mkdir(parents=True)
                 (run / 'point.json').write_text(json.dumps({'scene': 3, 'value': value, 'seed': 1, 'failure': failure,
                                                             'figures': figures, 'settings': settings}))
@@ -538,7 +577,7 @@ note('end')
             ended('4', faces=7)                                       # its error is not known yet
             cut_off = folder / 'cut_off'
             cut_off.mkdir()
-            files = curves.calls_of(entry, folder / 'data', folder / 'out', cut_off)
+            files = curves.calls_of(entry, folder / 'out', cut_off)
             self.assertEqual([path.name for path in files], ['by_gpu.a.seed0.0.json', 'by_gpu.b.seed1.0.json'])
             self.assertEqual(json.loads(files[1].read_text()),
                              {'what': 'edge', 'error': 'e', 'scenes': ['b'], 'values': ['1', '2'], 'points': [

@@ -6,13 +6,14 @@ usage: curves.py PLAN S2GS DATA OUTPUT [--seconds N] [--cores N] [--gpus N] [--g
 
 PLAN is a JSON list in order of worth (curves.json), S2GS the program (that of preset `trainer` will do), DATA holds a
 scan for each scene. Every call of `s2gs work_precision` is a job of its own, one scene and one seed, on cores of its
-own; at the deadline what still runs is ended. Calls that are done are not made again. --collect puts the calls of
-each sweep together into FOLDER/NAME.json, .csv and .html (tests/bench/results/curves for BENCHMARK.md), with the
+own, and every entry of PLAN has scans of its own (OUTPUT/scans); at the deadline what still runs is ended. Calls that
+are done are not made again. OUTPUT/jobs.log has a line a job: began, ended, exit code, state, name. --collect puts the calls
+of each sweep together into FOLDER/NAME.json, .csv and .html (tests/bench/results/curves for BENCHMARK.md), with the
 command, the commit and the machine; a call that was cut off counts with the runs that it finished.
 
 An entry of PLAN has `name` and one of
   `knob`     a sweep: `values` are lists of lists, a call each;
-  `forced`   parts that the plan leaves out, run all the same: a call for each scene, all seeds in it;
+  `forced`   parts of training that the plan leaves out, run all the same: a call for each scene and seed;
   `command`  anything else, with {programs} (S2GS's folder), {data}, {output}, {here} and {commit} filled in;
 and may have `scenes`, `seeds`, `arguments` (as --arguments), `gpu` (true: at most --gpu_jobs at a time on each of --gpus),
 `cores` of a call, `needs` (seconds: a call is not begun when fewer are left), `truth` (measured against DATA/SCENE/gt),
@@ -25,6 +26,7 @@ import os
 import pathlib
 import shutil
 import signal
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -44,8 +46,22 @@ def model_folder(output, scene, seed):
     return output / 'models' / f'seed{seed}' / scene
 
 
-def call_name(entry, scene, seed, i):
-    return f'{entry["name"]}.{scene}.seed{seed}.{i}' if 'knob' in entry else f'{entry["name"]}.{scene}'
+def scan_folder(entry, output, scene):
+    """Runs of two entries may have one name, so that each has a scan of its own."""
+    return output / 'scans' / entry['name'] / scene
+
+
+def make_scans(plan, data, output):
+    for entry in plan:
+        for scene in entry.get('scenes', []) if 'model' not in entry else []:
+            folder = scan_folder(entry, output, scene)
+            if not folder.exists():
+                shutil.copytree(data / scene, folder.with_suffix('.part'), ignore=shutil.ignore_patterns('work_precision'))
+                folder.with_suffix('.part').rename(folder)
+
+
+def call_name(entry, scene, seed, i=0):
+    return f'{entry["name"]}.{scene}.seed{seed}' + (f'.{i}' if 'knob' in entry else '')
 
 
 def arguments_of(entry, folder):
@@ -67,42 +83,43 @@ def jobs_of(plan, s2gs, data, output, commit=None):
                      for w in entry['command']]
             jobs.append(Job(entry['name'], [words], gpu, cores, needs=needs))
             continue
-        for scene in entry['scenes']:
+        # A seed of all scenes before the next, so that the end of the time costs all scenes alike.
+        for seed, scene in [(seed, scene) for seed in entry['seeds'] for scene in entry['scenes']]:
             truth = ['--ground_truth_path', str(data / scene)] if entry.get('truth') else []
             arguments = arguments_of(entry, data / scene)
+            folder, after = scan_folder(entry, output, scene), None
             if 'forced' in entry:
-                name = call_name(entry, scene, None, None)
-                jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(data / scene),
-                                        '--forced', ','.join(entry['forced']), '--seeds', ','.join(map(str, entry['seeds'])),
-                                        '--jobs', str(cores), *use_gpu, *truth, *arguments,
-                                        '--output_path', str(output / 'calls' / name)]], gpu, cores, needs=needs))
+                name = call_name(entry, scene, seed)
+                jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(folder),
+                                        '--forced', ','.join(entry['forced']), '--seeds', str(seed), '--jobs', str(cores),
+                                        *use_gpu, *truth, *arguments, '--output_path', str(output / 'calls' / name)]],
+                                gpu, cores, needs=needs))
                 continue
-            for seed in entry['seeds']:
-                folder, after = data / scene, None
-                if 'model' in entry:
-                    folder = model_folder(output, scene, seed)
-                    if (scene, seed) not in models:
-                        on = [str(folder), '--use_gpu', '1' if entry['model'].get('gpu') else '0', '--random_seed', str(seed)]
-                        options = [w for a in entry['model']['arguments'] for w in ('--' + a.split('=')[0], a.split('=', 1)[1])]
-                        models[scene, seed] = Job(
-                            f'model.{scene}.seed{seed}',
-                            [['cp', '-r', str(data / scene) + '/.', str(folder)],
-                             ['rm', '-rf', str(folder / 'work_precision')],  # sweeps of the scan itself
-                             [s2gs, 'gaussian_trainer', '--workspace_path', *on, *options],
-                             [s2gs, 'gaussian_renderer', '--workspace_path', *on]], entry['model'].get('gpu', False))
-                        jobs.append(models[scene, seed])
-                    after = models[scene, seed]
-                for i, values in enumerate(entry['values']):
-                    name = call_name(entry, scene, seed, i)
-                    jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(folder), '--knob', entry['knob'],
-                                            '--values', ','.join(values), '--seeds', str(seed), *use_gpu, *truth, *arguments,
-                                            '--output_path', str(output / 'calls' / name)]], gpu, cores, after, needs))
+            if 'model' in entry:
+                folder = model_folder(output, scene, seed)
+                if (scene, seed) not in models:
+                    on = [str(folder), '--use_gpu', '1' if entry['model'].get('gpu') else '0', '--random_seed', str(seed)]
+                    options = [w for a in entry['model']['arguments'] for w in ('--' + a.split('=')[0], a.split('=', 1)[1])]
+                    models[scene, seed] = Job(
+                        f'model.{scene}.seed{seed}',
+                        [['cp', '-r', str(data / scene) + '/.', str(folder)],
+                         ['rm', '-rf', str(folder / 'work_precision')],  # sweeps of the scan itself
+                         [s2gs, 'gaussian_trainer', '--workspace_path', *on, *options],
+                         [s2gs, 'gaussian_renderer', '--workspace_path', *on]], entry['model'].get('gpu', False))
+                    jobs.append(models[scene, seed])
+                after = models[scene, seed]
+            for i, values in enumerate(entry['values']):
+                name = call_name(entry, scene, seed, i)
+                jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(folder), '--knob', entry['knob'],
+                                        '--values', ','.join(values), '--seeds', str(seed), *use_gpu, *truth, *arguments,
+                                        '--output_path', str(output / 'calls' / name)]], gpu, cores, after, needs))
     return jobs
 
 
 def run_jobs(jobs, output, seconds, cores, gpu_jobs, gpus=1, tick=0.2):
     """Until all are done or the time is up; a job's state says what became of it."""
-    deadline = time.monotonic() + seconds
+    beginning = time.monotonic()
+    deadline = beginning + seconds
     free = list(cores)
     for folder in ('calls', 'logs', 'done', 'models'):
         (output / folder).mkdir(parents=True, exist_ok=True)
@@ -137,6 +154,9 @@ def run_jobs(jobs, output, seconds, cores, gpu_jobs, gpus=1, tick=0.2):
         if state == 'done':
             (output / 'done' / job.name).write_text(f'{job.seconds:.1f}\n')
         print(f'{state:8} {job.seconds:7.1f} s  {job.name}', flush=True)
+        began = job.started - beginning
+        with open(output / 'jobs.log', 'a') as log:
+            log.write(f'{began:.1f}\t{began + job.seconds:.1f}\t{job.process.returncode}\t{state}\t{job.name}\n')
 
     def may_start(job):
         if job.after is not None and job.after.state != 'done' or deadline - time.monotonic() < job.needs:
@@ -193,6 +213,45 @@ def command_text(entry):
     return '; '.join([text, *([entry['about']] if 'about' in entry else [])])
 
 
+def spread(values):
+    return {'min': min(values), 'median': statistics.median(values), 'max': max(values)}
+
+
+def forced_part(pattern, planned, forced):
+    """As `s2gs work_precision --forced` writes it, of runs {seed: point}; PATTERN is a part of one seed's call."""
+    both = sorted(planned.keys() & forced.keys())
+    errors = [[points[seed]['figures']['held_out_rmse'] for seed in both] for points in (planned, forced)]
+    seconds = [[points[seed]['cpu_s'] for seed in both] for points in (planned, forced)]
+    gains = [a - b for a, b in zip(*errors)]
+    medians = [statistics.median(values) for values in errors]
+    sigma = statistics.stdev(gains) / len(gains) ** 0.5 if len(gains) >= 3 else None
+    mean = statistics.mean(gains) if sigma is not None else None
+    return {**pattern, 'planned_error': spread(errors[0]), 'forced_error': spread(errors[1]),
+            'gain_pct': 100 * (medians[0] - medians[1]) / medians[0], 'mean_gain': mean, 'gain_sigma': sigma,
+            'gain_sigmas': mean / sigma if sigma else None, 'planned_cpu_s': spread(seconds[0]),
+            'forced_cpu_s': spread(seconds[1]), 'seeds': len(both)}
+
+
+def forced_parts(entry, output):
+    """Of all seeds, whose calls have one each; a call that was cut off counts with the runs that it finished, where any
+    call of the part ended, which has its words. Runs that failed are left out, and named."""
+    written = [json.loads(path.read_text()).get('parts', []) for path in sorted((output / 'calls').glob('*.json'))]
+    patterns = {part['part']: part for parts in written for part in parts}
+    found = []
+    for scene in entry['scenes']:
+        runs = {'planned': {}}
+        for seed in entry['seeds']:
+            for path in (scan_folder(entry, output, scene) / 'work_precision').glob(f'forced_*/*_seed{seed}/point.json'):
+                point = json.loads(path.read_text())
+                if point['failure']:
+                    print(f'{path}: {point["failure"]}', file=sys.stderr)
+                elif set(entry.get('arguments', [])) <= {f'gaussian_trainer.{word}' for word in point['settings'].split(' ')}:
+                    runs.setdefault(point['value'], {})[seed] = point
+        found += [forced_part({**patterns[name], 'scene': scene}, runs['planned'], runs[name])
+                  for name in entry['forced'] if name in patterns and runs['planned'].keys() & runs.get(name, {}).keys()]
+    return found
+
+
 def finished_runs(entry, folder, scene, seed, values, pattern):
     """The curve of a call that was cut off: `pattern`, a call of the same sweep that was not, with the runs that had
     ended, as their workspaces in FOLDER have them. None where there is none."""
@@ -209,17 +268,17 @@ def finished_runs(entry, folder, scene, seed, values, pattern):
     return {**pattern, 'scenes': [scene], 'values': [point['value'] for point in points], 'points': points} if points else None
 
 
-def calls_of(entry, data, output, cut_off):
-    """Files of the calls that ended; of others that have runs which did, files in the folder `cut_off`."""
+def calls_of(entry, output, cut_off):
+    """Files of a sweep's calls that ended; of others that have runs which did, files in the folder `cut_off`."""
     calls = {call_name(entry, scene, seed, i): (scene, seed, values) for scene in entry['scenes']
-             for seed in entry.get('seeds', [0]) for i, values in enumerate(entry.get('values', [[]]))}
+             for seed in entry['seeds'] for i, values in enumerate(entry['values'])}
     files = {name: output / 'calls' / f'{name}.json' for name in calls}
     ended = [path for path in files.values() if path.exists()]
-    if not ended or 'knob' not in entry:
+    if not ended:
         return ended
     pattern = json.loads(ended[0].read_text())
     for name, (scene, seed, values) in calls.items():
-        folder = model_folder(output, scene, seed) if 'model' in entry else data / scene
+        folder = model_folder(output, scene, seed) if 'model' in entry else scan_folder(entry, output, scene)
         if not files[name].exists() and (curve := finished_runs(entry, folder, scene, seed, values, pattern)):
             path = pathlib.Path(cut_off, f'{name}.json')
             path.write_text(json.dumps(curve))
@@ -227,8 +286,8 @@ def calls_of(entry, data, output, cut_off):
     return ended
 
 
-def collect(plan, s2gs, data, output, folder, commit, machine):
-    """FOLDER/NAME.* of every sweep of which a call is there; returns the names."""
+def collect(plan, s2gs, output, folder, commit, machine):
+    """FOLDER/NAME.* of every sweep and forced part of which a call is there; returns the names."""
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     for entry in plan:
@@ -236,18 +295,19 @@ def collect(plan, s2gs, data, output, folder, commit, machine):
             continue
         path = folder / f'{entry["name"]}.json'
         with tempfile.TemporaryDirectory() as cut_off:
-            calls = calls_of(entry, data, output, cut_off)
-            if not calls:
-                continue
-            if 'forced' in entry:
-                written = [json.loads(call.read_text()) for call in calls]
-                content = {**written[0], 'parts': [part for one in written for part in one['parts']]}
-            else:
+            calls = calls_of(entry, output, cut_off) if 'knob' in entry else []
+            if calls:
                 subprocess.run([s2gs, 'work_precision', '--curves', ','.join(map(str, calls)), '--output_path',
                                 str(path.with_suffix('')), '--log_level', 'warning'], check=True, stdout=subprocess.DEVNULL)
                 content = json.loads(path.read_text())
+                short = any(setting['runs'] < len(entry['seeds']) for setting in content.get('settings', []))
+            else:
+                content = {'version': 1, 'parts': forced_parts(entry, output) if 'forced' in entry else []}
+                short = any(part['seeds'] < len(entry['seeds']) for part in content['parts'])
+                if not content['parts']:
+                    continue
         command = command_text(entry)
-        if any(setting['runs'] < len(entry['seeds']) for setting in content.get('settings', [])):
+        if short:
             command += '; what has fewer runs was cut off'
         content['made'] = {'command': command, 'commit': commit, 'machine': machine}
         path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + '\n')
@@ -276,9 +336,10 @@ def main(arguments=None):
     if args.collect:
         if not args.commit or not args.machine:
             parser.error('--collect needs --commit and --machine')
-        print('\n'.join(collect(plan, args.s2gs, args.data, args.output, args.collect, args.commit, args.machine)))
+        print('\n'.join(collect(plan, args.s2gs, args.output, args.collect, args.commit, args.machine)))
         return 0
     cores = sorted(os.sched_getaffinity(0))[:args.cores]
+    make_scans(plan, args.data, args.output)
     jobs = jobs_of(plan, args.s2gs, args.data, args.output, args.commit)
     run_jobs(jobs, args.output, args.seconds, cores, args.gpu_jobs, args.gpus)
     for state in ('done', 'failed', 'cut off', 'waiting'):
