@@ -27,7 +27,6 @@ namespace {
 constexpr std::chrono::milliseconds kPoll{50};
 constexpr size_t kMaxLogLines = 20'000;
 constexpr double kLogEverySeconds = 10;
-constexpr std::string_view kErrorMark = "s2gs: error: ";
 
 // What an object's scan prints; its end is kept in the workspace.
 class ScanLog {

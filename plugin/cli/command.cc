@@ -89,7 +89,7 @@ struct ArgumentsAccepted {};
 
 int Complain(const std::string& message, ExitCode code) {
   std::cout.flush();
-  std::cerr << "s2gs: error: " << Printable(message) << std::endl;
+  std::cerr << kErrorMark << Printable(message) << std::endl;
   return code;
 }
 

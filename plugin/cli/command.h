@@ -4,12 +4,16 @@
 #include <ostream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "plugin/cli/options.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {
+
+/// How the message of a command that fails begins, which is the last that it prints.
+constexpr std::string_view kErrorMark = "s2gs: error: ";
 
 /// What a command works with: it declares its options, parses them, and then has a reporter.
 ///

@@ -13,6 +13,7 @@
 #include <system_error>
 #include <utility>
 
+#include "plugin/cli/command.h"
 #include "plugin/cli/version.h"
 #include "plugin/colmap/child_process.h"
 #include "plugin/curves/point_errors.h"
@@ -181,6 +182,13 @@ class Sweep {
     }
   }
 
+  // What all runs are given goes before what the knob asks of them.
+  bool IsGiven(const std::string& option) const {
+    return std::any_of(o_.arguments.begin(), o_.arguments.end(), [&](const std::string& argument) {
+      return argument.substr(0, argument.find('=')) == option;
+    });
+  }
+
   // What a value sets goes before what all runs are given.
   bool IsSetBy(const std::string& value, const std::string& command, const std::string& option) const {
     for (const KnobSetting& setting : o_.knob.settings) {
@@ -218,7 +226,9 @@ class Sweep {
         if (value != nullptr && IsSetBy(*value, command, argument.substr(0, equals))) continue;
         add(argument.substr(0, equals), InWorkspace(argument.substr(equals + 1), Base(scene)));
       }
-      for (const auto& [name, text] : o_.knob.fixed) add(name, text);
+      for (const auto& [name, text] : o_.knob.fixed) {
+        if (!IsGiven(name)) add(name, text);
+      }
       if (value != nullptr && o_.knob.settings.empty()) add(o_.knob.option, *value);
     }
     for (const KnobSetting& setting : o_.knob.settings) {
@@ -245,19 +255,15 @@ class Sweep {
     return end;
   }
 
-  // The last line that says something.
+  // Why a command failed: its message, or the last line that says something.
   static std::string Reason(const fs::path& log) {
-    std::string last;
-    std::string line;
-    for (const char c : ReadWholeFile(log, uint64_t{1} << 28U) + "\n") {
-      if (c != '\n') {
-        line += c;
-        continue;
-      }
-      if (!line.empty()) last = line;
-      line.clear();
-    }
-    return last;
+    std::string text = ReadWholeFile(log, uint64_t{1} << 28U);
+    while (!text.empty() && text.back() == '\n') text.pop_back();
+    const size_t message = ("\n" + text).rfind("\n" + std::string(kErrorMark));
+    const size_t last = text.rfind('\n');
+    if (message == std::string::npos) return last == std::string::npos ? text : text.substr(last + 1);
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    return text.substr(message + kErrorMark.size());
   }
 
   WorkPoint MakePoint(const Run& run) {

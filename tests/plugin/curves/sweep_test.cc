@@ -51,6 +51,7 @@ class SweepTest : public testing::Test {
                       "test -e \"$workspace/dense/0/meshed-tsdf.ply\" && { echo left over; exit 1; }\n"
                       "test -e \"$workspace/images/a.jpg\" || { echo no photos; exit 1; }\n"
                       "[ $value = bad ] && { echo it broke; exit 1; }\n"
+                      "[ $value = refused ] && { echo s2gs: error: no; echo Run it; echo; exit 2; }\n"
                       "cp " +
                       folder_.path().string() +
                       "/mesh_$value.ply "
@@ -100,6 +101,25 @@ TEST_F(SweepTest, MeasuresEveryValueAgainstTheLongestRun) {
   EXPECT_FALSE(fs::exists(run.Database()));
   EXPECT_FALSE(fs::exists(run.Images()));
   EXPECT_TRUE(fs::exists(scan_.Images() / "a.jpg"));
+}
+
+// A command's message is why, not what follows it.
+TEST_F(SweepTest, SaysWhyARunFailed) {
+  options_.values = {"1", "refused", "4"};
+  options_.seeds = {0};
+  const WorkCurve curve = RunSweep(options_, silent_);
+  ASSERT_EQ(curve.points.size(), 2U);
+  EXPECT_EQ(curve.points[1].failure, "tsdf_mesher: no Run it");
+}
+
+TEST_F(SweepTest, ArgumentsGoBeforeWhatTheKnobAsksFor) {
+  options_.knob.fixed = {{"size", "1600"}, {"other", "2"}};
+  options_.arguments = {"size=800"};
+  RunSweep(options_, silent_);
+  const std::string calls = folder_.Read("calls");
+  EXPECT_THAT(calls, testing::HasSubstr("--size 800"));
+  EXPECT_THAT(calls, testing::Not(testing::HasSubstr("1600")));
+  EXPECT_THAT(calls, testing::HasSubstr("--other 2"));
 }
 
 TEST_F(SweepTest, OtherSettingsRunAgain) {
