@@ -87,9 +87,8 @@ void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
   }
   reporter.Info(fmt::format(
       "refined by {} photos: {} triangles dropped that hardly any of them sees and {} of which hardly two "
-      "show "
-      "the same, {:.0f} % of {} vertices "
-      "placed by their texture; moved by {:+.2f} px outwards, {:.2f} px rms, in {:.2f} s",
+      "show the same, {:.0f} % of {} vertices placed by their texture; moved by {:+.2f} px outwards, {:.2f} "
+      "px rms, in {:.2f} s",
       refinement.num_photos, refinement.num_unseen_triangles, refinement.num_refuted_triangles,
       100.0 * static_cast<double>(refinement.num_accepted) / static_cast<double>(refinement.num_vertices),
       refinement.num_vertices, refinement.mean_offset_px, refinement.rms_offset_px, refinement.seconds));
@@ -106,8 +105,8 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
                      summary.cleanup.num_clusters);
   if (summary.refinement.num_vertices > 0) {
     out << fmt::format(
-        "refined          {:+.3f} px outwards, {} unseen and {} refuted triangles dropped, {} vertices "
-        "carved\n",
+        "refined          {:+.3f} px outwards, {} unseen and {} refuted triangles dropped, "
+        "{} vertices carved\n",
         summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles,
         summary.refinement.num_refuted_triangles, summary.refinement.num_carved);
   }

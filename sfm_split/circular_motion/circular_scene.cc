@@ -304,11 +304,10 @@ AlignedScene SceneFromCircularMotion(const ScanFeatures& features, const Circula
   std::vector<Camera> cameras;
   std::vector<FocalPrior> priors;
   for (const auto& [id, camera] : features.cameras) {
-    const auto has_prior = features.has_prior_focal.find(id);
     camera_ids.push_back(id);
     cameras.push_back(camera);
     if (InfoOf(camera.model).num_focal_params == 0) return {};
-    priors.push_back(FocalPriorOf(camera, has_prior != features.has_prior_focal.end() && has_prior->second));
+    priors.push_back(FocalPriorOf(camera, HasPriorFocal(features, id)));
   }
   const std::vector<CircularStation> stations =
       CollectCircularStations(features, camera_ids, &finding->stations);

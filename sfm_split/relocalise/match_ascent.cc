@@ -58,9 +58,8 @@ MatchAscent::MatchAscent(const ScanFeatures& features, const std::vector<Possibl
   for (const Camera& camera : aligned.scene.cameras) {
     place_of_camera_[camera.camera_id] = static_cast<int>(state_.log_focal.size());
     state_.log_focal.push_back(std::log(FocalLengths(camera).mean()));
-    const auto given = features.has_prior_focal.find(camera.camera_id);
-    priors_.push_back(FocalPriorOf(features.cameras.at(camera.camera_id),
-                                   given != features.has_prior_focal.end() && given->second));
+    priors_.push_back(
+        FocalPriorOf(features.cameras.at(camera.camera_id), HasPriorFocal(features, camera.camera_id)));
   }
   for (const ScanImage& image : features.images) {
     const auto found = view_of_name.find(image.name);

@@ -141,8 +141,7 @@ double Placement::LogPriorOfLenses(const TurntableScene& scene) const {
   for (const Camera& camera : scene.cameras) {
     const auto given = features_.cameras.find(camera.camera_id);
     if (given == features_.cameras.end()) continue;
-    const auto exif = features_.has_prior_focal.find(camera.camera_id);
-    sum += LogPriorOfLens(camera, given->second, exif != features_.has_prior_focal.end() && exif->second);
+    sum += LogPriorOfLens(camera, given->second, HasPriorFocal(features_, camera.camera_id));
   }
   return sum;
 }

@@ -311,9 +311,8 @@ std::vector<LensPrior> ScanRefiner::LensPriors(const JointProblem& problem) cons
   std::vector<LensPrior> priors;
   for (const Camera& camera : problem.cameras) {
     const Camera& given = features_.cameras.at(camera.camera_id);
-    const auto has_prior = features_.has_prior_focal.find(camera.camera_id);
     LensPrior prior;
-    prior.focal = FocalPriorOf(given, has_prior != features_.has_prior_focal.end() && has_prior->second);
+    prior.focal = FocalPriorOf(given, HasPriorFocal(features_, camera.camera_id));
     if (const std::optional<size_t> k = DistortionPlace(given)) prior.distortion = given.params[*k];
     if (photos_are_cut_ && !holds_cameras_) prior.principal = CutPhotoPrior(camera, PrincipalPoint(given));
     priors.push_back(prior);

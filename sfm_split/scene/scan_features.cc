@@ -2,6 +2,11 @@
 
 namespace s2gs {
 
+bool HasPriorFocal(const ScanFeatures& features, uint32_t camera_id) {
+  const auto has_prior = features.has_prior_focal.find(camera_id);
+  return has_prior != features.has_prior_focal.end() && has_prior->second;
+}
+
 bool IsStatic(const ScanImage& image, uint32_t keypoint) {
   return keypoint < image.labels.size() && image.labels[keypoint] == KeypointLabel::kStatic;
 }

@@ -42,6 +42,9 @@ struct ScanFeatures {
 /// background's.
 constexpr float kLeastMovePx = 3;
 
+/// Whether the camera's focal length comes from EXIF or the user, not from a guess.
+bool HasPriorFocal(const ScanFeatures& features, uint32_t camera_id);
+
 bool IsStatic(const ScanImage& image, uint32_t keypoint);
 
 /// All matches that there are, right and wrong ones: the raw ones, else the verified ones.
