@@ -38,8 +38,10 @@ class ScanLog {
     if (lines_.size() > kMaxLogLines) lines_.pop_front();
     if (line.substr(0, kErrorMark.size()) == kErrorMark) {
       error_ = line.substr(kErrorMark.size());
-    } else if (!error_.empty()) {
-      error_ += " " + std::string(line);  // messages of several lines come last
+    } else if (const size_t begin = line.find_first_not_of(' ');
+               !error_.empty() && begin != std::string_view::npos) {
+      // Messages of several lines come last; a table has them in one.
+      error_ += (error_.back() == ':' || error_.back() == '.' ? " " : "; ") + std::string(line.substr(begin));
     }
     if (SteadySeconds() - written_ > kLogEverySeconds) Write();
   }

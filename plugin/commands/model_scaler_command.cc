@@ -264,12 +264,19 @@ void Print(const ScaleEstimate& estimate, const Workspace& workspace, std::ostre
 
 std::vector<ScaleBar> MarkerSides(const Settings& settings, const std::vector<LocatedMarker>& markers,
                                   const std::string& dictionary) {
+  std::string found;
+  for (const LocatedMarker& marker : markers)
+    found += (found.empty() ? "" : ", ") + std::to_string(marker.id);
+  if (markers.empty()) {
+    throw UserError(
+        settings.image_path,
+        fmt::format("no marker of the dictionary {} is seen well enough in two photos or more", dictionary),
+        "Take photos with the markers in sight, let `--marker_dictionary auto` look for other ones, or state "
+        "--known_length_mm");
+  }
   if (settings.scale.marker_size_mm <= 0) {
-    std::string list;
-    for (const LocatedMarker& marker : markers)
-      list += (list.empty() ? "" : ", ") + std::to_string(marker.id);
     throw UserError(settings.image_path,
-                    fmt::format("shows the {} markers {}, but not how large they are", dictionary, list),
+                    fmt::format("shows the {} markers {}, but not how large they are", dictionary, found),
                     "State the side of their black squares as --marker_size_mm");
   }
   std::vector<LocatedMarker> used;
@@ -278,8 +285,10 @@ std::vector<ScaleBar> MarkerSides(const Settings& settings, const std::vector<Lo
     if (wanted.empty() || wanted.count(marker.id) > 0) used.push_back(marker);
   }
   if (used.empty()) {
-    throw UserError(settings.image_path, "no marker is seen well enough in two photos or more",
-                    "Take photos with the markers in sight, or state --known_length_mm");
+    throw UserError(
+        settings.image_path,
+        fmt::format("shows the {} markers {}, and none of those that --marker_ids names", dictionary, found),
+        "Name markers that are there, or leave --marker_ids out to use all");
   }
   return BarsOfMarkers(used, kMetresPerMillimetre * settings.scale.marker_size_mm);
 }

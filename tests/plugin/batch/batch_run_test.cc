@@ -38,6 +38,7 @@ case "$6" in
   doubtful) verdict doubtful; echo "s2gs: error: the poses are doubtful" >&2; exit 3 ;;
   failed) verdict failed; exit 3 ;;
   broken) echo "on its way"; echo "s2gs: error: $5: has no photos." >&2; echo "Take some." >&2; exit 1 ;;
+  faults) printf 's2gs: error: the scan cannot begin:\n  a.jpg: is empty\n  b.jpg: is empty\n\n' >&2; exit 1 ;;
   crash) kill -SEGV $$ ;;
   slow) trap 'echo stopping; touch "$w/stopped"; exit 130' INT; touch "$w/began"; i=0
         while [ $i -lt 600 ]; do sleep 0.05; i=$((i + 1)); done ;;
@@ -89,7 +90,7 @@ class BatchRun : public ::testing::Test {
 };
 
 TEST_F(BatchRun, SaysWhatBecameOfEachAndWhy) {
-  for (const char* what : {"good", "doubtful", "failed", "broken", "crash"}) Add(what, what);
+  for (const char* what : {"good", "doubtful", "failed", "broken", "crash", "faults"}) Add(what, what);
   const std::vector<BatchOutcome> outcomes = Run();
   EXPECT_EQ(outcomes[0].state, BatchState::kDone);
   EXPECT_EQ(outcomes[1].state, BatchState::kDoubtful);
@@ -99,6 +100,7 @@ TEST_F(BatchRun, SaysWhatBecameOfEachAndWhy) {
   EXPECT_EQ(outcomes[3].why, (folder_ / "photos").string() + ": has no photos. Take some.");
   EXPECT_EQ(outcomes[4].state, BatchState::kFailed);
   EXPECT_THAT(outcomes[4].why, HasSubstr("signal 11"));
+  EXPECT_EQ(outcomes[5].why, "the scan cannot begin: a.jpg: is empty; b.jpg: is empty");
   EXPECT_THAT(folder_.Read("broken/s2gs/batch.log"),
               AllOf(HasSubstr("on its way\n"), HasSubstr("Take some.\n")));
   // The same is known afterwards, from the workspaces alone.
@@ -107,7 +109,7 @@ TEST_F(BatchRun, SaysWhatBecameOfEachAndWhy) {
     EXPECT_EQ(entries[i].outcome.state, outcomes[i].state) << i;
     EXPECT_EQ(entries[i].outcome.why, outcomes[i].why) << i;
   }
-  EXPECT_EQ(CountEntries(entries), "5 objects: 1 done, 1 doubtful, 3 failed");
+  EXPECT_EQ(CountEntries(entries), "6 objects: 1 done, 1 doubtful, 4 failed");
 }
 
 TEST_F(BatchRun, RunsSoManyAtATimeOnTheirGpus) {
