@@ -41,6 +41,18 @@ struct EqualStepsPrior {
   double sigma_rad = 0;  ///< of an angle about equal steps.
 };
 
+/// How the table stood at a station's images against how it stood at another's, as silhouettes tell it: the
+/// mean of the one's table angles less that of the other's.
+struct StationTurnPrior {
+  struct Place {
+    int image = 0;
+    double angle_rad = 0;  ///< table angle; only the difference between the stations is meant.
+  };
+  std::vector<Place> first;
+  std::vector<Place> second;
+  double sigma_rad = 0;  ///< of the difference.
+};
+
 /// Poses of an object that is free of its axis lie about pure turns: a table that wobbles does so by as much
 /// at every photo.
 struct WobblePrior {
@@ -51,6 +63,7 @@ struct WobblePrior {
 struct JointPriors {
   std::vector<LensPrior> lenses;  ///< one per camera, or none at all.
   std::vector<EqualStepsPrior> turns;
+  std::vector<StationTurnPrior> station_turns;
   std::optional<WobblePrior> wobble;  ///< where every image has its own object pose.
   /// How much larger variances of the data are than those of independent keypoint errors: the data count by
   /// so much less against the priors. At least 1.

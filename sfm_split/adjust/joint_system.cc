@@ -212,6 +212,28 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     }
     blocks_.push_back(std::move(steps));
   }
+  for (const StationTurnPrior& turn : problem.priors.station_turns) AddStationTurn(turn, scale_px);
+}
+
+void JointSystem::AddStationTurn(const StationTurnPrior& turn, double scale_px) {
+  PriorTerm term;
+  term.sigma = turn.sigma_rad;
+  term.scale_px = scale_px;
+  for (const auto& [places, sign] : {std::make_pair(&turn.first, -1.0), std::make_pair(&turn.second, 1.0)}) {
+    std::vector<StationTurnPrior::Place> used;
+    for (const StationTurnPrior::Place& place : *places) {
+      if (blocks_[AngleBlock(place.image)].used) used.push_back(place);
+    }
+    if (used.empty()) return;
+    const double factor = sign / static_cast<double>(used.size());
+    for (const StationTurnPrior::Place& place : used) {
+      term.parts.push_back({AngleBlock(place.image), 0, factor});
+      // Angles are known but for whole turns.
+      const double whole_turns = std::round((angles_[place.image] - place.angle_rad) / (2 * kPi));
+      term.mean += factor * (place.angle_rad + 2 * kPi * whole_turns);
+    }
+  }
+  priors_.push_back(std::move(term));
 }
 
 // Small deviations from pure turns: tilts add up like vectors, and the axis' point stays where they turn.

@@ -69,6 +69,7 @@ class JointSystem {
   void AddBlocks(const JointProblem& problem, const JointOptions& options);
   void AddTerms(const JointProblem& problem, const JointBody& body, bool of_object);
   void AddPriors(const JointProblem& problem, const JointOptions& options);
+  void AddStationTurn(const StationTurnPrior& turn, double scale_px);
   void AddWobble(const JointProblem& problem, double scale_px);
   void TieByBackground(const JointProblem& problem);
   void FixGauge(const JointProblem& problem);

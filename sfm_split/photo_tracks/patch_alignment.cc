@@ -12,13 +12,13 @@ namespace s2gs {
 namespace {
 
 using Eigen::Matrix2d;
-using Eigen::Matrix4d;
 using Eigen::MatrixX2d;
-using Eigen::MatrixX4d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using Eigen::Vector4d;
 using Eigen::VectorXd;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using MatrixX6d = Eigen::Matrix<double, Eigen::Dynamic, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr double kSettledPx = 0.002;
 constexpr int kNormalRounds = 8;
@@ -51,27 +51,29 @@ class Grid {
   std::vector<int> inner_;
 };
 
-// What a photo's grey values are compared with: its columns are the values, 1, and the slopes.
+// What a photo's grey values are compared with: its columns are the values, 1, the slopes, and the place. As
+// a surface turns before light that stays, its shade changes otherwise on one side of a patch than on the
+// other: a ramp, which would pass for a shift.
 struct Template {
-  MatrixX4d design;
-  Matrix4d inverse = Matrix4d::Zero();
+  MatrixX6d design;
+  Matrix6d inverse = Matrix6d::Zero();
   bool is_usable = false;
 };
 
 Template MakeTemplate(const Grid& grid, const VectorXd& values) {
   Template result;
   const std::vector<int>& inner = grid.inner();
-  result.design.resize(static_cast<Eigen::Index>(inner.size()), 4);
+  result.design.resize(static_cast<Eigen::Index>(inner.size()), 6);
   for (size_t i = 0; i < inner.size(); ++i) {
     const int node = inner[i];
     result.design.row(static_cast<Eigen::Index>(i)) << values[node], 1,
         (values[node + 1] - values[node - 1]) / 2,
-        (values[node + grid.side()] - values[node - grid.side()]) / 2;
+        (values[node + grid.side()] - values[node - grid.side()]) / 2, grid.At(node).x(), grid.At(node).y();
   }
-  const Matrix4d normal = result.design.transpose() * result.design;
-  const Eigen::LDLT<Matrix4d> solver(normal);
+  const Matrix6d normal = result.design.transpose() * result.design;
+  const Eigen::LDLT<Matrix6d> solver(normal);
   if (solver.info() != Eigen::Success || !solver.isPositive() || solver.rcond() < 1e-12) return result;
-  result.inverse = solver.solve(Matrix4d::Identity());
+  result.inverse = solver.solve(Matrix6d::Identity());
   result.is_usable = true;
   return result;
 }
@@ -189,15 +191,29 @@ VectorXd Inner(const Grid& grid, const VectorXd& values) {
   return result;
 }
 
+// Of values of the inner nodes, whose places are symmetric: the parts of a ramp are orthogonal.
+double SquaredWithoutRamp(const Grid& grid, const VectorXd& values) {
+  double squared = (values.array() - values.mean()).square().sum();
+  Vector2d along = Vector2d::Zero();
+  Vector2d places = Vector2d::Zero();
+  for (size_t i = 0; i < grid.inner().size(); ++i) {
+    const Vector2d at = grid.At(grid.inner()[i]);
+    along += values[static_cast<Eigen::Index>(i)] * at;
+    places += at.cwiseProduct(at);
+  }
+  squared -= along.cwiseProduct(along).cwiseQuotient(places).sum();
+  return std::max(0.0, squared);
+}
+
 void Alignment::Align(size_t view, const Template& with, double min_correlation) {
   Aligned& aligned = aligned_[view];
   aligned.is_usable = false;
   for (int i = 0; i < options_.max_iterations; ++i) {
     if (!Sample(&aligned, view)) return;
     const VectorXd values = Inner(grid_, aligned.values);
-    const Vector4d fit = with.inverse * (with.design.transpose() * values);
+    const Vector6d fit = with.inverse * (with.design.transpose() * values);
     if (!(fit[0] > 0)) return;
-    const Vector2d step = aligned.px_from_grid * (fit.tail<2>() / fit[0]);
+    const Vector2d step = aligned.px_from_grid * (fit.segment<2>(2) / fit[0]);
     aligned.gain = fit[0];
     aligned.offset = fit[1];
     if (step.norm() > kSettledPx) {
@@ -206,11 +222,11 @@ void Alignment::Align(size_t view, const Template& with, double min_correlation)
       continue;
     }
     const double count = static_cast<double>(values.size());
-    const double variance = (values.array() - values.mean()).square().sum() / count;
-    const double residual = (values - with.design * fit).squaredNorm() / (count - 4);
+    const double variance = SquaredWithoutRamp(grid_, values) / count;
+    const double residual = (values - with.design * fit).squaredNorm() / (count - 6);
     aligned.correlation = std::sqrt(std::max(0.0, 1 - residual / std::max(variance, 1e-9)));
     const Matrix2d covariance = residual / (fit[0] * fit[0]) * aligned.px_from_grid *
-                                with.inverse.bottomRightCorner<2, 2>() * aligned.px_from_grid.transpose();
+                                with.inverse.block<2, 2>(2, 2) * aligned.px_from_grid.transpose();
     aligned.sigma_px = std::sqrt(
         Eigen::SelfAdjointEigenSolver<Matrix2d>(covariance, Eigen::EigenvaluesOnly).eigenvalues()[1]);
     aligned.is_usable = aligned.correlation >= min_correlation;
@@ -235,7 +251,7 @@ void Alignment::AlignAll(double min_correlation) {
   }
 }
 
-// A step of Gauss and Newton of the plane's slopes, each photo's shift, gain and offset eliminated.
+// A step of Gauss and Newton of the plane's slopes, each photo's shift, gain, offset and ramp eliminated.
 bool Alignment::TurnNormal() {
   Matrix2d normal_matrix = Matrix2d::Zero();
   Vector2d right = Vector2d::Zero();
@@ -247,11 +263,11 @@ bool Alignment::TurnNormal() {
     MatrixX2d columns(static_cast<Eigen::Index>(inner.size()), 2);
     for (size_t i = 0; i < inner.size(); ++i) {
       const auto row = static_cast<Eigen::Index>(i);
-      const double slope = -first_.design.row(row).tail<2>().dot(moves);
+      const double slope = -first_.design.row(row).segment<2>(2).dot(moves);
       columns.row(row) = slope * grid_.At(inner[i]).transpose();
     }
     const VectorXd values = (Inner(grid_, aligned.values).array() - aligned.offset) / aligned.gain;
-    const Vector4d fit = first_.inverse * (first_.design.transpose() * values);
+    const Vector6d fit = first_.inverse * (first_.design.transpose() * values);
     const VectorXd residuals = values - first_.design * fit;
     columns -= first_.design * (first_.inverse * (first_.design.transpose() * columns)).eval();
     normal_matrix += columns.transpose() * columns;

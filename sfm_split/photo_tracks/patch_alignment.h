@@ -43,10 +43,10 @@ struct SurfacePatch {
 };
 
 /// Where several photos show one patch of a surface, to what their noise allows: the patch is projected into
-/// each by its pose, and shifted to where it agrees best with the mean of the others, but for brightness and
-/// contrast (least squares matching). The patch's normal is adjusted along. The places mean one point of the
-/// surface, near `patch->centre`; places of one set of views are comparable among each other alone.
-/// \param reference  the view that the others are first compared with.
+/// each by its pose, and shifted to where it agrees best with the mean of the others, but for contrast,
+/// brightness and a ramp of it (least squares matching). The patch's normal is adjusted along. The places
+/// mean one point of the surface, near `patch->centre`; places of one set of views are comparable among each
+/// other alone. \param reference  the view that the others are first compared with.
 std::vector<PatchPlace> AlignPatch(const std::vector<PatchView>& views, size_t reference,
                                    const PatchOptions& options, SurfacePatch* patch);
 

@@ -12,6 +12,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/base/union_find.h"
 #include "sfm_split/circular_motion/circular_scene.h"
 #include "sfm_split/circular_motion/rigged_circle_scene.h"
 #include "sfm_split/evidence/step_width.h"
@@ -21,6 +22,7 @@
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/relocalise/station_turns.h"
 #include "sfm_split/relocalise/triple_likelihood.h"
+#include "sfm_split/silhouettes/scene_silhouettes.h"
 #include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -109,8 +111,13 @@ class Placement {
   void Consider(ScanCandidate candidate, const char* name);
   void PlaceMissing(const ReadDescriptors& read_descriptors);
   void AdjustToPhotos(const ReadGreyPhoto& read_photo);
+  void AskAllMatches();
+  void FinishPoses(const ReadGreyPhoto& read_photo);
+  bool TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from);
   RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
-    return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
+    RefineOptions refine = options_.refine;
+    refine.station_turns = station_turns_;
+    return RefineScan(features, object, options_.joint, refine, reporter_, aligned);
   }
   // What is known of the lenses before the matches are looked at.
   double LogPriorOfLenses(const TurntableScene& scene) const;
@@ -133,6 +140,8 @@ class Placement {
   const std::vector<PossiblePair> pairs_inside_;  // stations
   Stopwatch watch_;
   TurntableMotion motion_ = TurntableMotion::kTooFewImages;  // as free SfM sees it
+  std::vector<StationTurnPrior> station_turns_;              // that silhouettes told
+  std::map<int, double> told_turns_deg_;                     // by station: their standard deviations
   ScanPlacement result_;
 };
 
@@ -216,6 +225,7 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, Joint
   // Matches that agree are cut off at the bound, and tell no noise.
   refine.noise_px = sigma_px;
   refine.equal_steps = steps.steps;
+  refine.station_turns = station_turns_;
   candidate->has_given_steps = !steps.steps.empty();
   JointOptions joint = options_.joint;
   joint.model = model;
@@ -454,6 +464,99 @@ void Placement::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
       (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
 }
 
+void Placement::AskAllMatches() {
+  result_.best.matches = AskMatches(features_, pairs_, result_.best.aligned, told_turns_deg_, reporter_,
+                                    &result_.best.refined.joint);
+  result_.durations.emplace_back("ask_matches", watch_.Lap());
+}
+
+// Stations that see background points of the reference's, by themselves or by others in between.
+std::set<int> TiedByBackground(const AlignedScene& aligned) {
+  std::map<std::string, int> station_of_name;
+  for (const View& view : aligned.scene.views) station_of_name[view.name] = view.station;
+  std::map<uint32_t, int> station_of_image;
+  for (const auto& [id, image] : aligned.background.images) {
+    const auto found = station_of_name.find(image.name);
+    if (found != station_of_name.end()) station_of_image[id] = found->second;
+  }
+  UnionFind tied(static_cast<size_t>(aligned.scene.num_stations));
+  for (const auto& [id, point] : aligned.background.points3D) {
+    std::optional<int> first;
+    for (const ColmapTrackElement& element : point.track) {
+      const auto found = station_of_image.find(element.image_id);
+      if (found == station_of_image.end()) continue;
+      if (first) tied.Join(static_cast<uint32_t>(*first), static_cast<uint32_t>(found->second));
+      first = found->second;
+    }
+  }
+  std::set<int> stations;
+  const auto root = tied.Root(static_cast<uint32_t>(aligned.scene.Reference()->station));
+  for (int s = 0; s < aligned.scene.num_stations; ++s) {
+    if (tied.Root(static_cast<uint32_t>(s)) == root) stations.insert(s);
+  }
+  return stations;
+}
+
+// Where matches leave a station's turn open, silhouettes may tell it: everything is adjusted anew about what
+// they say. False where there is nothing to gain. \param from  poses before they were adjusted to photos.
+bool Placement::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from) {
+  if (from.refined.model != JointModel::kSharedStations) return false;
+  const std::set<int> tied = TiedByBackground(from.aligned);
+  std::vector<int> untold;
+  for (const auto& [station, sigma_deg] : result_.best.matches.turn_sigma_deg) {
+    if (std::isinf(sigma_deg) && tied.count(station) > 0) untold.push_back(station);
+  }
+  if (untold.empty()) return false;
+  std::map<std::string, int> image_of_name;
+  for (size_t i = 0; i < features_.images.size(); ++i)
+    image_of_name[features_.images[i].name] = static_cast<int>(i);
+  ScanCandidate turned = from;
+  TurntableScene& scene = turned.aligned.scene;
+  const int reference = scene.Reference()->station;
+  for (const auto& [station, turn] : AskSilhouettes(read_photo, scene, untold, reporter_)) {
+    if (!turn.is_told) continue;
+    StationTurnPrior prior;
+    prior.sigma_rad = turn.sigma_rad;
+    for (View& view : scene.views) {
+      if (view.station == station) {
+        view.angle_deg = WrapAngle(view.angle_deg * kDegree + turn.turn_rad) / kDegree;
+        view.world_from_object = view.world_from_object * TurnAbout(scene.axis, turn.turn_rad);
+      }
+      const StationTurnPrior::Place place = {image_of_name.at(view.name), view.angle_deg * kDegree};
+      if (view.station == station) prior.second.push_back(place);
+      if (view.station == reference) prior.first.push_back(place);
+    }
+    station_turns_.push_back(std::move(prior));
+    told_turns_deg_[station] = turn.sigma_rad / kDegree;
+  }
+  if (station_turns_.empty()) return false;
+  const double sigma_px = LikelihoodOfMatches(features_, from.aligned, pairs_).sigma_px;
+  ScanCandidate refined = RefineCircle(turned.aligned, sigma_px, true);
+  result_.durations.emplace_back("silhouettes", watch_.Lap());
+  if (!refined.is_usable || refined.aligned.scene.views.size() < from.aligned.scene.views.size()) {
+    station_turns_.clear();
+    told_turns_deg_.clear();
+    return false;
+  }
+  refined.finding = from.finding;
+  result_.best = std::move(refined);
+  result_.findings += "; silhouettes turned stations that matches had left open";
+  return true;
+}
+
+void Placement::FinishPoses(const ReadGreyPhoto& read_photo) {
+  ScanCandidate before;
+  if (read_photo) {
+    if (result_.best.aligned.scene.num_stations > 1) before = result_.best;
+    AdjustToPhotos(read_photo);
+    result_.durations.emplace_back("photo_tracks", watch_.Lap());
+  }
+  AskAllMatches();
+  if (!before.is_usable || !TurnBySilhouettes(read_photo, before)) return;
+  AdjustToPhotos(read_photo);
+  AskAllMatches();
+}
+
 ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
                              const ReadGreyPhoto& read_photo) {
   const PlacementPath path = options_.path;
@@ -466,13 +569,7 @@ ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects, const Read
   if (result_.best.is_usable) {
     PlaceMissing(read_descriptors);
     result_.durations.emplace_back("place_missing", watch_.Lap());
-    if (read_photo) {
-      AdjustToPhotos(read_photo);
-      result_.durations.emplace_back("photo_tracks", watch_.Lap());
-    }
-    result_.best.matches =
-        AskMatches(features_, pairs_, result_.best.aligned, reporter_, &result_.best.refined.joint);
-    result_.durations.emplace_back("ask_matches", watch_.Lap());
+    FinishPoses(read_photo);
     result_.outcome = PlacementOutcome::kPlaced;
   } else if (motion_ == TurntableMotion::kNothingRotates) {
     result_.outcome = PlacementOutcome::kNothingRotates;

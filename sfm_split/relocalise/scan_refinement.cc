@@ -358,6 +358,24 @@ std::vector<EqualStepsPrior> ScanRefiner::GivenSteps(const JointProblem& problem
   return result;
 }
 
+std::vector<StationTurnPrior> ScanRefiner::GivenStationTurns(const JointProblem& problem) const {
+  std::map<int, int> problem_image_of;
+  for (size_t k = 0; k < problem.images.size(); ++k)
+    problem_image_of[image_of_name_.at(problem.images[k].name)] = static_cast<int>(k);
+  std::vector<StationTurnPrior> result = options_.station_turns;
+  for (StationTurnPrior& turn : result) {
+    for (std::vector<StationTurnPrior::Place>* places : {&turn.first, &turn.second}) {
+      std::vector<StationTurnPrior::Place> kept;
+      for (const StationTurnPrior::Place& place : *places) {
+        const auto found = problem_image_of.find(place.image);
+        if (found != problem_image_of.end()) kept.push_back({found->second, place.angle_rad});
+      }
+      *places = std::move(kept);
+    }
+  }
+  return result;
+}
+
 // How much the data count beside steps that were given is told by an adjustment without them; and angles that
 // are stated are compared with its angles.
 void ScanRefiner::WeighGivenSteps(JointOptions options, JointProblem* problem) {
@@ -404,7 +422,10 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
   problem.priors.lenses = LensPriors(problem);
-  if (!problem.free_object) problem.priors.turns = GivenSteps(problem);
+  if (!problem.free_object) {
+    problem.priors.turns = GivenSteps(problem);
+    problem.priors.station_turns = GivenStationTurns(problem);
+  }
   const bool has_given_steps = !problem.priors.turns.empty();
   if (has_given_steps && options.compute_covariance) WeighGivenSteps(options, &problem);
   JointReport report = AdjustJointly(options, reporter_, &problem);

@@ -32,6 +32,8 @@ struct RefineOptions {
   /// prior from its first round on, in place of what the adjusted angles say. By images of the features;
   /// offset and sense are those of the scene as it stands.
   std::vector<EqualStepsPrior> equal_steps;
+  /// How stations are turned that silhouettes tell. By images of the features.
+  std::vector<StationTurnPrior> station_turns;
 
   OptionCheck Check() const;
 };

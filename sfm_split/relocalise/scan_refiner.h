@@ -99,6 +99,7 @@ class ScanRefiner {
   std::vector<LensPrior> LensPriors(const JointProblem& problem) const;
   std::vector<CapturePlace> CapturePlaces(const JointProblem& problem) const;
   std::vector<EqualStepsPrior> GivenSteps(const JointProblem& problem) const;
+  std::vector<StationTurnPrior> GivenStationTurns(const JointProblem& problem) const;
   void WeighGivenSteps(JointOptions options, JointProblem* problem);
   void Relabel(double max_error_px);
   void WriteModels();

@@ -122,16 +122,21 @@ void WidenByTurns(const TurntableScene& scene, const StationTurns& turns, JointR
 }
 
 MatchFindings AskMatches(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
-                         const AlignedScene& aligned, Reporter& reporter, JointReport* joint) {
+                         const AlignedScene& aligned, const std::map<int, double>& told_otherwise_deg,
+                         Reporter& reporter, JointReport* joint) {
   MatchFindings findings;
   findings.noise_px = LikelihoodOfMatches(features, aligned, object_pairs).sigma_px;
   if (joint->model != JointModel::kSharedStations) return findings;
-  const StationTurns turns = AskStationTurns(features, object_pairs, aligned, reporter);
+  StationTurns turns = AskStationTurns(features, object_pairs, aligned, reporter);
   findings.overdispersion = turns.overdispersion;
   for (const auto& [station, sigma_deg] : turns.sigma_deg) {
     reporter.Debug("all matches tell station " + std::to_string(station) + "'s turn to " +
                    std::to_string(sigma_deg) + " degrees; their logarithms are " +
                    std::to_string(turns.overdispersion) + " times too large");
+  }
+  for (auto& [station, sigma_deg] : turns.sigma_deg) {
+    const auto told = told_otherwise_deg.find(station);
+    if (told != told_otherwise_deg.end()) sigma_deg = std::min(sigma_deg, told->second);
   }
   findings.turn_sigma_deg = turns.sigma_deg;
   WidenByTurns(aligned.scene, turns, joint);

@@ -38,8 +38,10 @@ StationTurns AskStationTurns(const ScanFeatures& features, const std::vector<Pos
 void WidenByTurns(const TurntableScene& scene, const StationTurns& turns, JointReport* joint);
 
 /// What all matches say of an adjusted scene; widens the standard deviations of its angles.
+/// \param told_otherwise_deg  by station: standard deviation of a turn that matches need not tell.
 /// \param joint  of the scene, as above.
 MatchFindings AskMatches(const ScanFeatures& features, const std::vector<PossiblePair>& object_pairs,
-                         const AlignedScene& aligned, Reporter& reporter, JointReport* joint);
+                         const AlignedScene& aligned, const std::map<int, double>& told_otherwise_deg,
+                         Reporter& reporter, JointReport* joint);
 
 }  // namespace s2gs

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -22,6 +23,8 @@ constexpr float kLeastNoise = 1.0F;    // of 8-bit JPEGs [grey levels]
 constexpr float kMisplacedPx = 0.15F;  // by shake that was measured and pixels that were interpolated
 constexpr double kSaturated = 250;     // grey levels beyond it say nothing
 constexpr float kActiveSigmas = 4;     // root mean square over 3 x 3 pixels: by chance, one in a billion
+constexpr double kDensestShare = 0.3;  // of the photos: what is hidden in more has no still picture
+constexpr int kShadePx = 5;            // of a side: has texture where the still picture has
 constexpr double kActivePhotos = 0.1;  // share of a station's photos, and at least two: a hand shows in one
 constexpr double kCloseShare = 0.02;   // of the longest side: gaps in what changes that are filled
 constexpr double kLeastAreaShare = 5e-4;  // of the picture: smaller patches are flicker
@@ -102,53 +105,108 @@ void MatchExposure(const cv::Mat& reference, cv::Mat* grey) {
   *grey = *grey * gain + offset;
 }
 
-cv::Mat MedianOf(const std::vector<cv::Mat>& photos) {
-  cv::Mat median(photos.front().size(), CV_32F);
+// The mean of the closest values of which there are as many as kDensestShare asks for: what stands still
+// shows alike in photos of which a thing that turns hides more than half.
+float DensestOf(std::vector<float> values) {
+  std::sort(values.begin(), values.end());
+  const auto num = std::max<size_t>(
+      2, static_cast<size_t>(std::lround(kDensestShare * static_cast<double>(values.size()))));
+  if (values.size() <= num) return UpperMedian(std::move(values));
+  size_t start = 0;
+  for (size_t k = 1; k + num <= values.size(); ++k) {
+    if (values[k + num - 1] - values[k] < values[start + num - 1] - values[start]) start = k;
+  }
+  return std::accumulate(values.begin() + static_cast<std::ptrdiff_t>(start),
+                         values.begin() + static_cast<std::ptrdiff_t>(start + num), 0.0F) /
+         static_cast<float>(num);
+}
+
+// Of each pixel's values over the photos, NaN left out.
+template <typename Middle>
+cv::Mat PixelByPixel(const std::vector<cv::Mat>& photos, const Middle& middle) {
+  cv::Mat result(photos.front().size(), CV_32F);
   constexpr int64_t kPixelsAtATime = 4096;  // of a thread; each is short work
-  ParallelFor(static_cast<int64_t>(median.total()), 0, kPixelsAtATime, [&](int64_t k) {
+  ParallelFor(static_cast<int64_t>(result.total()), 0, kPixelsAtATime, [&](int64_t k) {
     std::vector<float> values;
     values.reserve(photos.size());
     for (const cv::Mat& photo : photos) {
       const float value = photo.ptr<float>()[k];
       if (!std::isnan(value)) values.push_back(value);
     }
-    if (values.empty()) {
-      median.ptr<float>()[k] = std::nanf("");
-      return;
-    }
-    median.ptr<float>()[k] = UpperMedian(std::move(values));
+    result.ptr<float>()[k] = values.empty() ? std::nanf("") : middle(std::move(values));
   });
-  return median;
+  return result;
 }
 
-// Differences from the median in units of the noise, root mean square over 3 x 3 pixels.
-std::vector<cv::Mat> Deviations(const std::vector<cv::Mat>& photos, const cv::Mat& median) {
+cv::Mat MedianOf(const std::vector<cv::Mat>& photos) {
+  return PixelByPixel(photos, [](std::vector<float> values) { return UpperMedian(std::move(values)); });
+}
+
+// What photos show most of the time, and how far off one is by chance.
+struct Still {
+  cv::Mat grey;
+  cv::Mat variance;  // of a pixel that did not change
+};
+
+Still StillPicture(const std::vector<cv::Mat>& photos, ChangeDetail detail) {
+  Still still;
+  still.grey = detail == ChangeDetail::kSilhouettes ? PixelByPixel(photos, DensestOf) : MedianOf(photos);
+  const cv::Mat& grey = still.grey;
   cv::Mat dx;
   cv::Mat dy;
-  cv::Mat filled = median.clone();
+  cv::Mat filled = grey.clone();
   cv::patchNaNs(filled, 0);
   cv::Sobel(filled, dx, CV_32F, 1, 0, 3, 1.0 / 8);
   cv::Sobel(filled, dy, CV_32F, 0, 1, 3, 1.0 / 8);
   std::vector<float> sizes;
   for (const cv::Mat& photo : photos) {
     for (int k = 0; k < static_cast<int>(photo.total()); k += 7) {
-      const float d = photo.ptr<float>()[k] - median.ptr<float>()[k];
+      const float d = photo.ptr<float>()[k] - grey.ptr<float>()[k];
       if (!std::isnan(d)) sizes.push_back(std::abs(d));
     }
   }
   const float noise = std::max(kLeastNoise, static_cast<float>(kSigmaOfMad) * UpperMedian(std::move(sizes)));
+  still.variance.create(grey.size(), CV_32F);
+  for (int k = 0; k < static_cast<int>(grey.total()); ++k) {
+    const float slope = kMisplacedPx * std::hypot(dx.ptr<float>()[k], dy.ptr<float>()[k]);
+    still.variance.ptr<float>()[k] = noise * noise + slope * slope;
+  }
+  return still;
+}
+
+// Differences from the still picture in units of the noise, root mean square over 3 x 3 pixels.
+std::vector<cv::Mat> Deviations(const std::vector<cv::Mat>& photos, const Still& still) {
   std::vector<cv::Mat> deviations(photos.size());
   ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
-    cv::Mat squared(median.size(), CV_32F);
-    for (int k = 0; k < static_cast<int>(median.total()); ++k) {
-      const float d = photos[i].ptr<float>()[k] - median.ptr<float>()[k];
-      const float slope = kMisplacedPx * std::hypot(dx.ptr<float>()[k], dy.ptr<float>()[k]);
-      squared.ptr<float>()[k] = std::isnan(d) ? 0.0F : d * d / (noise * noise + slope * slope);
+    cv::Mat squared(still.grey.size(), CV_32F);
+    for (int k = 0; k < static_cast<int>(squared.total()); ++k) {
+      const float d = photos[i].ptr<float>()[k] - still.grey.ptr<float>()[k];
+      squared.ptr<float>()[k] = std::isnan(d) ? 0.0F : d * d / still.variance.ptr<float>()[k];
     }
     cv::blur(squared, squared, {3, 3});
     cv::sqrt(squared, deviations[i]);
   });
   return deviations;
+}
+
+// Where patches differ from the still picture's by a factor and no more than unchanged pixels do.
+cv::Mat Shades(const cv::Mat& photo, const Still& still) {
+  cv::Mat is_known = photo == photo;
+  is_known &= still.grey == still.grey;
+  cv::Mat a = photo.clone();
+  cv::Mat b = still.grey.clone();
+  a.setTo(0, ~is_known);
+  b.setTo(0, ~is_known);
+  const auto mean = [](const cv::Mat& values) {
+    cv::Mat result;
+    cv::blur(values, result, {kShadePx, kShadePx});
+    return result;
+  };
+  const cv::Mat ab = mean(a.mul(b));
+  const cv::Mat residual = mean(a.mul(a)) - ab.mul(ab) / mean(b.mul(b));
+  cv::Mat is_shade = residual < kActiveSigmas * kActiveSigmas * mean(still.variance);
+  is_shade &= 1;
+  return is_shade;
 }
 
 StationChanges Activity(const std::vector<cv::Mat>& deviations) {
@@ -189,7 +247,8 @@ double SceneChanges::MedianActiveShare() const {
   return UpperMedian(std::move(shares));
 }
 
-SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations) {
+SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations,
+                         ChangeDetail detail) {
   int num_stations = 0;
   for (const int station : stations.station_of_image) num_stations = std::max(num_stations, station + 1);
   std::vector<std::vector<int>> members(num_stations);
@@ -210,19 +269,23 @@ SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const Picture
     });
     const cv::Mat rough = MedianOf(photos);
     ParallelFor(num_photos, 0, [&](int64_t i) { MatchExposure(rough, &photos[i]); });
-    const std::vector<cv::Mat> deviations = Deviations(photos, MedianOf(photos));
+    const Still still = StillPicture(photos, detail);
+    const std::vector<cv::Mat> deviations = Deviations(photos, still);
     result.stations[s] = Activity(deviations);
     ParallelFor(num_photos, 0, [&](int64_t i) {
       const int image = members[s][i];
+      const cv::Matx33d map_from_first = IndexMap(pictures[image], stations.photo_from_first[image]);
       cv::Mat in_photo;
-      cv::warpPerspective(deviations[i], in_photo,
-                          IndexMap(pictures[image], stations.photo_from_first[image]), deviations[i].size(),
-                          cv::INTER_LINEAR);
+      cv::warpPerspective(deviations[i], in_photo, map_from_first, deviations[i].size(), cv::INTER_LINEAR);
       in_photo.convertTo(in_photo, CV_8UC1, ChangeMap::kLevelsPerSigma);
       ChangeMap& map = result.photos[image];
       map.width = in_photo.cols;
       map.height = in_photo.rows;
       map.deviation.assign(in_photo.datastart, in_photo.dataend);
+      if (detail != ChangeDetail::kSilhouettes) return;
+      cv::warpPerspective(Shades(photos[i], still), in_photo, map_from_first, deviations[i].size(),
+                          cv::INTER_NEAREST);
+      map.is_shade.assign(in_photo.datastart, in_photo.dataend);
     });
   }
   return result;

@@ -15,7 +15,15 @@ struct ChangeMap {
   int width = 0;  ///< of the picture [px].
   int height = 0;
   std::vector<uint8_t> deviation;  ///< height * width; empty when the station has too few photos.
+  /// height * width, 1 where a patch of 5 x 5 pixels shows what the station shows in most photos, but for a
+  /// factor, as it does in a shadow; empty unless asked for.
+  std::vector<uint8_t> is_shade;
 };
+
+/// What FindChanges() is asked for. kSilhouettes: shades as well; and what stands still is the mean of the
+/// densest third of a pixel's values, not their median, since a thing that turns may hide more than half of
+/// it.
+enum class ChangeDetail { kNone, kSilhouettes };
 
 /// What changes in front of one camera while the table turns.
 struct StationChanges {
@@ -33,9 +41,10 @@ struct SceneChanges {
   double MedianActiveShare() const;
 };
 
-/// Compares every photo with the median of its station's, after shake and exposure have been taken off. Noise
-/// is measured in the same residuals, so that it needs no bound of its own.
-SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations);
+/// Compares every photo with what its station shows in most (the median), after shake and exposure have been
+/// taken off. Noise is measured in the same residuals, so that it needs no bound of its own.
+SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations,
+                         ChangeDetail detail = ChangeDetail::kNone);
 
 /// The station's active part as a photo of it shows it: photo_size.y * photo_size.x, 1 where it changes.
 /// Empty when that is not known.

@@ -257,7 +257,8 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
   MatchFindings matches;
   if (!aligned.scene.views.empty()) {
     features.raw_pairs = features.object_pairs;
-    matches = AskMatches(features, PossibleObjectPairs(features, false), aligned, reporter, &refined.joint);
+    matches =
+        AskMatches(features, PossibleObjectPairs(features, false), aligned, {}, reporter, &refined.joint);
   }
   Outcome outcome;
   outcome.images = static_cast<int>(aligned.scene.views.size());

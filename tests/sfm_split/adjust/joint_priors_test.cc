@@ -104,6 +104,53 @@ TEST(JointPriors, WhatThePhotosDoNotTellIsThePriors) {
   EXPECT_LT(std::abs(scan.problem.cameras[0].params[0] - focal), 0.1 * focal);
 }
 
+// Two stations before one background, each with points of the object of its own: how much farther the table
+// had turned at the second one is told by the prior alone.
+TEST(JointPriors, StationsAreTurnedAsThePriorSaysWherePhotosDoNot) {
+  SyntheticTurntableOptions options;
+  options.seed = 5;
+  options.stations = 2;
+  options.steps = 8;
+  options.step_deg = 45;
+  options.num_object_points = 160;
+  options.num_background_points = 150;
+  options.camera_model = CameraModelId::kSimpleRadial;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  AlignedScene aligned;
+  aligned.scene = turntable.scene;
+  aligned.object = SyntheticObjectModel(turntable);
+  aligned.background = SyntheticStaticModel(turntable);
+  JointProblem problem = MakeJointProblem(aligned);
+  constexpr double kTurnDeg = 3;
+  StationTurnPrior prior;
+  prior.sigma_rad = 0.1 * kDegree;
+  for (size_t i = 0; i < problem.images.size(); ++i) {
+    const bool is_second = problem.images[i].pose != problem.images[0].pose;
+    // Whole turns do not matter.
+    const double angle = problem.images[i].angle_rad + 2 * kPi * static_cast<double>(i % 3);
+    (is_second ? prior.second : prior.first)
+        .push_back({static_cast<int>(i), angle + (is_second ? kTurnDeg * kDegree : 0)});
+  }
+  std::vector<JointObservation>& seen = problem.object.observations;
+  seen.erase(std::remove_if(seen.begin(), seen.end(),
+                            [&](const JointObservation& o) {
+                              return (problem.images[o.image].pose != problem.images[0].pose) !=
+                                     (o.point % 2 == 1);
+                            }),
+             seen.end());
+  const auto mean_turn = [&](const JointProblem& at) {
+    double sum = 0;
+    for (const StationTurnPrior::Place& place : prior.second) sum += at.images[place.image].angle_rad;
+    for (const StationTurnPrior::Place& place : prior.first) sum -= at.images[place.image].angle_rad;
+    return sum / static_cast<double>(prior.first.size()) / kDegree;
+  };
+  const double before = mean_turn(problem);
+  problem.priors.station_turns = {prior};
+  Reporter reporter;
+  AdjustJointly(Shared(), reporter, &problem);
+  EXPECT_NEAR(mean_turn(problem) - before, kTurnDeg, 0.01);
+}
+
 struct Errors {
   double squares = 0;
   int within = 0;
