@@ -138,7 +138,10 @@ class Refiner {
     }
     const int64_t num_accepted = std::count_if(observations.begin(), observations.end(),
                                                [](const OffsetObservation& o) { return o.weight > 0; });
-    if (static_cast<double>(num_accepted) < kLeastAcceptedShare * static_cast<double>(count)) return;
+    if (num_accepted == 0 ||
+        100 * static_cast<double>(num_accepted) < options_.least_clear_pct * static_cast<double>(count)) {
+      return;
+    }
     if (num_carved_ == 0) num_accepted_ = num_accepted;
     // Vertices that no photo shows move as far as those around them.
     SpreadPixels();
@@ -312,6 +315,9 @@ OptionCheck MeshRefinementOptions::Check() const {
   }
   if (!(smoothness > 0) || !(smoothness <= 1e6)) {
     return fault("smoothness", smoothness, "0 < smoothness <= 1000000");
+  }
+  if (!(least_clear_pct >= 0) || !(least_clear_pct <= 100)) {
+    return fault("least_clear_pct", least_clear_pct, "0 <= least_clear_pct <= 100");
   }
   if (!(min_seen_pct >= 0) || !(min_seen_pct <= 100)) {
     return fault("min_seen_pct", min_seen_pct, "0 <= min_seen_pct <= 100");

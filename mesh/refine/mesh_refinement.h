@@ -28,6 +28,8 @@ struct MeshRefinementOptions {
   int num_views = 8;               ///< photos in which a vertex is compared.
   double max_view_angle_deg = 60;  ///< between a vertex's normal and the rays to these photos.
   double smoothness = 0.1;         ///< of the offsets over the mesh; larger trusts photos less.
+  /// Where fewer vertices have a clear peak, all of these may be chance: then none moves [%]. 0: they move.
+  double least_clear_pct = 5;
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
   /// fewer than 30 photos; 0: all stay.
   double min_seen_pct = 3;
@@ -76,8 +78,6 @@ struct MeshRefinementSummary {
 
 /// Fewer photos of the mesh than this do not refine it.
 constexpr int kMinRefinementPhotos = 4;
-/// Fewer vertices with a clear peak than this share may all be chance: then none moves.
-constexpr double kLeastAcceptedShare = 0.05;
 
 /// Nothing happens with fewer than kMinRefinementPhotos photos of the mesh. The result is bit-identical for
 /// any number of threads. Throws what the source throws, and Interrupted. \param mesh  in the object's frame;

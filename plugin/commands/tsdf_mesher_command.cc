@@ -301,6 +301,11 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
                  "of the offsets over the mesh; larger trusts the photos less");
   refinement
       .Add(
+          "least_clear_pct", &MeshRefinementOptions::least_clear_pct,
+          "no vertex moves where fewer have a clear peak, which may all be chance; 0: they move all the same")
+      .Unit("%");
+  refinement
+      .Add(
           "min_seen_pct", &MeshRefinementOptions::min_seen_pct,
           "drop triangles that fewer of the photos see, where a table turns; with fewer than 30 photos those "
           "that none sees; 0 keeps all")

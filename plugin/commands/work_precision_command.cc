@@ -81,15 +81,23 @@ std::vector<std::string> PartsOf(const std::string& forced) {
   return names;
 }
 
-// What the plans leave out, forced.
-void RunForced(const SweepOptions& sweep, const std::vector<std::string>& parts, fs::path output,
-               std::ostream& out, Reporter& reporter) {
+// What the plans leave out, forced: measured, or read where files are given.
+void RunForced(const SweepOptions& sweep, const std::vector<std::string>& parts,
+               const std::vector<std::string>& files, fs::path output, std::ostream& out,
+               Reporter& reporter) {
   if (output.empty()) output = sweep.scenes[0].workspace / "work_precision" / "forced";
-  const std::vector<ForcedPart> measured = MeasureForcedParts(sweep, parts, reporter);
+  ForcedRuns runs;
+  if (files.empty()) {
+    runs = MeasureForcedParts(sweep, parts, reporter);
+  } else {
+    std::vector<ForcedRuns> read;
+    for (const std::string& path : files) read.push_back(ReadForced(path));
+    runs = MergeForcedRuns(read);
+  }
+  const std::vector<ForcedPart> measured = runs.Parts();
   if (output.has_parent_path()) CreateFolder(output.parent_path());
   WriteFileAtomically(output.string() + ".csv", [&](std::ostream& file) { WriteForcedCsv(measured, file); });
-  WriteFileAtomically(output.string() + ".json",
-                      [&](std::ostream& file) { WriteForcedJson(measured, file); });
+  WriteFileAtomically(output.string() + ".json", [&](std::ostream& file) { WriteForcedJson(runs, file); });
   PrintForcedParts(measured, out);
   out << "\n" << output.string() << ".csv and .json\n";
 }
@@ -118,7 +126,7 @@ void AddRequest(Options* options, Request* request) {
   options->Add(
       "curves", &request->paths.curves,
       "instead of a knob: JSON files that this command wrote, of one knob and other scenes, seeds or "
-      "values, as one; nothing is run");
+      "values, as one; with --forced 1 files of forced parts; nothing is run");
   options->AddEnum("time", &request->clock, kClockNames,
                    "which time counts for the Pareto set: wall means something where runs had a GPU to "
                    "themselves; auto: wall with --use_gpu 1 --jobs 1, else cpu");
@@ -144,10 +152,12 @@ void AddRequest(Options* options, Request* request) {
 
 void RefuseWhatDoesNotGoTogether(const Request& request) {
   if (request.sweep.jobs < 1) throw CommandLineError("--jobs is below 1.");
-  if ((request.knob.empty() ? 0 : 1) + (request.IsForced() ? 1 : 0) +
-          (request.paths.curves.empty() ? 0 : 1) !=
-      1) {
-    throw CommandLineError("give one of --knob, --forced and --curves.");
+  const bool has_files = !request.paths.curves.empty();
+  if (request.knob.empty() ? !request.IsForced() && !has_files : request.IsForced() || has_files) {
+    throw CommandLineError("give one of --knob, --forced and --curves, or --curves with --forced 1.");
+  }
+  if (has_files && request.IsForced() && request.forced != "1") {
+    throw CommandLineError("--curves takes all parts that its files have: give --forced 1.");
   }
   if (request.paths.curves.empty() == request.paths.workspaces.empty()) {
     throw CommandLineError(request.paths.curves.empty() ? "--workspace_path is missing."
@@ -181,9 +191,10 @@ void RunWorkPrecision(CommandContext& context) {
   for (size_t i = 0; i < count; ++i) {
     sweep.scenes.push_back({paths.workspaces[i], paths.images[i], paths.truths[i]});
   }
-  if (request.IsForced())
-    return RunForced(sweep, PartsOf(request.forced), paths.output, context.out(), reporter);
   if (paths.output.empty() && paths.workspaces.empty()) throw CommandLineError("--output_path is missing.");
+  if (request.IsForced()) {
+    return RunForced(sweep, PartsOf(request.forced), paths.curves, paths.output, context.out(), reporter);
+  }
   if (paths.output.empty()) paths.output = sweep.scenes[0].workspace / "work_precision" / sweep.knob.name;
 
   WorkCurve curve;

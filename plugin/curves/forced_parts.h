@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <limits>
 #include <optional>
 #include <ostream>
@@ -18,6 +19,8 @@ struct ForcedPart {
   std::string part;  ///< of PlanParts().
   std::string what;
   std::string error_text;  ///< what the errors are, with their unit.
+  /// Of the seeds that have an error as planned and with the part; infinite where none has both.
+  int seeds = 0;
   Spread planned_error, forced_error;
   Spread planned_cpu_seconds, forced_cpu_seconds;  ///< of the commands from the part's stage on.
   /// Errors that differ by less than this say nothing, in their unit; NaN: unknown. Where they are of
@@ -27,12 +30,20 @@ struct ForcedPart {
   /// one seed.
   double gain_sigma = std::numeric_limits<double>::quiet_NaN();
   std::optional<double> mean_gain;  ///< of the seeds, in the errors' unit, where gain_sigma is of them.
-  std::string failure;              ///< why there is no forced error; empty: there is one.
+  std::string failure;              ///< of a run of it, or of the run as planned; empty: none failed.
 
   /// By how much forcing it lowers the median error; below 0: it raises it [%].
   double GainPct() const;
   /// The same in gain_sigma; of means where that is of seeds.
   double GainSigmas() const;
+};
+
+/// Runs as planned and with parts forced.
+struct ForcedRuns {
+  std::vector<WorkCurve> curves;  ///< of the scans' stages: poses, training, mesh.
+
+  /// Of all curves, scene by scene.
+  std::vector<ForcedPart> Parts() const;
 };
 
 /// Runs each part that the plan of a finished scan leaves out, and that can be forced, with every seed: the
@@ -41,13 +52,18 @@ struct ForcedPart {
 /// jobs,
 ///                 program; the knob and its values do not count.
 /// \param parts    only these; empty: all that are left out.
-std::vector<ForcedPart> MeasureForcedParts(const SweepOptions& options, const std::vector<std::string>& parts,
-                                           Reporter& reporter);
+ForcedRuns MeasureForcedParts(const SweepOptions& options, const std::vector<std::string>& parts,
+                              Reporter& reporter);
+
+/// Runs of other scenes, seeds or parts as one. Throws UserError where two have the same run.
+ForcedRuns MergeForcedRuns(const std::vector<ForcedRuns>& all);
 
 /// One line a part.
 void WriteForcedCsv(const std::vector<ForcedPart>& parts, std::ostream& out);
-/// {"version": 1, "program", "parts": [...]}.
-void WriteForcedJson(const std::vector<ForcedPart>& parts, std::ostream& out);
+/// {"version": 1, "program", "parts": [...], "curves": [as WriteCurveJson()]}.
+void WriteForcedJson(const ForcedRuns& runs, std::ostream& out);
+/// What WriteForcedJson() wrote. Throws UserError for any other file.
+ForcedRuns ReadForced(const std::filesystem::path& path);
 void PrintForcedParts(const std::vector<ForcedPart>& parts, std::ostream& out);
 
 }  // namespace s2gs

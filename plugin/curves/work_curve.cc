@@ -17,12 +17,6 @@
 namespace s2gs {
 namespace {
 
-Spread SpreadOf(const std::vector<double>& values) {
-  if (values.empty()) return {kInfinity, kInfinity, kInfinity};
-  const Summary summary = Summarize(values);
-  return {summary.min, summary.median, summary.max};
-}
-
 // Whether every run came to a result.
 bool IsReached(const WorkSetting& setting) { return setting.runs > 0 && setting.reached == setting.runs; }
 
@@ -54,6 +48,12 @@ void SortFromCheapToCostly(std::vector<std::string>* values) {
 }
 
 }  // namespace
+
+Spread SpreadOf(const std::vector<double>& values) {
+  if (values.empty()) return {kInfinity, kInfinity, kInfinity};
+  const Summary summary = Summarize(values);
+  return {summary.min, summary.median, summary.max};
+}
 
 std::optional<double> WorkPoint::Figure(const std::string& name) const {
   const auto found = figures.find(name);

@@ -44,6 +44,8 @@ struct WorkCurve {
 struct Spread {
   double min = 0, median = 0, max = 0;
 };
+/// Infinite where there are no values.
+Spread SpreadOf(const std::vector<double>& values);
 
 /// The seeds of one value on one scene, summed up.
 struct WorkSetting {

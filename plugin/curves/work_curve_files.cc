@@ -137,7 +137,11 @@ std::optional<WorkPoint> ReadPoint(const std::filesystem::path& path, const std:
 }
 
 WorkCurve ReadCurve(const std::filesystem::path& path) {
-  const Json json = Json::parse(ReadWholeFile(path, kMaxCurveBytes), nullptr, false);
+  return CurveOfJson(ReadWholeFile(path, kMaxCurveBytes), path);
+}
+
+WorkCurve CurveOfJson(const std::string& text, const std::filesystem::path& path) {
+  const Json json = Json::parse(text, nullptr, false);
   try {
     WorkCurve curve;
     curve.knob = json.at("knob").get<std::string>();

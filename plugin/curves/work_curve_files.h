@@ -20,6 +20,8 @@ void WriteCurveJson(const WorkCurve& curve, std::ostream& out);
 
 /// A curve that WriteCurveJson() wrote. Throws UserError for any other file.
 WorkCurve ReadCurve(const std::filesystem::path& path);
+/// The same of a text. \param path  where it stands, for what is thrown.
+WorkCurve CurveOfJson(const std::string& json, const std::filesystem::path& path);
 
 /// A finished run, kept in its folder so that it is not made again: atomically.
 /// \param settings  everything that the run depends on; another text makes it another run.

@@ -315,7 +315,8 @@ void DecideRefinement(const PlanRequest& /*request*/, const Evidence& e, PlanDec
   const double share = vertices > 0 ? Number(e.mesh, "accepted") / vertices : 0;
   d->measured = fmt::format("{:.0f} photos show the mesh, {:.1f} % of its vertices have a clear peak", photos,
                             100 * share);
-  d->threshold = fmt::format("{} photos, {:.0f} %", kMinRefinementPhotos, 100 * kLeastAcceptedShare);
+  d->threshold =
+      fmt::format("{} photos, {:.0f} %", kMinRefinementPhotos, MeshRefinementOptions().least_clear_pct);
   if (e.mesh.value("moved", false)) return Keep(d, "the photos' texture says where the surface is");
   LeaveOut(d,
            !e.mesh.value("enabled", true)  ? "it was switched off"

@@ -27,9 +27,28 @@ std::vector<PlanPart> MakeParts() {
        {{"Split.max_object_steps", kAllPhotos},
         {"Split.station_partners", kAllPhotos},
         {"Split.max_nearby_stations", kAllPhotos}}},
-      {"two_bodies", "the split into two bodies", "motion_splitter", "motion_splitter", "", {}},
-      {"background", "the background's model", "background_mapper", "motion_splitter", "", {}},
-      {"scale", "the scale between both models", "turntable_mapper", "turntable_mapper", "", {}},
+      {"two_bodies",
+       "the split into two bodies",
+       "motion_splitter",
+       "motion_splitter",
+       "",
+       {},
+       "where nothing turns, a second body has no photos; masks (--mask_path) say what turns where this is "
+       "wrong"},
+      {"background",
+       "the background's model",
+       "background_mapper",
+       "motion_splitter",
+       "",
+       {},
+       "photos from one place, or that no other station matches, leave nothing to triangulate"},
+      {"scale",
+       "the scale between both models",
+       "turntable_mapper",
+       "turntable_mapper",
+       "",
+       {},
+       "with one place, or one body, every scale explains the photos equally well"},
       {"free_cameras",
        "a pose for each photo instead of one for each station",
        "turntable_mapper",
@@ -84,7 +103,12 @@ std::vector<PlanPart> MakeParts() {
        "gaussian_trainer",
        "gaussian_renderer",
        {{"maps_of", "all"}}},
-      {"refinement", "moving the mesh to where photos agree", "tsdf_mesher", "tsdf_mesher", "", {}},
+      {"refinement",
+       "moving the mesh to where photos agree",
+       "tsdf_mesher",
+       "tsdf_mesher",
+       "tsdf_mesher",
+       {{"Refine.enabled", "1"}, {"Refine.least_clear_pct", "0"}}},
   };
 }
 
@@ -104,9 +128,8 @@ std::set<std::string> ForcedParts(const std::vector<std::string>& names) {
     for (const PlanPart& part : PlanParts()) {
       const bool is_it = part.name == name || (name == "1" && part.name == "doubtful_poses");
       if (is_it && !part.CanBeForced()) {
-        throw CommandLineError(fmt::format(
-            "--force {}: {} cannot be forced: where it is left out, there is nothing to do it with", name,
-            part.what));
+        throw CommandLineError(
+            fmt::format("--force {}: {} cannot be forced: {}", name, part.what, part.never_forced));
       }
       const bool is_stage_of_it = part.stage == name && part.CanBeForced() && part.name != "doubtful_poses";
       if (is_it || is_stage_of_it) forced.insert(part.name);

@@ -17,6 +17,7 @@ struct PlanPart {
   /// there to run.
   std::string command;
   std::vector<std::pair<std::string, std::string>> forced_by;
+  std::string never_forced;  ///< why nothing can force it; empty where it can be.
 
   bool CanBeForced() const { return !command.empty(); }
 };

@@ -35,6 +35,7 @@ void PrintDecision(const PlanDecision& decision, std::ostream& out) {
   if (!measured.empty() && !decision.threshold.empty()) measured += "; threshold: " + decision.threshold;
   line("measured: ", measured);
   line(decision.state == PlanState::kLeftOut ? "saves: " : "", decision.saving);
+  if (decision.state == PlanState::kLeftOut) line("cannot be forced: ", part.never_forced);
 }
 
 bool AreSame(const PlanDecision& a, const PlanDecision& b) {
@@ -85,7 +86,8 @@ nlohmann::ordered_json PlanToJson(const ScanPlan& plan) {
                                  {"saving", decision.saving},
                                  {"decided_after", part.after.empty() ? "photos" : part.after},
                                  {"forced", decision.is_forced},
-                                 {"can_be_forced", part.CanBeForced()}});
+                                 {"can_be_forced", part.CanBeForced()},
+                                 {"never_forced", part.never_forced}});
   }
   return json;
 }

@@ -72,7 +72,7 @@ ScanPlan MakeScanPlan(const PlanRequest& request, Reporter& reporter);
 
 /// {"version": 1, "photos": {"count", "megapixels"}, "stages": [{"name", "state", "reason", "seconds"}],
 /// "decisions": [{"part", "what", "stage", "state", "measured", "threshold", "reason", "saving",
-/// "decided_after", "forced", "can_be_forced"}]}.
+/// "decided_after", "forced", "can_be_forced", "never_forced"}]}: the last says why nothing can force it.
 nlohmann::ordered_json PlanToJson(const ScanPlan& plan);
 
 /// Reads what PlanToJson() made, its decisions alone; empty where there is none, or a damaged one.

@@ -426,7 +426,8 @@ class Numerics(unittest.TestCase):
 
 
 class CurveJobs(unittest.TestCase):
-    # Stands for s2gs: notes its words, begin and end; work_precision writes them as its curve, or fails where told to.
+    # Stands for s2gs: notes its words, begin and end; work_precision writes them as its curve, or fails where told to:
+    # itself with the knob "bad", all its runs with "no_run_ends".
     PROGRAM = """#!{python}
 import json, os, pathlib, sys, time
 words, folder = sys.argv[1:], pathlib.Path(__file__).parent
@@ -437,7 +438,9 @@ time.sleep(0.15)
 if 'curves' in ' '.join(given): given['--values'] = ','.join(json.loads(pathlib.Path(p).read_text())['values'] for p in given['--curves'].split(','))
 if given.get('--knob') == 'bad': sys.exit(3)
 if words[0] == 'work_precision':
-    pathlib.Path(given['--output_path'] + '.json').write_text(json.dumps({{'values': given.get('--values', ''), 'parts': []}}))
+    points = [{{'failure': 'no memory' if given.get('--knob') == 'no_run_ends' else ''}}]
+    written = {{'curves': [{{'points': points}}]}} if '--forced' in given else {{'points': points}}
+    pathlib.Path(given['--output_path'] + '.json').write_text(json.dumps({{'values': given.get('--values', ''), **written}}))
 note('end')
 """
     PLAN = [{'name': 'by_gpu', 'knob': 'voxel', 'scenes': ['a', 'b'], 'seeds': [0, 1], 'values': [['1', '2'], ['3', '4']], 'gpu': True,
@@ -446,6 +449,7 @@ note('end')
              'model': {'arguments': ['quality=high']}},
             {'name': 'parts', 'forced': ['p', 'q'], 'scenes': ['a', 'b'], 'seeds': [0, 1, 2], 'cores': 2},
             {'name': 'fails', 'knob': 'bad', 'scenes': ['a'], 'seeds': [0], 'values': [['1', '2']]},
+            {'name': 'nothing', 'knob': 'no_run_ends', 'scenes': ['a'], 'seeds': [0], 'values': [['1', '2']]},
             {'name': 'long', 'command': ['sleep', '60']}]
 
     @unittest.skipUnless(hasattr(os, 'sched_setaffinity'), 'cores cannot be dealt out here')
@@ -459,15 +463,16 @@ note('end')
                 (folder / 'data' / scene / 'work_precision').mkdir(parents=True)
             curves.make_scans(self.PLAN, folder / 'data', folder / 'out')
             self.assertEqual(sorted(str(p.relative_to(folder / 'out/scans')) for p in (folder / 'out/scans').glob('*/*')),
-                             ['by_gpu/a', 'by_gpu/b', 'fails/a', 'parts/a', 'parts/b'])
+                             ['by_gpu/a', 'by_gpu/b', 'fails/a', 'nothing/a', 'parts/a', 'parts/b'])
             self.assertEqual(list((folder / 'out/scans').glob('*/*/*')), [])  # runs of the scan itself stay behind
             jobs = lambda: curves.jobs_of(self.PLAN, str(program), folder / 'data', folder / 'out')
             run_them = lambda these, seconds: curves.run_jobs(these, folder / 'out', seconds, [0, 0, 0, 0], 2, tick=0.01)
             first = [job for job in jobs() if job.name != 'long']
             with contextlib.redirect_stdout(io.StringIO()):
                 run_them(first, 120)
-            self.assertEqual({job.name: job.state for job in first if job.state != 'done'}, {'fails.a.seed0.0': 'failed'})
-            self.assertEqual(len(first), 8 + 2 + 6 + 1)
+            self.assertEqual({job.name: job.state for job in first if job.state != 'done'},
+                             {'fails.a.seed0.0': 'failed', 'nothing.a.seed0.0': 'failed'})
+            self.assertEqual(len(first), 8 + 2 + 6 + 2)
             notes = [json.loads(line) for line in (folder / 'notes').read_text().splitlines()]
             at_once = most = 0
             for what, words, cores in notes:
@@ -483,53 +488,48 @@ note('end')
             with contextlib.redirect_stdout(io.StringIO()):
                 run_them(again, 3)
             self.assertEqual({job.name: job.state for job in again if job.state != 'done'},
-                             {'fails.a.seed0.0': 'failed', 'long': 'cut off'})
+                             {'fails.a.seed0.0': 'failed', 'nothing.a.seed0.0': 'failed', 'long': 'cut off'})
             self.assertEqual(sum('begin' in line for line in (folder / 'notes').read_text().splitlines()),
-                             sum(what == 'begin' for what, _, _ in notes) + 1)  # what failed
+                             sum(what == 'begin' for what, _, _ in notes) + 2)  # what failed
             log = [line.split('\t') for line in (folder / 'out/jobs.log').read_text().splitlines()]
             self.assertTrue(all(0 <= float(began) <= float(ended) for began, ended, *_ in log))
             self.assertEqual({tuple(line[2:]) for line in log if line[3] != 'done'},
-                             {('3', 'failed', 'fails.a.seed0.0'), ('-9', 'cut off', 'long')})
+                             {('3', 'failed', 'fails.a.seed0.0'), ('0', 'failed', 'nothing.a.seed0.0'), ('-9', 'cut off', 'long')})
             (folder / 'out/calls/by_gpu.b.seed1.1.json').unlink()  # as where the time was up
             made = curves.collect(self.PLAN, str(program), folder / 'out', folder / 'curves', 'abc', 'a machine')
-            self.assertEqual(made, ['by_gpu', 'meshes'])  # of the parts there are no runs
+            self.assertEqual(made, ['by_gpu', 'meshes', 'parts', 'nothing'])
+            together = [json.loads(line)[1] for line in (folder / 'notes').read_text().splitlines() if '--forced", "1"' in line]
+            self.assertEqual(len(together[0][together[0].index('--curves') + 1].split(',')), 6)  # of parts, all calls
             by_gpu = json.loads((folder / 'curves/by_gpu.json').read_text())
             self.assertEqual(by_gpu['values'], ','.join(['1,2,3,4'] * 3 + ['1,2']))
             self.assertEqual(by_gpu['made'], {'command': 'work_precision --knob voxel --use_gpu 1 --seeds 0,1 --arguments x=1,y=2',
                                               'commit': 'abc', 'machine': 'a machine'})
             self.assertIn('trained with quality=high', (folder / 'curves/meshes.json').read_text())
 
-    def test_forced_parts_are_summed_up_over_calls_of_one_seed(self):
-        entry = {'name': 'parts', 'forced': ['p', 'q'], 'scenes': ['a', 'b'], 'seeds': [0, 1, 2, 3], 'arguments': ['gaussian_trainer.x=1']}
+    def test_forced_runs_that_ended_count_where_the_call_was_cut_off(self):
+        entry = {'name': 'parts', 'forced': ['p', 'q'], 'scenes': ['a', 'b'], 'seeds': [0, 1], 'arguments': ['gaussian_trainer.x=1', 'tsdf_mesher.y=2']}
         with tempfile.TemporaryDirectory() as temporary:
             folder = pathlib.Path(temporary)
             (folder / 'calls').mkdir()
-            (folder / 'calls/others.c.seed2.json').write_text(json.dumps({'parts': [{'scene': 'c', 'part': 'p', 'what': 'a part', 'mean_gain': None}]}))
+            training = {'knob': 'forced_training', 'error': 'e', 'scenes': ['a'], 'values': ['planned', 'p', 'q'], 'points': ['point']}
+            (folder / 'calls/parts.a.seed0.json').write_text(json.dumps({'parts': ['row'], 'curves': [training, {**training, 'knob': 'forced_mesh'}]}))
 
-            def run(value, seed, error, failure='', settings='gaussian_trainer planned x=1'):
-                at = folder / 'scans/parts/a/work_precision/forced_training' / f'{value}_seed{seed}'
+            def run(value, seed, settings='gaussian_trainer planned x=1', failure='', **figures):
+                at = folder / 'scans/parts/b/work_precision/forced_training' / f'{value}_seed{seed}'
                 at.mkdir(parents=True)
-                (at / 'point.json').write_text(json.dumps({'value': value, 'seed': seed, 'cpu_s': 10 + seed, 'failure': failure,
-                                                           'settings': settings, 'figures': {'held_out_rmse': error}}))
-            for seed, error in enumerate([4, 5, 6]):
-                run('planned', seed, error)
-            for seed, error in enumerate([3, 5, 3]):
-                run('p', seed, error)
-            run('p', 3, 99)  # the planned run of this seed was cut off
-            run('planned', 4, 1)  # a seed that was not asked for
-            run('q', 0, 0, 'no memory')
-            run('q', 1, 0, settings='gaussian_trainer planned x=10')  # of another sweep
-            with contextlib.redirect_stderr(io.StringIO()) as said:
-                parts = curves.forced_parts(entry, folder)
-        self.assertIn('no memory', said.getvalue())
-        self.assertEqual(len(parts), 1)  # q has no runs
-        self.assertEqual({key: parts[0][key] for key in ('scene', 'what', 'seeds', 'planned_error', 'planned_cpu_s')},
-                         {'scene': 'a', 'what': 'a part', 'seeds': 3, 'planned_error': {'min': 4, 'median': 5, 'max': 6},
-                          'planned_cpu_s': {'min': 10, 'median': 11, 'max': 12}})
-        self.assertEqual(parts[0]['forced_error'], {'min': 3, 'median': 3, 'max': 5})
-        self.assertAlmostEqual(parts[0]['mean_gain'], 4 / 3)  # of 1, 0 and 3
-        self.assertAlmostEqual(parts[0]['gain_sigma'], (7 / 9) ** 0.5)
-        self.assertAlmostEqual(parts[0]['gain_pct'], 40)
+                (at / 'point.json').write_text(json.dumps({'value': value, 'seed': seed, 'failure': failure, 'settings': settings, 'figures': figures}))
+            run('planned', 1, e=4)
+            run('p', 1, failure='no memory')
+            run('q', 1, settings='gaussian_trainer planned x=10', e=5)  # of another sweep
+            run('p', 0, settings='gaussian_trainer planned x=10', e=5)
+            cut_off = folder / 'cut_off'
+            cut_off.mkdir()
+            files = curves.calls_of(entry, folder, cut_off)
+            self.assertEqual([path.name for path in files], ['parts.a.seed0.json', 'parts.b.seed1.json'])
+            self.assertEqual(json.loads(files[1].read_text()), {'parts': [], 'curves': [
+                {**training, 'scenes': ['b'], 'values': ['planned', 'p'], 'points': [
+                    {'scene': 0, 'value': 'planned', 'seed': 1, 'failure': '', 'figures': {'e': 4}},
+                    {'scene': 0, 'value': 'p', 'seed': 1, 'failure': 'no memory', 'figures': {}}]}]})
 
     @unittest.skipUnless(hasattr(os, 'sched_setaffinity'), 'cores cannot be dealt out here')
     def test_jobs_of_several_gpus_see_one_each_and_long_ones_are_not_begun_late(self):

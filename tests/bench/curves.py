@@ -7,18 +7,19 @@ usage: curves.py PLAN S2GS DATA OUTPUT [--seconds N] [--cores N] [--gpus N] [--g
 PLAN is a JSON list in order of worth (curves.json), S2GS the program (that of preset `trainer` will do), DATA holds a
 scan for each scene. Every call of `s2gs work_precision` is a job of its own, one scene and one seed, on cores of its
 own, and every entry of PLAN has scans of its own (OUTPUT/scans); at the deadline what still runs is ended. Calls that
-are done are not made again. OUTPUT/jobs.log has a line a job: began, ended, exit code, state, name. --collect puts the calls
-of each sweep together into FOLDER/NAME.json, .csv and .html (tests/bench/results/curves for BENCHMARK.md), with the
-command, the commit and the machine; a call that was cut off counts with the runs that it finished.
+are done are not made again; one of which no run came to a result has failed. OUTPUT/jobs.log has a line a job: began,
+ended, exit code, state, name. --collect puts the calls of each entry together into FOLDER/NAME.json and .csv, of sweeps
+.html too (tests/bench/results/curves for BENCHMARK.md), with the command, the commit and the machine; a call that was cut
+off counts with the runs that it finished.
 
 An entry of PLAN has `name` and one of
   `knob`     a sweep: `values` are lists of lists, a call each;
   `forced`   parts of training that the plan leaves out, run all the same: a call for each scene and seed;
   `command`  anything else, with {programs} (S2GS's folder), {data}, {output}, {here} and {commit} filled in;
 and may have `scenes`, `seeds`, `arguments` (as --arguments), `gpu` (true: at most --gpu_jobs at a time on each of --gpus),
-`cores` of a call, `needs` (seconds: a call is not begun when fewer are left), `truth` (measured against DATA/SCENE/gt),
-`about` (what stands beside the command), and `model`: each scene and seed is first trained with these arguments and
-rendered, and the sweep begins from there.
+`cores` of a call, `jobs` (runs of a sweep's call at a time; of forced parts as many as cores), `needs` (seconds: a call
+is not begun when fewer are left), `truth` (measured against DATA/SCENE/gt), `about` (what stands beside the command), and
+`model`: each scene and seed is first trained with these arguments and rendered, and the sweep begins from there.
 """
 import argparse
 import json
@@ -26,7 +27,6 @@ import os
 import pathlib
 import shutil
 import signal
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -38,6 +38,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 class Job:
     def __init__(self, name, commands, gpu=False, cores=1, after=None, needs=0):
         self.name, self.commands, self.gpu, self.cores, self.after, self.needs = name, commands, gpu, cores, after, needs
+        self.written = None  # the file of a call of work_precision
         self.state = 'waiting'  # running, done, failed, cut off
         self.process, self.own_cores, self.own_gpu, self.started, self.seconds = None, [], None, 0.0, 0.0
 
@@ -111,9 +112,19 @@ def jobs_of(plan, s2gs, data, output, commit=None):
             for i, values in enumerate(entry['values']):
                 name = call_name(entry, scene, seed, i)
                 jobs.append(Job(name, [[s2gs, 'work_precision', '--workspace_path', str(folder), '--knob', entry['knob'],
-                                        '--values', ','.join(values), '--seeds', str(seed), *use_gpu, *truth, *arguments,
-                                        '--output_path', str(output / 'calls' / name)]], gpu, cores, after, needs))
+                                        '--values', ','.join(values), '--seeds', str(seed), '--jobs', str(entry.get('jobs', 1)),
+                                        *use_gpu, *truth, *arguments, '--output_path', str(output / 'calls' / name)]],
+                                gpu, cores, after, needs))
+    for job in jobs:
+        if 'work_precision' in job.commands[-1]:
+            job.written = output / 'calls' / f'{job.name}.json'
     return jobs
+
+
+def has_result(path):
+    """Whether a run of a call came to a result: the call itself ends well where none did."""
+    written = json.loads(path.read_text())
+    return any(not point['failure'] for curve in written.get('curves', [written]) for point in curve['points'])
 
 
 def run_jobs(jobs, output, seconds, cores, gpu_jobs, gpus=1, tick=0.2):
@@ -172,7 +183,8 @@ def run_jobs(jobs, output, seconds, cores, gpu_jobs, gpus=1, tick=0.2):
     while time.monotonic() < deadline:
         for job in jobs:
             if job.state == 'running' and job.process.poll() is not None:
-                finish(job, 'done' if job.process.returncode == 0 else 'failed')
+                is_done = job.process.returncode == 0 and (job.written is None or has_result(job.written))
+                finish(job, 'done' if is_done else 'failed')
         for job in jobs:
             if job.after is not None and job.after.state == 'failed' and job.state == 'waiting':
                 job.state = 'failed'
@@ -213,75 +225,48 @@ def command_text(entry):
     return '; '.join([text, *([entry['about']] if 'about' in entry else [])])
 
 
-def spread(values):
-    return {'min': min(values), 'median': statistics.median(values), 'max': max(values)}
-
-
-def forced_part(pattern, planned, forced):
-    """As `s2gs work_precision --forced` writes it, of runs {seed: point}; PATTERN is a part of one seed's call."""
-    both = sorted(planned.keys() & forced.keys())
-    errors = [[points[seed]['figures']['held_out_rmse'] for seed in both] for points in (planned, forced)]
-    seconds = [[points[seed]['cpu_s'] for seed in both] for points in (planned, forced)]
-    gains = [a - b for a, b in zip(*errors)]
-    medians = [statistics.median(values) for values in errors]
-    sigma = statistics.stdev(gains) / len(gains) ** 0.5 if len(gains) >= 3 else None
-    mean = statistics.mean(gains) if sigma is not None else None
-    return {**pattern, 'planned_error': spread(errors[0]), 'forced_error': spread(errors[1]),
-            'gain_pct': 100 * (medians[0] - medians[1]) / medians[0], 'mean_gain': mean, 'gain_sigma': sigma,
-            'gain_sigmas': mean / sigma if sigma else None, 'planned_cpu_s': spread(seconds[0]),
-            'forced_cpu_s': spread(seconds[1]), 'seeds': len(both)}
-
-
-def forced_parts(entry, output):
-    """Of all seeds, whose calls have one each; a call that was cut off counts with the runs that it finished, where any
-    call of the part ended, which has its words. Runs that failed are left out, and named."""
-    written = [json.loads(path.read_text()).get('parts', []) for path in sorted((output / 'calls').glob('*.json'))]
-    patterns = {part['part']: part for parts in written for part in parts}
-    found = []
-    for scene in entry['scenes']:
-        runs = {'planned': {}}
-        for seed in entry['seeds']:
-            for path in (scan_folder(entry, output, scene) / 'work_precision').glob(f'forced_*/*_seed{seed}/point.json'):
-                point = json.loads(path.read_text())
-                if point['failure']:
-                    print(f'{path}: {point["failure"]}', file=sys.stderr)
-                elif set(entry.get('arguments', [])) <= {f'gaussian_trainer.{word}' for word in point['settings'].split(' ')}:
-                    runs.setdefault(point['value'], {})[seed] = point
-        found += [forced_part({**patterns[name], 'scene': scene}, runs['planned'], runs[name])
-                  for name in entry['forced'] if name in patterns and runs['planned'].keys() & runs.get(name, {}).keys()]
-    return found
-
-
-def finished_runs(entry, folder, scene, seed, values, pattern):
+def finished_runs(entry, knob, folder, scene, seed, values, pattern):
     """The curve of a call that was cut off: `pattern`, a call of the same sweep that was not, with the runs that had
     ended, as their workspaces in FOLDER have them. None where there is none."""
     points = []
     for value in values:
-        path = folder / 'work_precision' / entry['knob'] / f'{value}_seed{seed}' / 'point.json'
+        path = folder / 'work_precision' / knob / f'{value}_seed{seed}' / 'point.json'
         if not path.exists():
             continue
         point = json.loads(path.read_text())
-        settings = point.pop('settings').split(' ')
+        command, *settings = point.pop('settings').split(' ')
+        arguments = {word.removeprefix(f'{command}.') for word in entry.get('arguments', [])
+                     if 'forced' not in entry or word.startswith(f'{command}.')}
         # Another sweep of the knob may have been there; an error against the longest run is known when all have ended.
-        if set(entry.get('arguments', [])) <= set(settings) and (point['failure'] or pattern['error'] in point['figures']):
+        if arguments <= set(settings) and (point['failure'] or pattern['error'] in point['figures']):
             points.append({**point, 'scene': 0})
     return {**pattern, 'scenes': [scene], 'values': [point['value'] for point in points], 'points': points} if points else None
 
 
+def finished_forced_runs(entry, folder, scene, seed, pattern):
+    """The same of a call of forced parts, which has a curve for each stage that has a part."""
+    found = [finished_runs(entry, curve['knob'], folder, scene, seed, curve['values'], curve) for curve in pattern['curves']]
+    return {**pattern, 'parts': [], 'curves': [curve for curve in found if curve]} if any(found) else None
+
+
 def calls_of(entry, output, cut_off):
-    """Files of a sweep's calls that ended; of others that have runs which did, files in the folder `cut_off`."""
+    """Files of an entry's calls that ended; of others that have runs which did, files in the folder `cut_off`."""
     calls = {call_name(entry, scene, seed, i): (scene, seed, values) for scene in entry['scenes']
-             for seed in entry['seeds'] for i, values in enumerate(entry['values'])}
+             for seed in entry['seeds'] for i, values in enumerate(entry.get('values', [None]))}
     files = {name: output / 'calls' / f'{name}.json' for name in calls}
     ended = [path for path in files.values() if path.exists()]
     if not ended:
         return ended
     pattern = json.loads(ended[0].read_text())
     for name, (scene, seed, values) in calls.items():
+        if files[name].exists():
+            continue
         folder = model_folder(output, scene, seed) if 'model' in entry else scan_folder(entry, output, scene)
-        if not files[name].exists() and (curve := finished_runs(entry, folder, scene, seed, values, pattern)):
+        found = (finished_forced_runs(entry, folder, scene, seed, pattern) if 'forced' in entry
+                 else finished_runs(entry, entry['knob'], folder, scene, seed, values, pattern))
+        if found:
             path = pathlib.Path(cut_off, f'{name}.json')
-            path.write_text(json.dumps(curve))
+            path.write_text(json.dumps(found))
             ended.append(path)
     return ended
 
@@ -295,17 +280,15 @@ def collect(plan, s2gs, output, folder, commit, machine):
             continue
         path = folder / f'{entry["name"]}.json'
         with tempfile.TemporaryDirectory() as cut_off:
-            calls = calls_of(entry, output, cut_off) if 'knob' in entry else []
-            if calls:
-                subprocess.run([s2gs, 'work_precision', '--curves', ','.join(map(str, calls)), '--output_path',
-                                str(path.with_suffix('')), '--log_level', 'warning'], check=True, stdout=subprocess.DEVNULL)
-                content = json.loads(path.read_text())
-                short = any(setting['runs'] < len(entry['seeds']) for setting in content.get('settings', []))
-            else:
-                content = {'version': 1, 'parts': forced_parts(entry, output) if 'forced' in entry else []}
-                short = any(part['seeds'] < len(entry['seeds']) for part in content['parts'])
-                if not content['parts']:
-                    continue
+            calls = calls_of(entry, output, cut_off)
+            if not calls:
+                continue
+            forced = ['--forced', '1'] if 'forced' in entry else []
+            subprocess.run([s2gs, 'work_precision', *forced, '--curves', ','.join(map(str, calls)), '--output_path',
+                            str(path.with_suffix('')), '--log_level', 'warning'], check=True, stdout=subprocess.DEVNULL)
+        content = json.loads(path.read_text())
+        short = (any(setting['runs'] < len(entry['seeds']) for setting in content.get('settings', []))
+                 or any(part['seeds'] < len(entry['seeds']) for part in content.get('parts', [])))
         command = command_text(entry)
         if short:
             command += '; what has fewer runs was cut off'

@@ -242,6 +242,33 @@ TEST(MeshRefinement, LeavesPlainSurfacesAlone) {
   EXPECT_LT(summary.rms_offset_px, 0.3);
 }
 
+// The texture of a patch is too little to go by, unless it is asked for: then the patch goes to the sphere.
+TEST(MeshRefinement, MovesByFewPeaksOnlyWhenTold) {
+  const SpherePhotos photos(12, kThreeRings,
+                            [](const Eigen::Vector3d& x) { return x.x() > 0.95 ? Waves(x) : Plain(x); });
+  const TriangleMesh start = Sphere(1 - 2 * kPixel, 60);
+  TriangleMesh mesh = start;
+  const MeshRefinementSummary planned = Refine(photos, &mesh);
+  EXPECT_FALSE(planned.has_moved);
+  EXPECT_EQ(planned.rms_offset_px, 0);
+  mesh = start;
+  MeshRefinementOptions options;
+  options.least_clear_pct = 0;
+  const MeshRefinementSummary forced = Refine(photos, &mesh, options);
+  EXPECT_TRUE(forced.has_moved);
+  EXPECT_GT(forced.num_accepted, 0);
+  EXPECT_LT(static_cast<double>(forced.num_accepted), 0.05 * static_cast<double>(forced.num_vertices));
+  double distance_px = 0;
+  int num = 0;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    if (vertex.x() < 0.96F) continue;
+    distance_px += (vertex.norm() - 1) / kPixel;
+    ++num;
+  }
+  ASSERT_GT(num, 10);
+  EXPECT_LT(std::abs(distance_px / num), 0.5);  // 2 at the start
+}
+
 std::vector<uint32_t> Carve(const RefinementPhotoSource& source, TriangleMesh* mesh, int num_threads = 2) {
   Reporter silent;
   ComputeNormals(mesh);
@@ -524,6 +551,7 @@ TEST(MeshRefinement, ChecksOptions) {
       {"num_views", [](auto* o) { o->num_views = 17; }},
       {"max_view_angle_deg", [](auto* o) { o->max_view_angle_deg = 90; }},
       {"smoothness", [](auto* o) { o->smoothness = 0; }},
+      {"least_clear_pct", [](auto* o) { o->least_clear_pct = -1; }},
       {"min_seen_pct", [](auto* o) { o->min_seen_pct = 101; }},
       {"max_memory_gib", [](auto* o) { o->max_memory_gib = NAN; }},
       {"num_threads", [](auto* o) { o->num_threads = -1; }}};

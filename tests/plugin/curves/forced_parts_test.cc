@@ -7,8 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "plugin/stage/workspace.h"
+#include "sfm_split/base/error.h"
 #include "tests/support/temporary_folder.h"
 
 namespace s2gs {
@@ -44,7 +47,7 @@ TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
   options.arguments = {"gaussian_trainer.quality=low", "tsdf_mesher.nothing=1"};
   Reporter silent;
   const std::vector<ForcedPart> parts =
-      MeasureForcedParts(options, {"learning_p", "distortion_channel"}, silent);
+      MeasureForcedParts(options, {"learning_p", "distortion_channel"}, silent).Parts();
   ASSERT_EQ(parts.size(), 2U);
   EXPECT_EQ(parts[0].part, "distortion_channel");
   EXPECT_NEAR(parts[0].GainPct(), 0, 1e-9);
@@ -57,7 +60,7 @@ TEST(ForcedParts, CostAndGainAreAgainstTheRunAsPlanned) {
   EXPECT_THAT(calls, testing::HasSubstr("--quality low --Train.distortion_weight 100"));
   EXPECT_THAT(calls, testing::Not(testing::HasSubstr("nothing")));
   // The plan says itself what is left out: the same two.
-  const std::vector<ForcedPart> planned = MeasureForcedParts(options, {}, silent);
+  const std::vector<ForcedPart> planned = MeasureForcedParts(options, {}, silent).Parts();
   ASSERT_EQ(planned.size(), 2U);
   EXPECT_EQ(planned[1].part, "learning_p");
   std::ostringstream csv;
@@ -92,7 +95,8 @@ TEST(ForcedParts, GainOfSeedsInStandardErrors) {
   options.seeds = {0, 1, 2};
   options.arguments = {"gaussian_trainer.Train.distortion_weight=5"};
   Reporter silent;
-  const std::vector<ForcedPart> parts = MeasureForcedParts(options, {"distortion_channel"}, silent);
+  const ForcedRuns runs = MeasureForcedParts(options, {"distortion_channel"}, silent);
+  const std::vector<ForcedPart> parts = runs.Parts();
   ASSERT_EQ(parts.size(), 1U);
   EXPECT_EQ(parts[0].failure, "");
   EXPECT_NEAR(parts[0].GainPct(), 10, 1e-9);
@@ -100,8 +104,9 @@ TEST(ForcedParts, GainOfSeedsInStandardErrors) {
   EXPECT_NEAR(*parts[0].mean_gain, 0.02, 1e-12);
   EXPECT_NEAR(parts[0].gain_sigma, 0.01 / std::sqrt(3.0), 1e-12);
   EXPECT_NEAR(parts[0].GainSigmas(), 2 * std::sqrt(3.0), 1e-9);
+  EXPECT_EQ(parts[0].seeds, 3);
   std::ostringstream text;
-  WriteForcedJson(parts, text);
+  WriteForcedJson(runs, text);
   const nlohmann::json json = nlohmann::json::parse(text.str());
   EXPECT_NEAR(json["parts"][0]["mean_gain"].get<double>(), 0.02, 1e-12);
 }
@@ -127,15 +132,73 @@ TEST(ForcedParts, GainOfPosesInStandardDeviations) {
   options.scenes = {{scan.root, "", folder / "truth"}};
   options.program = folder / "program";
   Reporter silent;
-  const std::vector<ForcedPart> parts = MeasureForcedParts(options, {"weak_features"}, silent);
+  const ForcedRuns runs = MeasureForcedParts(options, {"weak_features"}, silent);
+  const std::vector<ForcedPart> parts = runs.Parts();
   ASSERT_EQ(parts.size(), 1U);
   EXPECT_EQ(parts[0].failure, "");
   EXPECT_NEAR(parts[0].GainPct(), 40, 1e-9);
   EXPECT_NEAR(parts[0].gain_sigma, 0.04, 1e-12);
   EXPECT_NEAR(parts[0].GainSigmas(), 0.5, 1e-9);
   std::ostringstream json;
-  WriteForcedJson(parts, json);
+  WriteForcedJson(runs, json);
   EXPECT_THAT(json.str(), testing::HasSubstr("\"gain_sigma\": 0.04"));
+}
+
+// Calls of one seed each say together what one call of all seeds says: the second scene has another mean, the
+// seed without a planned run does not count, nor does the run that failed, which is named.
+TEST(ForcedParts, CallsOfSeveralSeedsAreSummedUpTogether) {
+  const auto call = [](const std::string& scene, uint64_t seed,
+                       std::vector<std::pair<std::string, double>> errors) {
+    WorkCurve curve;
+    curve.knob = "forced_training";
+    curve.error = "held_out_rmse";
+    curve.error_text = "RMS error";
+    curve.reference = "photos held out of training";
+    curve.scenes = {scene};
+    curve.values = {"planned", "sh_bands", "learning_p"};
+    for (const auto& [value, error] : errors) {
+      WorkPoint point;
+      point.value = value;
+      point.seed = seed;
+      point.cpu_seconds = 10 + static_cast<double>(seed);
+      if (error > 0) point.figures["held_out_rmse"] = error;
+      if (error <= 0) point.failure = "no memory";
+      curve.points.push_back(point);
+    }
+    return ForcedRuns{{curve}};
+  };
+  TemporaryFolder folder;
+  std::vector<ForcedRuns> read;
+  const std::vector<ForcedRuns> calls = {
+      call("a", 0, {{"planned", 4}, {"sh_bands", 3}, {"learning_p", 0}}),
+      call("a", 1, {{"planned", 5}, {"sh_bands", 5}}), call("b", 0, {{"planned", 1}, {"sh_bands", 2}}),
+      call("a", 2, {{"planned", 6}, {"sh_bands", 3}}), call("a", 3, {{"sh_bands", 99}})};
+  for (const ForcedRuns& runs : calls) {
+    std::ostringstream text;
+    WriteForcedJson(runs, text);
+    const fs::path path = folder / (std::to_string(read.size()) + ".json");
+    WriteAll(path, text.str());
+    read.push_back(ReadForced(path));
+  }
+  const std::vector<ForcedPart> parts = MergeForcedRuns(read).Parts();
+  ASSERT_EQ(parts.size(), 3U);
+  EXPECT_EQ(parts[0].scene + parts[1].scene + parts[2].scene, "aab");
+  EXPECT_EQ(parts[0].part, "sh_bands");
+  EXPECT_EQ(parts[0].what, "bands of colour that no photo tells");
+  EXPECT_EQ(parts[0].seeds, 3);
+  EXPECT_EQ(parts[0].planned_error.median, 5);
+  EXPECT_EQ(parts[0].forced_error.max, 5);
+  EXPECT_EQ(parts[0].planned_cpu_seconds.max, 12);
+  EXPECT_NEAR(parts[0].mean_gain.value(), 4 / 3.0, 1e-12);  // of 1, 0 and 3
+  EXPECT_NEAR(parts[0].gain_sigma, std::sqrt(7 / 9.0), 1e-12);
+  EXPECT_NEAR(parts[0].GainPct(), 40, 1e-12);
+  EXPECT_EQ(parts[1].seeds, 0);
+  EXPECT_EQ(parts[1].failure, "no memory");
+  EXPECT_TRUE(std::isnan(parts[1].GainPct()));
+  EXPECT_NEAR(parts[2].GainPct(), -100, 1e-12);
+  EXPECT_THROW(MergeForcedRuns({read[0], read[0]}), UserError);
+  WriteAll(folder / "other.json", "{\"parts\": []}");
+  EXPECT_THROW(ReadForced(folder / "other.json"), UserError);
 }
 
 }  // namespace

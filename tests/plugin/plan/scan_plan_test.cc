@@ -276,7 +276,14 @@ TEST(PlanParts, ForceTakesPartsStagesAndTheOldNumbers) {
   const std::set<std::string> training = ForcedParts({"gaussian_trainer"});
   EXPECT_EQ(training.count("sh_bands"), 1U);
   EXPECT_EQ(training.count("doubtful_poses"), 0U);
-  EXPECT_THROW(ForcedParts({"scale"}), CommandLineError);
+  try {
+    ForcedParts({"scale"});
+    FAIL();
+  } catch (const CommandLineError& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("every scale explains the photos equally well"));
+  }
+  for (const PlanPart& part : PlanParts())
+    EXPECT_EQ(part.CanBeForced(), part.never_forced.empty()) << part.name;
   EXPECT_THROW(ForcedParts({"nothing"}), CommandLineError);
   EXPECT_EQ(ForcedArguments("gaussian_trainer", {"sh_bands", "pairs"}),
             std::vector<std::string>({"--Train.only_told_bands", "0"}));
