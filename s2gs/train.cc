@@ -314,7 +314,23 @@ class Trainer {
     cursor_.neighbours_turn = turn;
   }
 
+  // Losses of whole photos and of a part of them are no mean of one thing.
+  void LogLoss() {
+    const LossTerms loss = backend_->TakeLoss();
+    clock_.Lap();
+    log_.AddLoss(Point(), loss, !draws_part_);
+    has_loss_ = false;
+    CheckFinite(loss);
+    last_loss_ = loss;
+  }
+
   void StepOnce(const TrainMoment& moment) {
+    const bool draws_part = scene_.bodies() == SceneBodies::kBoth && cursor_.foreground_frozen &&
+                            cursor_.progress >= options_.densify_until &&
+                            order_.RoundOf(cursor_.iteration + 1) % options_.whole_every != 0;
+    if (draws_part != draws_part_ && has_loss_) LogLoss();
+    draws_part_ = draws_part;
+    has_loss_ = true;
     ++cursor_.iteration;
     TrainStep step;
     step.iteration = cursor_.iteration;
@@ -325,9 +341,7 @@ class Trainer {
     step.weights = moment.weights;
     step.freeze_foreground = cursor_.foreground_frozen;
     step.collect_statistics = moment.grows;
-    step.only_rotating_tiles = scene_.bodies() == SceneBodies::kBoth && cursor_.foreground_frozen &&
-                               cursor_.progress >= options_.densify_until &&
-                               order_.RoundOf(cursor_.iteration) % options_.whole_every != 0;
+    step.only_rotating_tiles = draws_part;
     if (scene_.mode == TrainMode::kMasks) {
       // A background of any colour at all: what is transparent in truth is then never cheaper to paint.
       step.cut_out_mask = true;
@@ -517,17 +531,14 @@ class Trainer {
   void Report(double before, double now) {
     const int64_t every = std::clamp<int64_t>(options_.num_iterations / 200, 1, 100);
     if (cursor_.iteration % every != 0 && now < 1) return;
-    const LossTerms loss = backend_->TakeLoss();
-    clock_.Lap();
-    log_.AddLoss(Point(), loss);
-    CheckFinite(loss);
+    LogLoss();
     reporter_.Progress("train", std::min<int64_t>(cursor_.iteration, options_.num_iterations - 1),
                        options_.num_iterations);
     if (!Passed(before, now, kMessageEvery) && now < 1 && now - last_message_ < kMessageEvery) return;
     last_message_ = now;
     const double rate = static_cast<double>(cursor_.iteration) / std::max(cursor_.wall_seconds, 1e-9);
     std::string message = "iteration " + std::to_string(cursor_.iteration) + ", " +
-                          Format("%.0f", 100 * now) + " %: loss " + Format("%.4f", loss.total) + ", " +
+                          Format("%.0f", 100 * now) + " %: loss " + Format("%.4f", last_loss_.total) + ", " +
                           std::to_string(backend_->Count()) + " Gaussians, " + Format("%.3g", rate) +
                           " iterations/s";
     if (now > 0 && now < 1) {
@@ -642,6 +653,9 @@ class Trainer {
   int64_t not_finite_ = 0;
   int bad_reports_ = 0;
   double last_message_ = 0;
+  bool draws_part_ = false;  // the steps since the last line of losses draw the rotating part alone
+  bool has_loss_ = false;    // there are such steps
+  LossTerms last_loss_;
 };
 
 }  // namespace

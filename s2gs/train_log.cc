@@ -47,8 +47,9 @@ TrainLog::TrainLog(std::filesystem::path path, int64_t iteration) : path_(std::m
   }
 }
 
-void TrainLog::AddLoss(const LogPoint& point, const LossTerms& loss) {
+void TrainLog::AddLoss(const LogPoint& point, const LossTerms& loss, bool sees_whole_photos) {
   Json line = Begin("loss", point);
+  line["whole"] = sees_whole_photos;
   line["loss"] = {{"total", Number(loss.total)},
                   {"l1", Number(loss.l1)},
                   {"dssim", Number(loss.dssim)},

@@ -30,8 +30,8 @@ struct TrainDecision {
 };
 
 /// W/s2gs/log.jsonl: one JSON object a line, "stage": "train" in each. "event" is "loss" (the means of the
-/// loss terms since the line before), "held_out", "sights", "decision" or "note". Kept in memory and written
-/// as a whole, atomically.
+/// loss terms since the line before, "whole": whether over whole photos), "held_out", "sights", "decision" or
+/// "note". Kept in memory and written as a whole, atomically.
 class TrainLog {
  public:
   /// \param path       empty: nothing is written.
@@ -39,7 +39,9 @@ class TrainLog {
   ///                   dropped. Below 0: the log starts anew.
   TrainLog(std::filesystem::path path, int64_t iteration);
 
-  void AddLoss(const LogPoint& point, const LossTerms& loss);
+  /// \param sees_whole_photos  false: of iterations that drew where the rotating part is alone
+  /// (TrainOptions::whole_every).
+  void AddLoss(const LogPoint& point, const LossTerms& loss, bool sees_whole_photos);
   void AddHeldOut(const LogPoint& point, const HeldOutErrors& errors);
   void AddSights(const LogPoint& point, const SightShares& shares);
   void AddNote(const LogPoint& point, const std::string& note);

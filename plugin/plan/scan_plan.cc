@@ -125,6 +125,14 @@ std::vector<PlanDecision> ReadPlannedDecisions(const std::filesystem::path& path
   return decisions;
 }
 
+std::set<std::string> PlannedForced(const std::filesystem::path& path) {
+  std::set<std::string> forced;
+  for (const PlanDecision& decision : ReadPlannedDecisions(path)) {
+    if (decision.is_forced) forced.insert(decision.part);
+  }
+  return forced;
+}
+
 void WriteScanPlan(const std::filesystem::path& path, const ScanPlan& plan) {
   const std::string text =
       PlanToJson(plan).dump(1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";

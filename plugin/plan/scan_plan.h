@@ -77,6 +77,8 @@ nlohmann::ordered_json PlanToJson(const ScanPlan& plan);
 
 /// Reads what PlanToJson() made, its decisions alone; empty where there is none, or a damaged one.
 std::vector<PlanDecision> ReadPlannedDecisions(const std::filesystem::path& path);
+/// The parts that were asked for, which stands nowhere else than there.
+std::set<std::string> PlannedForced(const std::filesystem::path& path);
 
 /// Writes plan.json. Throws UserError.
 void WriteScanPlan(const std::filesystem::path& path, const ScanPlan& plan);

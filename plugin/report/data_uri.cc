@@ -27,6 +27,15 @@ std::string JpegDataUri(const Image8& image, int quality) {
   return "data:image/jpeg;base64," + Base64(EncodeJpeg(image, "report.html", quality));
 }
 
+std::string JpegDataUri(const Image8& image, int quality, size_t most_bytes) {
+  constexpr int kStep = 8;
+  std::string uri = JpegDataUri(image, quality);
+  for (int less = quality - kStep; uri.size() > most_bytes && 2 * less >= quality; less -= kStep) {
+    uri = JpegDataUri(image, less);
+  }
+  return uri;
+}
+
 std::string PngDataUri(const Image8& image) {
   return "data:image/png;base64," + Base64(EncodePng(image, "report.html"));
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 
@@ -13,6 +14,8 @@ std::string Base64(std::string_view bytes);
 /// "data:image/jpeg;base64,...": a picture inside the page.
 /// \param quality  1 to 100.
 std::string JpegDataUri(const Image8& image, int quality);
+/// The same with less quality, down to half of what is asked, where it has more than `most_bytes`.
+std::string JpegDataUri(const Image8& image, int quality, size_t most_bytes);
 
 /// The same without loss, for diagrams.
 std::string PngDataUri(const Image8& image);

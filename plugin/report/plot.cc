@@ -11,7 +11,8 @@ namespace {
 
 constexpr double kWidth = 480;
 constexpr double kHeight = 300;
-constexpr double kLeft = 62;
+constexpr double kLeft = 62;      // room for five characters beside the axis' name
+constexpr double kCharacter = 7;  // width of a digit
 constexpr double kRight = 14;
 constexpr double kTop = 12;
 constexpr double kBottom = 46;
@@ -56,9 +57,13 @@ std::string MarkText(double value) {
 
 class Canvas {
  public:
-  Canvas(const Plot& plot, const Range& x, const Range& y) : plot_(plot), x_(x), y_(y) {}
+  Canvas(const Plot& plot, const Range& x, const Range& y) : plot_(plot), x_(x), y_(y) {
+    for (const double mark : AxisMarks(y.low, y.high, plot.y.is_log)) {
+      left_ = std::max(left_, kLeft + kCharacter * (static_cast<double>(MarkText(mark).size()) - 5));
+    }
+  }
 
-  double X(double value) const { return kLeft + Share(value, x_, plot_.x) * (kWidth - kLeft - kRight); }
+  double X(double value) const { return left_ + Share(value, x_, plot_.x) * (kWidth - left_ - kRight); }
   double Y(double value) const {
     return kHeight - kBottom - Share(value, y_, plot_.y) * (kHeight - kTop - kBottom);
   }
@@ -77,16 +82,16 @@ class Canvas {
     for (const double mark : AxisMarks(y_.low, y_.high, plot_.y.is_log)) {
       const std::string y = ShortNumber(Y(mark));
       out->Void("line", {{"class", "grid"},
-                         {"x1", ShortNumber(kLeft)},
+                         {"x1", ShortNumber(left_)},
                          {"x2", ShortNumber(kWidth - kRight)},
                          {"y1", y},
                          {"y2", y}});
       out->Element("text", MarkText(mark),
-                   {{"x", ShortNumber(kLeft - 7)}, {"y", ShortNumber(Y(mark) + 4)}, {"text-anchor", "end"}});
+                   {{"x", ShortNumber(left_ - 7)}, {"y", ShortNumber(Y(mark) + 4)}, {"text-anchor", "end"}});
     }
     out->Element("text", plot_.x.label,
                  {{"class", "axis"},
-                  {"x", ShortNumber((kLeft + kWidth - kRight) / 2)},
+                  {"x", ShortNumber((left_ + kWidth - kRight) / 2)},
                   {"y", ShortNumber(kHeight - 9)},
                   {"text-anchor", "middle"}});
     const double middle = (kTop + kHeight - kBottom) / 2;
@@ -171,6 +176,7 @@ class Canvas {
   }
 
   const Plot& plot_;
+  double left_ = kLeft;
   Range x_;
   Range y_;
 };

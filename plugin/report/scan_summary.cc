@@ -29,6 +29,7 @@ constexpr uint64_t kMaxJsonBytes = uint64_t{1} << 30;
 void AddPlan(const Workspace& workspace, ScanSummary* summary) {
   PlanRequest request;
   request.workspace = workspace;
+  request.forced = PlannedForced(workspace.Plan());
   Reporter silent;
   for (const PlanDecision& decision : MakeScanPlan(request, silent).decisions) {
     // The photos, which decide whether there are masks, are not looked at here.

@@ -61,6 +61,7 @@ void AddPoses(const ReportInput& input, ReportSection* section) {
 void AddTraining(const ReportInput& input, ReportSection* section) {
   Curve loss;
   Curve colour;
+  bool has_parts = false;
   Curve held_out;
   Curve held_out_object;
   Curve dssim;
@@ -68,7 +69,9 @@ void AddTraining(const ReportInput& input, ReportSection* section) {
     if (line.value("stage", "") != "train") continue;
     const double seconds = NumberOr(line, "wall_s");
     const std::string event = line.value("event", "");
-    if (event == "loss" && line.contains("loss")) {
+    const bool is_whole = line.value("whole", true);
+    has_parts = has_parts || !is_whole;
+    if (event == "loss" && line.contains("loss") && is_whole) {
       loss.emplace_back(seconds, NumberOr(line["loss"], "total"));
       colour.emplace_back(seconds, NumberOr(line["loss"], "l1"));
     }
@@ -84,6 +87,7 @@ void AddTraining(const ReportInput& input, ReportSection* section) {
     section->numbers["training"] = {{"loss", ToJson(loss)}, {"l1", ToJson(colour)}};
     plot.series = {Series("whole loss", 0, loss), Series("colour, mean absolute", 1, colour)};
   }
+  if (has_parts) section->numbers["training"]["some_draw_the_rotating_part_alone"] = true;
   WritePlot(plot, &section->html);
   if (held_out.empty()) return;
   section->numbers["held_out"] = {
@@ -131,6 +135,11 @@ ReportSection CurvesSection(const ReportInput& input) {
     note +=
         "Training's own error steps up where the photos become larger (it starts with small ones) and where "
         "further terms of the loss begin. ";
+    if (section.numbers["training"].contains("some_draw_the_rotating_part_alone")) {
+      note +=
+          "Late iterations that look only where the rotating part is are not shown: their error is that of "
+          "less than a photo. ";
+    }
   }
   note += "Without truth or photos held back, these are the errors that the program itself works to reduce.";
   out.Element("p", note, {{"class", "note"}});

@@ -21,6 +21,7 @@ constexpr size_t kMaxOverlays = 4;
 constexpr int kOverlaySide = 420;  // [px]
 constexpr int kPanelSide = 480;    // [px]
 constexpr int kQuality = 78;
+constexpr size_t kMostBytes = 45000;  // of a picture: twenty take less than a megabyte
 // As comparison.jpg has them from left to right (s2gs/render_pictures.h).
 constexpr int kNumPanels = 4;
 
@@ -51,7 +52,7 @@ void WriteOverlays(const ReportInput& input, Reporter& reporter, ReportSection* 
     const fs::path& path = paths[i * paths.size() / count];
     const std::string name = path.lexically_relative(input.workspace.SplitOverlays()).generic_string();
     try {
-      const std::string uri = JpegDataUri(Thumbnail(ReadImage(path, 3), kOverlaySide), kQuality);
+      const std::string uri = JpegDataUri(Thumbnail(ReadImage(path, 3), kOverlaySide), kQuality, kMostBytes);
       out.Open("figure").Void("img", {{"src", uri}, {"alt", "keypoints of " + name}});
       out.Element("figcaption", name).Close();
       section->numbers["overlays"].push_back(name);
@@ -106,7 +107,7 @@ void WritePanels(const ReportInput& input, const std::vector<Image8>& panels,
     static constexpr const char* kNames[kNumPanels] = {"photo", "rendering", "error", "mask"};
     const Image8 small = Thumbnail(panels[i], kPanelSide);
     const int orientation = ReadOrientation(input.image_path / names[row]);
-    HtmlAttributes attributes = {{"src", JpegDataUri(TurnUpright(small, orientation), kQuality)},
+    HtmlAttributes attributes = {{"src", JpegDataUri(TurnUpright(small, orientation), kQuality, kMostBytes)},
                                  {"alt", fmt::format("{}: {}", names[row], kNames[panel])},
                                  {"data-row", std::to_string(row)},
                                  {"data-panel", std::to_string(panel)}};

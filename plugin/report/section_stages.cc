@@ -43,15 +43,9 @@ std::string Why(const StageStatus& stage) {
 ScanPlan PlanOf(const ReportInput& input) {
   PlanRequest request;
   request.workspace = input.workspace;
+  request.forced = PlannedForced(input.workspace.Plan());
   Reporter silent;
-  ScanPlan plan = MakeScanPlan(request, silent);
-  // What was asked for stands nowhere else.
-  for (const PlanDecision& planned : ReadPlannedDecisions(input.workspace.Plan())) {
-    for (PlanDecision& decision : plan.decisions) {
-      if (decision.part == planned.part) decision.is_forced = planned.is_forced;
-    }
-  }
-  return plan;
+  return MakeScanPlan(request, silent);
 }
 
 // What some scenes do not need: left out or not, and what that rests on.

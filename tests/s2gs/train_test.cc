@@ -93,12 +93,30 @@ TEST(Train, WholeFramesNowAndThenAreEnoughForTheRotatingPart) {
   TrainOptions options = QuickOptions(600);
   const TrainResult always = Train(scene, options, 1, {}, MakeCpuBackend(1).get(), silent);
   options.whole_every = 3;
-  const TrainResult sometimes = Train(scene, options, 1, {}, MakeCpuBackend(1).get(), silent);
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.log = folder / "log.jsonl";
+  const TrainResult sometimes = Train(scene, options, 1, files, MakeCpuBackend(1).get(), silent);
   ASSERT_TRUE(sometimes.held_out.has_value());
   EXPECT_NE(sometimes.gaussians.centre, always.gaussians.centre);
   // Measured: .01 dB better; two seeds differ by .1 dB.
   EXPECT_GT(sometimes.held_out->object_psnr, always.held_out->object_psnr - 0.2);
   EXPECT_GT(sometimes.held_out->mask_iou, 0.78);
+  // Losses of both kinds have lines of their own: from the first on that draws a part, two of three
+  // iterations.
+  double all = 0;
+  double part = 0;
+  double last = 0;
+  for (const nlohmann::json& line : LinesOf(folder.Read("log.jsonl"), "loss")) {
+    const double span = line["iteration"].get<double>() - last;
+    EXPECT_GT(span, 0);
+    last += span;
+    if (!line["whole"].get<bool>()) part += span;
+    if (part > 0) all += span;
+  }
+  EXPECT_EQ(last, 600);
+  EXPECT_GT(all, 100);
+  EXPECT_NEAR(part / all, 2 / 3.0, 2 * 11 / all);  // the course begins and ends within a round of 11 photos
 }
 
 TEST(Train, WarnsWhereTheRotatingPartHasNoPoints) {

@@ -4,9 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <vector>
 
 #include "plugin/report/data_uri.h"
 #include "plugin/report/plot.h"
+#include "tests/support/random_numbers.h"
 
 namespace s2gs {
 namespace {
@@ -49,6 +52,21 @@ TEST(Numbers, ForPeople) {
   EXPECT_EQ(Significant(123456.7), "123457");
   EXPECT_EQ(Significant(9.995, 2), "10.0");
   EXPECT_EQ(Significant(HUGE_VAL), "–");
+}
+
+// Noise is what takes most bytes: quality falls until it fits, but never below half.
+TEST(JpegDataUri, HasNoMoreBytesThanAllowedWhereHalfOfTheQualityWillDo) {
+  RandomNumbers random(1);
+  Image8 noise{64, 64, 3, std::vector<uint8_t>(64 * 64 * 3)};
+  for (uint8_t& value : noise.pixels) value = static_cast<uint8_t>(random.Uniform(0, 256));
+  const size_t full = JpegDataUri(noise, 80).size();
+  const size_t half = JpegDataUri(noise, 40).size();
+  ASSERT_LT(half, full);
+  EXPECT_EQ(JpegDataUri(noise, 80, full), JpegDataUri(noise, 80));
+  const size_t between = (full + half) / 2;
+  EXPECT_LE(JpegDataUri(noise, 80, between).size(), between);
+  EXPECT_GT(JpegDataUri(noise, 80, between).size(), half);
+  EXPECT_EQ(JpegDataUri(noise, 80, 1), JpegDataUri(noise, 40));
 }
 
 // RFC 4648, section 10.

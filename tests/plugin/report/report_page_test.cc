@@ -153,6 +153,11 @@ void WriteLogs(const Workspace& workspace) {
       lines({{{"stage", "train"}, {"event", "loss"}, {"wall_s", 1}, {"loss", {{"total", 0.5}, {"l1", 0.25}}}},
              {{"stage", "train"}, {"event", "loss"}, {"wall_s", 4}, {"loss", {{"total", 0.2}, {"l1", 0.1}}}},
              {{"stage", "train"},
+              {"event", "loss"},
+              {"wall_s", 5},
+              {"whole", false},
+              {"loss", {{"total", 0.01}, {"l1", 0.01}}}},
+             {{"stage", "train"},
               {"event", "sights"},
               {"cameras", 2},
               {"photos", 12},
@@ -258,6 +263,32 @@ TEST(ReportPage, SaysWhatTheScanHolds) {
   ExpectText(Stable(numbers.dump(1) + "\n", workspace), "plugin/report/expected/report.json");
   ExpectText(OneTagALine(Stable(Body(ReadAll(workspace.ReportHtml())), workspace)),
              "plugin/report/expected/report.html");
+}
+
+// What the plan would leave out, but was asked for, has run.
+TEST(ReportPage, WhatWasForcedIsNotLeftOut) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder / "made_up_scan"};
+  WriteScan(workspace);
+  Reporter reporter;
+  PlanRequest request;
+  request.workspace = workspace;
+  request.forced = {"distortion_channel"};
+  WriteScanPlan(workspace.Plan(), MakeScanPlan(request, reporter));
+  WriteScanReport(workspace, "", reporter);
+  int found = 0;
+  const json numbers = json::parse(ReadAll(workspace.ReportJson()));
+  for (const json& decision : numbers["report"]["stages"]["plan"]) {
+    if (decision["part"] != "distortion_channel") continue;
+    ++found;
+    EXPECT_EQ(decision["state"], "runs");
+    EXPECT_EQ(decision["forced"], true);
+  }
+  EXPECT_EQ(found, 1);
+  ScanSummary summary;
+  CollectFigures(workspace, &summary);
+  for (const auto& [what, why] : summary.left_out)
+    EXPECT_NE(what, "the map of depth distortion and its term");
 }
 
 TEST(ReportPage, SummaryAndPlanOfTheSameScan) {
