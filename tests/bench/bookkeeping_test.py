@@ -612,7 +612,8 @@ class Plans(unittest.TestCase):
             folder = pathlib.Path(temporary)
             (folder / 'w/s2gs').mkdir(parents=True)
             (folder / 'w/s2gs/plan.json').write_text(json.dumps({'decisions': [
-                decision('pairs', 'runs'), decision('p', 'later'), decision('bands', 'later'), decision('scale', 'left out')]}))
+                decision('pairs', 'runs'), decision('p', 'later'), decision('bands', 'later'),
+                {**decision('scale', 'left out'), 'never_forced': 'no bound'}, {**decision('background', 'runs'), 'never_forced': 'one place'}]}))
             (folder / 'log.jsonl').write_text(event('p', False, 'early') + '{"event": "step"}\n' + event('p', True, 'late') +
                                               event('pairs', True, 'no concern of training'))
             out = folder / 'plans.md'
@@ -623,7 +624,9 @@ class Plans(unittest.TestCase):
         a, b = text.split('## a')[1].split('## b')
         self.assertIn('| `p` | not decided | 3 / 4 | t | r | s |', a)
         self.assertIn('| `p` | left out | late | u | q |  |', b)
-        self.assertEqual([line.split('`')[1] for line in b.split('\n') if '`' in line], ['p', 'scale', 'pairs', 'bands'])
+        self.assertEqual([line.split('`')[1] for line in b.split('\n') if '`' in line], ['p', 'scale', 'pairs', 'background', 'bands'])
+        self.assertIn('| `scale` | left out | 3 / 4 | t | r; nothing to force: no bound | s |', b)
+        self.assertIn('| `background` | runs | 3 / 4 | t | r | s |', b)
 
 
 class Curves(unittest.TestCase):

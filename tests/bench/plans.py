@@ -36,6 +36,12 @@ def decisions(workspace, log=None):
     return found
 
 
+def reason(one):
+    """With why nothing could force what is left out, where nothing could."""
+    never = one.get('never_forced', '') if one['state'] == 'left out' else ''
+    return '; '.join(text for text in (one['reason'], f'nothing to force: {never}' if never else '') if text)
+
+
 def cell(text):
     return text.replace('|', '/').replace('\n', ' ')
 
@@ -44,13 +50,14 @@ def page(commit, scenes):
     """`scenes`: {name: decisions}."""
     lines = ['# What scans leave out', '',
              f'Made by `s2gs scan_planner` and `tests/bench/plans.py`; {commit}. Each part that some scenes do not need, with what was '
-             'measured, the threshold, the reason, and what leaving it out saves. What it would have cost and gained: '
+             'measured, the threshold, the reason, and what leaving it out saves; where there is nothing to force, why. What the others would have cost and gained: '
              '[BENCHMARK.md](../../../BENCHMARK.md), "What was left out, and forced".', '']
     parts = list(dict.fromkeys(one['part'] for found in scenes.values() for one in found))
     state = {(name, one['part']): STATES[one['state']] for name, found in scenes.items() for one in found}
     what = {one['part']: one['what'] for found in scenes.values() for one in found}
     lines += ['| part | ' + ' | '.join(scenes) + ' |', '|---' * (len(scenes) + 1) + '|']
     lines += [f'| `{part}`: {cell(what[part])} | ' + ' | '.join(state.get((name, part), '') for name in scenes) + ' |' for part in parts]
+    scenes = {name: [{**one, 'reason': reason(one)} for one in found] for name, found in scenes.items()}
     for name, found in scenes.items():
         lines += ['', f'## {name}', '', '| part | | measured | threshold | reason | saves |', '|---|---|---|---|---|---|']
         lines += [f'| `{one["part"]}` | {STATES[one["state"]]} | ' +
