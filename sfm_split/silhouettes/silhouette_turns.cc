@@ -194,6 +194,8 @@ SilhouetteTurn FindSilhouetteTurn(const std::vector<SilhouetteView>& first,
         contradiction.At(start_rad + static_cast<double>(k) * kFineDeg * kDegree, 1);
   });
   const double place = LowestPlace(fine, kAll);
+  // On the border of what was looked at closely, the lowest place lies elsewhere than the search saw it.
+  result.is_told = result.is_told && place > 0 && place < kFineTurns - 1;
   result.turn_rad = WrapAngle(start_rad + place * kFineDeg * kDegree);
   double spread = 0;
   for (size_t b = 0; b < blocks; ++b) {
