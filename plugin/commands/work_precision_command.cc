@@ -91,6 +91,7 @@ void RunForced(const SweepOptions& sweep, const std::vector<std::string>& parts,
     runs = MeasureForcedParts(sweep, parts, reporter);
   } else {
     std::vector<ForcedRuns> read;
+    read.reserve(files.size());
     for (const std::string& path : files) read.push_back(ReadForced(path));
     runs = MergeForcedRuns(read);
   }
