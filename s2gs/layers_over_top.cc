@@ -66,10 +66,8 @@ struct Tally {
   }
 };
 
-enum class Rule : uint8_t { kNone, kLit, kColors };
-
 // Shadows and borders ask for things that bear them out; the top's own light for none that speak against it.
-Rule ChooseRule(const std::vector<Votes>& votes) {
+TopEvidence ChooseEvidence(const std::vector<Votes>& votes) {
   Tally by_light;
   Tally by_colors;
   for (const Votes& of : votes) {
@@ -77,9 +75,10 @@ Rule ChooseRule(const std::vector<Votes>& votes) {
     by_light.Add(of.height, of.LitRefutes());
     if (!of.LitRefutes()) by_colors.Add(of.height, of.ColorsRefute());
   }
-  if (by_light.TakesThings(-kChance)) return Rule::kNone;
-  return by_colors.low_lost > 0 && !by_colors.TakesThings(kChance) && by_colors.high > 0 ? Rule::kColors
-                                                                                         : Rule::kLit;
+  if (by_light.TakesThings(-kChance)) return TopEvidence::kNone;
+  return by_colors.low_lost > 0 && !by_colors.TakesThings(kChance) && by_colors.high > 0
+             ? TopEvidence::kColors
+             : TopEvidence::kLight;
 }
 
 // A photo of the stations.
@@ -112,6 +111,11 @@ Votes Ask(const std::vector<Witness>& witnesses, double pixel_size, const Eigen:
 
 }  // namespace
 
+bool IsTopSeen(TopSight sight, TopEvidence evidence) {
+  return evidence != TopEvidence::kNone &&
+         (sight == TopSight::kLit || (sight == TopSight::kShadow && evidence == TopEvidence::kColors));
+}
+
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend) {
   std::vector<std::vector<float>> depths;
   for (const StationPhotos& station : stations) {
@@ -130,9 +134,8 @@ std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>&
   return depths;
 }
 
-std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                        const std::vector<std::vector<float>>& depths,
-                                        const Placement& gaussians) {
+LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
+                                const std::vector<std::vector<float>>& depths, const Placement& gaussians) {
   std::vector<Witness> witnesses;
   double pixel_size = 0;
   const RotatingRegion& table = top.table();
@@ -159,12 +162,12 @@ std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<S
     votes[i].is_over_top = true;
     votes[i].height = height / table.radius;
   });
-  const Rule rule = ChooseRule(votes);
-  std::vector<uint32_t> layers;
+  LayersOverTop layers;
+  layers.evidence = ChooseEvidence(votes);
   for (size_t i = 0; i < votes.size(); ++i) {
-    const bool is_layer =
-        (rule == Rule::kLit && votes[i].LitRefutes()) || (rule == Rule::kColors && votes[i].ColorsRefute());
-    if (is_layer) layers.push_back(static_cast<uint32_t>(i));
+    const bool is_layer = (layers.evidence == TopEvidence::kLight && votes[i].LitRefutes()) ||
+                          (layers.evidence == TopEvidence::kColors && votes[i].ColorsRefute());
+    if (is_layer) layers.gaussians.push_back(static_cast<uint32_t>(i));
   }
   return layers;
 }

@@ -13,14 +13,26 @@ namespace s2gs {
 /// not opaque. \param backend  with the model, which is left as it was.
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend);
 
+/// Which sights of a top refute what stands before them.
+enum class TopEvidence : uint8_t {
+  kNone,   ///< None: things have the top's own colour.
+  kLight,  ///< The top in its own light: things may have the colours of shadows on it.
+  kColors  ///< In shadows, too.
+};
+bool IsTopSeen(TopSight sight, TopEvidence evidence);
+
+struct LayersOverTop {
+  std::vector<uint32_t> gaussians;  ///< in ascending order.
+  TopEvidence evidence = TopEvidence::kNone;
+};
+
 /// The rotating Gaussians over the top, higher than a pixel of the photos, that photos refute: the top is
 /// seen through them, in its own light more often than chance and than something else that nothing before
 /// them explains; or in a shadow on it. A thing may have a shadow's colour, so that shadows count, and
 /// borders next to the top's colours do not, only where hardly any Gaussian goes for it that stands too high
 /// for a layer; never where no thing is so high. None where things go for the top's own light, too. \param
 /// stations  Learn's. \param depths  RotatingDepths'.
-std::vector<uint32_t> FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                        const std::vector<std::vector<float>>& depths,
-                                        const Placement& gaussians);
+LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
+                                const std::vector<std::vector<float>>& depths, const Placement& gaussians);
 
 }  // namespace s2gs

@@ -51,6 +51,18 @@ void AddRegion(const RotatingRegion& region, const PinholeView& view, PixelMask*
   }
 }
 
+namespace {
+
+void DrawHit(const RegionHit& hit, size_t pixel, RenderedView* rendered) {
+  const auto depth = static_cast<float>(hit.depth);
+  rendered->alpha[pixel] = 1;
+  rendered->median_depth[pixel] = depth;
+  rendered->expected_depth[pixel] = depth;
+  for (int k = 0; k < 3; ++k) rendered->normal[3 * pixel + k] = static_cast<float>(hit.normal[k]);
+}
+
+}  // namespace
+
 void DrawOpaqueRegion(const RotatingRegion& region, const PinholeView& view, RenderedView* rendered) {
   const RegionView seen(region, view);
   for (int y = 0; y < rendered->height; ++y) {
@@ -61,10 +73,25 @@ void DrawOpaqueRegion(const RotatingRegion& region, const PinholeView& view, Ren
       const auto depth = static_cast<float>(hit->depth);
       const auto is_before = [depth](float other) { return other > 0 && other <= depth; };
       if (rendered->alpha[i] >= kOpaque && is_before(rendered->median_depth[i])) continue;
-      rendered->alpha[i] = 1;
-      rendered->median_depth[i] = depth;
-      rendered->expected_depth[i] = depth;
-      for (int k = 0; k < 3; ++k) rendered->normal[3 * i + k] = static_cast<float>(hit->normal[k]);
+      DrawHit(*hit, i, rendered);
+    }
+  }
+}
+
+void DrawRegionWhereSeen(const RotatingRegion& region, const MarkedPixels& seen, const PinholeView& view,
+                         RenderedView* rendered) {
+  const RegionView hits(region, view);
+  const auto pixel_of = [](double pixel, double center, double focal, double to_center, double to_focal) {
+    return static_cast<int>(std::floor((pixel + 0.5 - center) / focal * to_focal + to_center));
+  };
+  for (int y = 0; y < rendered->height; ++y) {
+    const int row = pixel_of(y, view.cy, view.fy, seen.view.cy, seen.view.fy);
+    if (row < 0 || row >= seen.marks.height) continue;
+    for (int x = 0; x < rendered->width; ++x) {
+      const int column = pixel_of(x, view.cx, view.fx, seen.view.cx, seen.view.fx);
+      if (column < 0 || column >= seen.marks.width || *seen.marks.Pixel(column, row) != 255) continue;
+      const std::optional<RegionHit> hit = hits.At(x, y);
+      if (hit) DrawHit(*hit, static_cast<size_t>(y) * rendered->width + x, rendered);
     }
   }
 }

@@ -44,4 +44,14 @@ void AddRegion(const RotatingRegion& region, const PinholeView& view, PixelMask*
 /// where it shows nothing, or something behind the region's surface.
 void DrawOpaqueRegion(const RotatingRegion& region, const PinholeView& view, RenderedView* rendered);
 
+/// Pixels of a photo, marked by 255.
+struct MarkedPixels {
+  Image8 marks;      ///< one channel.
+  PinholeView view;  ///< of the marks' size.
+};
+
+/// The same where a photo shows the region, whatever else was rendered there.
+void DrawRegionWhereSeen(const RotatingRegion& region, const MarkedPixels& seen, const PinholeView& view,
+                         RenderedView* rendered);
+
 }  // namespace s2gs

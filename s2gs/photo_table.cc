@@ -142,6 +142,8 @@ class StillWitness {
 
 }  // namespace
 
+PinholeView StationView(const ScenePhoto& photo) { return Reduced(photo.view); }
+
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,
                                              Reporter& reporter) {
   if (!scene.region || scene.mode != TrainMode::kS2gs) return {};

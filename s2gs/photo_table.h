@@ -25,6 +25,9 @@ struct StationPhotos {
   Image8 still;                    ///< MedianPicture's; as the first view sees it.
 };
 
+/// A photo's view as StationPhotos have it.
+PinholeView StationView(const ScenePhoto& photo);
+
 /// Of the stations with photos enough for a median without the object. Nothing where nothing turns.
 /// Throws what `load` throws, and Interrupted. \param load  a photo without distortion, of its view's size.
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,

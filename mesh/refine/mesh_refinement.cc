@@ -95,6 +95,11 @@ class Refiner {
   }
 
   // \return  how many triangles.
+  int64_t DropSeenThrough() {
+    return Drop(photos_.FindSeenThrough(mesh_, photos_.FindVisible(mesh_, {kMinSeenCosine, 0})));
+  }
+
+  // \return  how many triangles.
   int64_t DropRefuted() { return Drop(FindRefuted(photos_, VertexGraph(mesh_), mesh_, num_threads_)); }
 
   // The mesh keeps its vertices and triangles from here on.
@@ -342,6 +347,13 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   summary.num_photos = static_cast<int>(refiner.num_photos());
   if (summary.num_photos < kMinRefinementPhotos) return summary;
   summary.num_unseen_triangles = refiner.DropUnseen();
+  // Before the passes: what hides the surface from the photos keeps these from their place.
+  for (int round = 0; round < kDropRounds && options.drop_seen_through; ++round) {
+    const int64_t seen_through = refiner.DropSeenThrough();
+    if (seen_through == 0) break;
+    summary.num_seen_through += seen_through;
+    summary.num_unseen_triangles += refiner.DropUnseen();
+  }
   refiner.BeginPasses();
   const auto count = static_cast<int64_t>(mesh->vertices.size());
   const auto total = static_cast<int64_t>(kPasses.size()) * count;
@@ -351,9 +363,11 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   if (refiner.Carve()) refiner.Run(kPasses.back(), total - count, total);
   refiner.Summarise(&summary);
   summary.num_unseen_triangles += refiner.DropUnseen();
-  for (int round = 0; round < kDropRounds && options.drop_refuted; ++round) {
-    const int64_t refuted = refiner.DropRefuted();
-    if (refuted == 0) break;
+  for (int round = 0; round < kDropRounds; ++round) {
+    const int64_t seen_through = options.drop_seen_through ? refiner.DropSeenThrough() : 0;
+    summary.num_seen_through += seen_through;
+    const int64_t refuted = options.drop_refuted ? refiner.DropRefuted() : 0;
+    if (refuted + seen_through == 0) break;
     summary.num_refuted_triangles += refuted;
     summary.num_unseen_triangles += refiner.DropUnseen();
   }

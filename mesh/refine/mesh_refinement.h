@@ -33,10 +33,11 @@ struct MeshRefinementOptions {
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
   /// fewer than 30 photos; 0: all stay.
   double min_seen_pct = 3;
-  bool carve = true;          ///< open hollows that photos contradict (surface_carving.h).
-  bool drop_refuted = true;   ///< parts where hardly two photos show the same (refuted_surface.h).
-  double max_memory_gib = 4;  ///< photos are shrunk until they fit.
-  int num_threads = 0;        ///< 0: one for each core.
+  bool carve = true;              ///< open hollows that photos contradict (surface_carving.h).
+  bool drop_refuted = true;       ///< parts where hardly two photos show the same (refuted_surface.h).
+  bool drop_seen_through = true;  ///< parts where photos show the plane behind them (LoadPlaneSeen).
+  double max_memory_gib = 4;      ///< photos are shrunk until they fit.
+  int num_threads = 0;            ///< 0: one for each core.
 
   OptionCheck Check() const;
 };
@@ -53,6 +54,10 @@ class RefinementPhotoSource {
   virtual const ObjectView& Camera(int index) const = 0;
   /// One channel, of the camera's size. Called from several threads at once. May throw.
   virtual Image8 Load(int index) const = 0;
+  /// Of the same part of the image plane, of any size: 255 where the photo shows the level plane at
+  /// SeenHeight() itself, so that nothing stands before it. Without pixels where nothing is known.
+  virtual Image8 LoadPlaneSeen(int /*index*/) const { return {}; }
+  virtual double SeenHeight() const { return 0; }  ///< along z.
 };
 
 /// How well the photos agree on the mesh at one moment of its refinement.
@@ -68,6 +73,7 @@ struct MeshRefinementSummary {
   int64_t num_carved = 0;             ///< of the vertices, taken from the front of a hollow into it.
   int64_t num_unseen_triangles = 0;   ///< dropped.
   int64_t num_refuted_triangles = 0;  ///< dropped.
+  int64_t num_seen_through = 0;       ///< triangles dropped.
   double mean_offset_px = 0;          ///< how far vertices moved outwards in all passes, in pixels there.
   double rms_offset_px = 0;
   double seconds = 0;

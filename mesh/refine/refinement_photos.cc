@@ -22,6 +22,10 @@ constexpr int kMaxShrink = 16;
 constexpr double kPyramidBytesPerPixel = 1.25;
 // Beyond the mesh's outline in a photo: room for patches [px].
 constexpr double kCropMargin = 16;  // not below kMaxShrink
+// Over the plane, so that it is not of it [px].
+constexpr double kClearOfPlane = 2;
+// One photo that sees through a surface may be chance.
+constexpr int kLeastSeeThrough = 2;
 constexpr double kGiB = 1024.0 * 1024.0 * 1024.0;
 
 struct Crop {
@@ -64,6 +68,17 @@ ObjectView CropView(const ObjectView& view, const ImagePart& part, int factor) {
   return cropped;
 }
 
+ObjectView ScaleView(const ObjectView& view, int width, int height) {
+  ObjectView scaled = view;
+  scaled.width = width;
+  scaled.height = height;
+  scaled.fx *= static_cast<double>(width) / view.width;
+  scaled.cx *= static_cast<double>(width) / view.width;
+  scaled.fy *= static_cast<double>(height) / view.height;
+  scaled.cy *= static_cast<double>(height) / view.height;
+  return scaled;
+}
+
 double MeanEdge(const TriangleMesh& mesh) {
   double sum = 0;
   for (const auto& triangle : mesh.triangles) {
@@ -104,6 +119,8 @@ void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleM
                     crops.size(), bytes / (factor * factor) / kGiB, 1.0 / factor, max_memory_gib));
   }
   views_.resize(crops.size());
+  sights_.resize(crops.size());
+  seen_height_ = source.SeenHeight();
   std::vector<std::unique_ptr<PhotoPyramid>> photos(crops.size());
   const auto group = static_cast<size_t>(4 * num_threads_);
   for (size_t begin = 0; begin < crops.size(); begin += group) {
@@ -115,6 +132,11 @@ void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleM
       const ObjectView& view = source.Camera(crop.index);
       S2GS_INVARIANT(photo.channels == 1 && photo.width == view.width && photo.height == view.height);
       views_[begin + i] = CropView(view, crop.part, factor);
+      Image8 seen = source.LoadPlaneSeen(crop.index);
+      if (seen.width > 0) {
+        const ObjectView small = ScaleView(view, seen.width, seen.height);
+        sights_[begin + i] = {std::move(seen), small};
+      }
       photos[begin + i] =
           std::make_unique<PhotoPyramid>(views_[begin + i], CutAndShrink(photo, crop.part, factor));
     });
@@ -130,6 +152,29 @@ std::vector<VertexFlags> RefinementPhotos::FindVisible(const TriangleMesh& mesh,
   ParallelFor(static_cast<int64_t>(views_.size()), num_threads_,
               [&](int64_t i) { visible[i] = FindVisibleVertices(mesh, views_[i], rule); });
   return visible;
+}
+
+std::vector<uint8_t> RefinementPhotos::FindSeenThrough(const TriangleMesh& mesh,
+                                                       const std::vector<VertexFlags>& visible) const {
+  std::vector<uint8_t> is_seen_through(mesh.vertices.size(), 0);
+  if (std::none_of(sights_.begin(), sights_.end(), [](const PlaneSight& s) { return s.seen.width > 0; }))
+    return is_seen_through;
+  ParallelFor(static_cast<int64_t>(mesh.vertices.size()), num_threads_, 1024, [&](int64_t i) {
+    const Eigen::Vector3d x = mesh.vertices[i].cast<double>();
+    int count = 0;
+    for (size_t k = 0; k < sights_.size(); ++k) {
+      const ObjectView& view = sights_[k].view;
+      if (sights_[k].seen.width == 0 || !visible[k].Get(i)) continue;
+      const Eigen::Vector3d in_cam = view.cam_from_object * x;
+      if (!(x.z() - seen_height_ > kClearOfPlane * in_cam.z() / view.fx)) continue;
+      const double column = std::floor(view.fx * in_cam.x() / in_cam.z() + view.cx);
+      const double row = std::floor(view.fy * in_cam.y() / in_cam.z() + view.cy);
+      if (!(column >= 0 && row >= 0 && column < view.width && row < view.height)) continue;
+      count += *sights_[k].seen.Pixel(static_cast<int>(column), static_cast<int>(row)) == 255 ? 1 : 0;
+    }
+    is_seen_through[i] = count >= kLeastSeeThrough ? 1 : 0;
+  });
+  return is_seen_through;
 }
 
 SurfacePatch RefinementPhotos::PatchAt(const TriangleMesh& mesh, size_t vertex,

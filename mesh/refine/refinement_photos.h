@@ -29,6 +29,11 @@ class RefinementPhotos {
 
   size_t size() const { return photos_.size(); }
 
+  /// Which vertices stand before the plane that photos see: at least two photos see the vertex, on this
+  /// mesh, where they show the plane behind it.
+  std::vector<uint8_t> FindSeenThrough(const TriangleMesh& mesh,
+                                       const std::vector<VertexFlags>& visible) const;
+
   /// For each photo, which vertices it sees. Throws Interrupted.
   std::vector<VertexFlags> FindVisible(const TriangleMesh& mesh, const VisibilityRule& rule) const;
 
@@ -42,6 +47,12 @@ class RefinementPhotos {
   Reporter& reporter_;
   std::vector<ObjectView> views_;  // as the photos are: cut and shrunk
   std::vector<std::unique_ptr<PhotoPyramid>> photos_;
+  struct PlaneSight {
+    Image8 seen;
+    ObjectView view;  // of its size
+  };
+  std::vector<PlaneSight> sights_;  // by photo
+  double seen_height_ = 0;
 };
 
 }  // namespace s2gs

@@ -35,6 +35,7 @@
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table_rim.h"
+#include "s2gs/textured_top.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
@@ -86,6 +87,7 @@ struct Arguments {
   PlainTable plain_table = PlainTable::kObject;
   bool cut_at_table = true;
   bool clear_plain_top = true;
+  bool table_seen = true;
   int32_t num_frames = 0;
   int32_t frame_station = 0;
   BackendChoice backend;
@@ -122,6 +124,9 @@ void AddOptions(Options* options, Arguments* a) {
       "leave out what rotates by the model over a plain table's top where photos see the top itself, "
       "in the light or, where things seldom look like one, in a shadow on it: no photo tells the shape of "
       "what is plain");
+  options->Add("table_seen", &a->table_seen,
+               "draw a table's top into depth and normal maps where photos show it, by its colour or its "
+               "texture, whatever the model has before it; dense/0/table_seen says where");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
   options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
@@ -191,6 +196,12 @@ RenderRequest ForegroundAlone(const PinholeView& view) {
   return request;
 }
 
+// A plain top, and what photos tell by showing it.
+struct SeenTop {
+  PlainTop top;
+  TopEvidence evidence;
+};
+
 class Renderer {
  public:
   Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend,
@@ -222,7 +233,7 @@ class Renderer {
         WriteImage(path, DistortMask(plan, MaskImage(mask), silent));
       });
     }
-    if (dense_view != nullptr) WriteStereo(NameOf(photo), *dense_view);
+    if (dense_view != nullptr) WriteStereo(photo, *dense_view);
   }
 
   // Images to look at.
@@ -297,6 +308,7 @@ class Renderer {
     line["gaussians_beside"] = num_beside_table_;
     line["gaussians_around"] = num_around_table_;
     line["gaussians_over_top"] = num_over_top_;
+    line["top_seen"] = known_texture_ || (seen_top_ && seen_top_->evidence != TopEvidence::kNone);
     if (textured_top_) line["textured_share"] = *textured_top_;
     if (circle_) {
       const Eigen::Vector3d top = scene_.axis->point + circle_->height * scene_.axis->direction;
@@ -365,6 +377,8 @@ class Renderer {
     // Photos show the shape of a top that has texture and turns.
     if (table_->IsUndecided() || *textured_top_ < kTexturedTop) in_maps_ = table_->region;
     if (a_.clear_plain_top && *textured_top_ < kTexturedTop) ClearPlainTop(stations);
+    if (a_.table_seen && *textured_top_ >= kTexturedTop)
+      known_texture_ = TexturedTop::Learn(stations, table_->region);
     if (!a_.cut_at_table) return;
     const std::vector<uint32_t> standing =
         FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
@@ -376,10 +390,11 @@ class Renderer {
   void ClearPlainTop(const std::vector<StationPhotos>& stations) {
     const std::optional<PlainTop> top = PlainTop::Learn(stations, table_->region);
     if (!top) return;
-    const std::vector<uint32_t> layers =
+    const LayersOverTop layers =
         FindLayersOverTop(*top, stations, RotatingDepths(stations, backend_), backend_->GetPlacement());
-    num_over_top_ = layers.size();
-    LeaveOut(layers, "over the table's plain top, where photos see the top itself");
+    num_over_top_ = layers.gaussians.size();
+    if (a_.table_seen) seen_top_ = SeenTop{*top, layers.evidence};
+    LeaveOut(layers.gaussians, "over the table's plain top, where photos see the top itself");
   }
 
   RenderedView Render(RenderRequest request) {
@@ -432,7 +447,23 @@ class Renderer {
     return request;
   }
 
-  void WriteStereo(const ImageName& name, PinholeView view) {
+  // Where the photo shows the table's plain top itself; without pixels where nothing is known of it.
+  Image8 TableSeen(const ScenePhoto& photo) {
+    const PinholeView view = StationView(photo);
+    if (known_texture_)
+      return known_texture_->Look(ResizeByArea(Photo(photo), view.width, view.height), view);
+    if (!seen_top_ || seen_top_->evidence == TopEvidence::kNone) return {};
+    const std::vector<TopSight> sights =
+        seen_top_->top.Look(ResizeByArea(Photo(photo), view.width, view.height), view, photo.station);
+    Image8 seen{view.width, view.height, 1, {}};
+    seen.pixels.reserve(sights.size());
+    for (const TopSight sight : sights)
+      seen.pixels.push_back(IsTopSeen(sight, seen_top_->evidence) ? 255 : 0);
+    return seen;
+  }
+
+  void WriteStereo(const ScenePhoto& photo, PinholeView view) {
+    const ImageName name = NameOf(photo);
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     PixelMask opaque = OpaqueMask(Render(silhouette));
@@ -445,6 +476,13 @@ class Renderer {
     view.cy += 0.5;
     RenderedView drawn = Render(ForMaps(view));
     if (in_maps_) DrawOpaqueRegion(*in_maps_, view, &drawn);
+    const Image8 seen = TableSeen(photo);
+    if (seen.width > 0) {
+      DrawRegionWhereSeen(table_->region, {seen, StationView(photo)}, view, &drawn);
+      Later([path = in_workspace_.Make(workspace_.TableSeen(), name, ".png"), seen] {
+        WriteImage(path, seen);
+      });
+    }
     Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
            drawn = std::move(drawn), kind = a_.depth,
@@ -484,6 +522,8 @@ class Renderer {
   std::optional<RotatingRegion> in_masks_;  // the table, where it is known whose it is
   std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape
   std::optional<double> textured_top_;
+  std::optional<SeenTop> seen_top_;
+  std::optional<TexturedTop> known_texture_;
   size_t num_beside_table_ = 0;  // Gaussians
   size_t num_around_table_ = 0;
   size_t num_over_top_ = 0;
@@ -601,7 +641,7 @@ void RunGaussianRenderer(CommandContext& context) {
   if (!a.image_list.empty()) stage.inputs.push_back(a.image_list);
   const std::map<std::string, std::string> values = options.Values();
   for (const char* name : {"masks", "stereo", "overview", "depth", "maps_of", "undistort_always",
-                           "plain_table", "cut_at_table", "clear_plain_top"})
+                           "plain_table", "cut_at_table", "clear_plain_top", "table_seen"})
     stage.options[name] = values.at(name);
   stage.depends_on = {"gaussian_trainer"};
   if (a.masks) stage.outputs.push_back(workspace.Masks());

@@ -37,13 +37,19 @@ constexpr double kMaxTextured = 0.5;
 // The photos of the views, grey, for the refinement.
 class GreyPhotos : public RefinementPhotoSource {
  public:
-  explicit GreyPhotos(const std::vector<DenseViewFiles>& files) : photos_(files) {}
+  explicit GreyPhotos(const std::vector<DenseViewFiles>& files, std::optional<double> seen_height = {})
+      : photos_(files), seen_height_(seen_height) {}
   int size() const override { return photos_.size(); }
   const ObjectView& Camera(int index) const override { return photos_.Camera(index); }
   Image8 Load(int index) const override { return photos_.Load(index, 1); }
+  Image8 LoadPlaneSeen(int index) const override {
+    return seen_height_ ? photos_.LoadTableSeen(index) : Image8();
+  }
+  double SeenHeight() const override { return seen_height_.value_or(0); }
 
  private:
   DensePhotos photos_;
+  std::optional<double> seen_height_;
 };
 
 std::vector<DenseViewFiles> FindDepthViews(const Workspace& workspace, const TsdfMesherOptions& options,
@@ -105,10 +111,11 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
                      summary.cleanup.num_clusters);
   if (summary.refinement.num_vertices > 0) {
     out << fmt::format(
-        "refined          {:+.3f} px outwards, {} unseen and {} refuted triangles dropped, "
+        "refined          {:+.3f} px outwards, {} unseen, {} seen through and {} refuted triangles dropped, "
         "{} vertices carved\n",
         summary.refinement.mean_offset_px, summary.refinement.num_unseen_triangles,
-        summary.refinement.num_refuted_triangles, summary.refinement.num_carved);
+        summary.refinement.num_seen_through, summary.refinement.num_refuted_triangles,
+        summary.refinement.num_carved);
   }
   if (mesher.cleanup.max_hole_edges > 0) {
     out << fmt::format("holes closed     {}\n", summary.cleanup.num_holes_closed);
@@ -132,12 +139,14 @@ void Flatten(const TablePlane& plane, const std::vector<uint32_t>& top, Triangle
   MoveToHeight(plane.height, StepsOnPlane(plane, top, *mesh), mesh);
 }
 
-// Where the renderer found its rim and photos see no texture on it, which would tell its shape.
-// \return  the plane that its top was made; nothing where it was left as it is.
-std::optional<TablePlane> FlattenTable(const Workspace& workspace, const RefinementPhotoSource& photos,
-                                       const MeshRefinementOptions& options, Reporter& reporter,
-                                       TriangleMesh* mesh) {
-  if (!Exists(workspace.MaskLog()) || mesh->triangles.empty()) return std::nullopt;
+// A table's top as the renderer found it.
+struct KnownTop {
+  TablePlane plane;
+  bool is_seen = false;  // where photos show it is known.
+};
+
+std::optional<KnownTop> ReadTop(const Workspace& workspace, const RefinementPhotoSource& photos) {
+  if (!Exists(workspace.MaskLog())) return std::nullopt;
   const nlohmann::json line =
       nlohmann::json::parse(ReadWholeFile(workspace.MaskLog(), kMaxMaskLogBytes), nullptr, false);
   const auto is_number = [&](const char* name) { return line.contains(name) && line[name].is_number(); };
@@ -148,16 +157,24 @@ std::optional<TablePlane> FlattenTable(const Workspace& workspace, const Refinem
   const TurntableAxis axis = ReadTurntableFile(workspace.Turntable()).axis;
   const bool is_z = axis.direction.z() > kAlongZ && axis.point.head<2>().norm() < kOffZ * plane.radius;
   if (!is_z) return std::nullopt;
+  return KnownTop{plane, line.contains("top_seen") && line["top_seen"] == true};
+}
+
+// Where the renderer found its rim and photos see no texture on it, which would tell its shape.
+// \return  whether it was made its plane.
+bool FlattenTable(const TablePlane& plane, const RefinementPhotoSource& photos,
+                  const MeshRefinementOptions& options, Reporter& reporter, TriangleMesh* mesh) {
+  if (mesh->triangles.empty()) return false;
   const std::vector<uint32_t> top = LevelFromRim(plane, *mesh);
-  if (top.empty()) return std::nullopt;
+  if (top.empty()) return false;
   ComputeNormals(mesh);
   const std::optional<double> textured = TexturedShare(photos, top, options, *mesh, reporter);
-  if (!textured) return std::nullopt;
+  if (!textured) return false;
   const bool is_plain = *textured < kMaxTextured;
   if (is_plain) Flatten(plane, top, mesh);
   reporter.Info(fmt::format("{:.0f} % of the table's top have texture: its {} vertices {}", 100 * *textured,
                             top.size(), is_plain ? "are moved to its plane" : "stay where photos see them"));
-  return is_plain ? std::make_optional(plane) : std::nullopt;
+  return is_plain;
 }
 
 // s2gs/mesh_log.jsonl: what the photos say of the mesh over time, as the training's log does.
@@ -182,6 +199,7 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"moved", refinement.has_moved},
        {"carved", refinement.num_carved},
        {"refuted_triangles", refinement.num_refuted_triangles},
+       {"triangles_seen_through", refinement.num_seen_through},
        {"rms_offset_px", refinement.rms_offset_px}});
   WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
 }
@@ -203,10 +221,10 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   // Without a table that turns, z is no direction of the scene.
   cleanup.is_axis_known =
       Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
-  std::optional<TablePlane> plane;
-  if (options.flatten_table && cleanup.is_axis_known) {
-    plane = FlattenTable(workspace, GreyPhotos(files), options.refinement, reporter, &mesh);
-  }
+  std::optional<KnownTop> top;
+  if (cleanup.is_axis_known) top = ReadTop(workspace, GreyPhotos(files));
+  const bool is_flat = options.flatten_table && top &&
+                       FlattenTable(top->plane, GreyPhotos(files), options.refinement, reporter, &mesh);
   // First what is not the object: it would hide the object from the photos.
   MeshCleanupOptions clusters_only = cleanup;
   clusters_only.max_hole_edges = 0;
@@ -219,12 +237,15 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     if (!cleanup.is_axis_known) {
       refinement.min_seen_pct = 0;
       refinement.drop_refuted = false;
+      refinement.drop_seen_through = false;
     }
     summary.fused_seconds = watch.Lap();
-    summary.refinement = RefineMesh(GreyPhotos(files), refinement, reporter, &mesh);
+    const GreyPhotos photos(files,
+                            top && top->is_seen ? std::make_optional(top->plane.height) : std::nullopt);
+    summary.refinement = RefineMesh(photos, refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
     // Shadows stand still on a plain top that turns: what little photos see there is not its place.
-    if (plane) Flatten(*plane, LevelFromRim(*plane, mesh), &mesh);
+    if (is_flat) Flatten(top->plane, LevelFromRim(top->plane, mesh), &mesh);
   }
   cleanup.remove_disc = false;
   cleanup.cut_at_table = false;
@@ -316,6 +337,8 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
       "drop_refuted", &MeshRefinementOptions::drop_refuted,
       "where a table turns, drop parts of which hardly two photos show the same: webs between parts of "
       "the object");
+  refinement.Add("drop_seen_through", &MeshRefinementOptions::drop_seen_through,
+                 "where a table turns, drop parts over its top at which two photos show the top itself");
   refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
       .Unit("GiB");
   refinement.Add("num_threads", &MeshRefinementOptions::num_threads, "0: one for each core");
@@ -365,7 +388,8 @@ void RunTsdfMesher(CommandContext& context) {
   Stage stage;
   stage.name = "tsdf_mesher";
   stage.inputs = {workspace.MaskLog(),   workspace.DenseModel(), workspace.DenseImages(),
-                  workspace.DepthMaps(), workspace.NormalMaps(), workspace.DenseMasks()};
+                  workspace.DepthMaps(), workspace.NormalMaps(), workspace.DenseMasks(),
+                  workspace.TableSeen()};
   for (const fs::path& masks : {mesher.mask_path, workspace.Masks()}) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }

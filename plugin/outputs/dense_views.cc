@@ -75,6 +75,7 @@ std::vector<DenseViewFiles> FindDenseViews(const Workspace& workspace, const Den
     if (request.use_normals) files.normal = path_if_there(workspace.NormalMaps() / (name + suffix));
     files.image = path_if_there(workspace.DenseImages() / name);
     if (!masks.empty()) files.mask = FindMask(masks, name);
+    files.table_seen = path_if_there(workspace.TableSeen() / (name + ".png"));
     views.push_back(std::move(files));
   }
   return views;
@@ -132,11 +133,16 @@ DensePhotos::DensePhotos(const std::vector<DenseViewFiles>& files) {
     cameras_.push_back(camera);
     paths_.push_back(view.image);
     masks_.push_back(view.mask);
+    table_seen_.push_back(view.table_seen);
   }
 }
 
 Image8 DensePhotos::LoadMask(int index) const {
   return masks_[index].empty() ? Image8() : ReadMask(masks_[index]);
+}
+
+Image8 DensePhotos::LoadTableSeen(int index) const {
+  return table_seen_[index].empty() ? Image8() : ReadMask(table_seen_[index]);
 }
 
 }  // namespace s2gs

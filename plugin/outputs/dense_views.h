@@ -21,6 +21,7 @@ struct DenseViewFiles {
   std::filesystem::path normal;
   std::filesystem::path image;
   std::filesystem::path mask;
+  std::filesystem::path table_seen;  ///< where the photo shows the table's top itself.
 };
 
 /// What to look for.
@@ -56,11 +57,14 @@ class DensePhotos {
   Image8 Load(int index, int channels) const { return ReadImage(paths_[index], channels); }
   /// Grey; without pixels where there is none.
   Image8 LoadMask(int index) const;
+  /// Likewise.
+  Image8 LoadTableSeen(int index) const;
 
  private:
   std::vector<ObjectView> cameras_;
   std::vector<std::filesystem::path> paths_;
   std::vector<std::filesystem::path> masks_;
+  std::vector<std::filesystem::path> table_seen_;
 };
 
 }  // namespace s2gs

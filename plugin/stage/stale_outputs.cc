@@ -20,11 +20,8 @@ constexpr uint64_t kMaxListBytes = uint64_t{1} << 26;
 
 // Folders of files that belong to photos, and what their names end in.
 std::vector<std::pair<fs::path, std::string>> ImageFolders(const Workspace& w) {
-  return {{w.Masks(), ".png"},
-          {w.DenseMasks(), ".png"},
-          {w.DenseImages(), ""},
-          {w.DepthMaps(), ".geometric.bin"},
-          {w.NormalMaps(), ".geometric.bin"}};
+  return {{w.Masks(), ".png"},   {w.DenseMasks(), ".png"},          {w.TableSeen(), ".png"},
+          {w.DenseImages(), ""}, {w.DepthMaps(), ".geometric.bin"}, {w.NormalMaps(), ".geometric.bin"}};
 }
 
 std::set<std::string> ReadNames(const fs::path& path, Reporter& reporter) {

@@ -48,6 +48,8 @@ struct Workspace {
   Path NormalMaps() const { return Dense() / "stereo" / "normal_maps"; }
   /// Silhouettes of the rotating part alone for DenseImages(), as if nothing stood in front of it: NAME.png.
   Path DenseMasks() const { return Dense() / "masks"; }
+  /// Where photos show the top of a table that turns, so that nothing stands before it: 255 in NAME.png.
+  Path TableSeen() const { return Dense() / "table_seen"; }
   // To read; what is written goes through ImageOutputs.
   Path DepthMap(const std::string& image_name) const { return DepthMaps() / (image_name + ".geometric.bin"); }
   Path NormalMap(const std::string& image_name) const {

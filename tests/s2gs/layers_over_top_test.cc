@@ -50,8 +50,8 @@ TEST_P(LayersOverTopTest, AreFoundAndWhatStandsOnTheCardStays) {
     add(0.75, angle, kTableTop + 0.5 * kTablePixel, 5);
     add(0.75, angle, kTableBottom, 5);
   }
-  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians), expected);
-  EXPECT_TRUE(FindLayersOverTop(*top, {}, {}, gaussians).empty());
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians, expected);
+  EXPECT_TRUE(FindLayersOverTop(*top, {}, {}, gaussians).gaussians.empty());
 }
 
 // A thing of another colour over a bare place: photos show it, and not the top behind it.
@@ -75,16 +75,16 @@ TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
   ASSERT_TRUE(top);
   Placement gaussians;
   Add(x, 5, &gaussians);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians.empty());
   // Was the thing before it, none of them says that it is there; and none sees the top.
   std::vector<std::vector<float>> hidden = NothingHides();
   for (std::vector<float>& depths : hidden) std::fill(depths.begin(), depths.end(), 1.0F);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.empty());
   // Where photos see the top instead, it is not there; a single one may be chance.
   stations[0].images[3] = scene.photos[3].image;
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.empty());
   for (int i = 0; i < kTablePhotos; ++i) stations[0].images[i] = scene.photos[i].image;
-  EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).size(), 1U);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.size(), 1U);
 }
 
 // What is too high for a layer and goes for the top's light is a thing of its paint; a few may float.
@@ -95,9 +95,9 @@ TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
     Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
   const size_t num_layers = gaussians.size();
   for (int i = 0; i < 3; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
-  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).size(), num_layers + 3);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians.size(), num_layers + 3);
   for (int i = 3; i < 40; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians.empty());
 }
 
 // A thing high over a table whose middle no light reaches, and layers between both.
@@ -135,7 +135,8 @@ class LayersInShadow : public testing::Test {
   std::vector<uint32_t> Find() const {
     const std::optional<PlainTop> top = PlainTop::Learn(stations, TableRegion());
     EXPECT_TRUE(top);
-    return top ? FindLayersOverTop(*top, stations, NothingHides(), gaussians) : std::vector<uint32_t>();
+    return top ? FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians
+               : std::vector<uint32_t>();
   }
 
   const Eigen::Vector3d thing{0.3, 0, kTableTop + 0.41};
@@ -144,6 +145,17 @@ class LayersInShadow : public testing::Test {
   Placement gaussians;
   size_t num_layers = 0;
 };
+
+TEST(TopEvidence, SaysWhichSightsCount) {
+  for (const TopSight sight : {TopSight::kElsewhere, TopSight::kOther, TopSight::kBorder}) {
+    EXPECT_FALSE(IsTopSeen(sight, TopEvidence::kColors));
+  }
+  EXPECT_TRUE(IsTopSeen(TopSight::kShadow, TopEvidence::kColors));
+  EXPECT_TRUE(IsTopSeen(TopSight::kLit, TopEvidence::kColors));
+  EXPECT_TRUE(IsTopSeen(TopSight::kLit, TopEvidence::kLight));
+  EXPECT_FALSE(IsTopSeen(TopSight::kShadow, TopEvidence::kLight));
+  EXPECT_FALSE(IsTopSeen(TopSight::kLit, TopEvidence::kNone));
+}
 
 TEST_F(LayersInShadow, AreFoundBelowAThingOfItsOwnColors) {
   PaintThing([](int x, int y) {

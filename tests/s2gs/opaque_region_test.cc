@@ -113,5 +113,32 @@ TEST(DrawOpaqueRegion, LeavesWhatStandsBeforeIt) {
   EXPECT_EQ(after.normal, before.normal);
 }
 
+// Marks of half of the size on every other column.
+TEST(DrawRegionWhereSeen, HidesWhatTheModelHasBeforeIt) {
+  const PinholeView view = View();
+  MarkedPixels seen{{kWidth / 2, kHeight / 2, 1, {}}, view};
+  seen.view.width /= 2;
+  seen.view.height /= 2;
+  for (double* length : {&seen.view.fx, &seen.view.fy, &seen.view.cx, &seen.view.cy}) *length /= 2;
+  for (size_t i = 0; i < kNumPixels / 4; ++i) seen.marks.pixels.push_back(i % 2 == 0 ? 255 : 254);
+  const RegionView hits(kRegion, view);
+  const RenderedView before = Rendered(0.9F, 3);
+  RenderedView after = before;
+  DrawRegionWhereSeen(kRegion, seen, view, &after);
+  int num_drawn = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const size_t i = static_cast<size_t>(y) * kWidth + x;
+      const std::optional<RegionHit> hit = hits.At(x, y);
+      const bool is_drawn = hit && x / 2 % 2 == 0;
+      num_drawn += is_drawn ? 1 : 0;
+      ASSERT_EQ(after.median_depth[i], is_drawn ? static_cast<float>(hit->depth) : 3) << x << ' ' << y;
+      ASSERT_EQ(after.expected_depth[i], after.median_depth[i]);
+      ASSERT_EQ(after.alpha[i], is_drawn ? 1 : 0.9F);
+    }
+  }
+  EXPECT_GT(num_drawn, 2000);
+}
+
 }  // namespace
 }  // namespace s2gs

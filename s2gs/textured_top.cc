@@ -1,0 +1,213 @@
+#include "s2gs/textured_top.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <utility>
+
+#include "s2gs/image/photos.h"
+#include "s2gs/image/picture_noise.h"
+#include "s2gs/opaque_region.h"
+#include "sfm_split/base/parallel_for.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kMaxPhotos = 48;  // of all stations, evenly: pairs of photos are compared
+constexpr int kRadius = 3;      // of a patch [places]
+constexpr int kPatch = (2 * kRadius + 1) * (2 * kRadius + 1);
+// Patches of 49 points, some 16 of which are independent, are so alike by chance in one pair of 500.
+constexpr float kAlike = 0.7F;
+// Photos beside the one that they agree with: chance in one place of 20,000.
+constexpr int kLeastAlike = 3;
+constexpr int kBorder = 2;  // [px], of blur, and of patches that reach over a border
+
+// Of a place in a photo; 0: the photo does not tell.
+constexpr uint8_t kShown = 255;
+constexpr uint8_t kHidden = 1;
+
+using Patch = std::array<float, kPatch>;
+
+// A photo as the places see it.
+struct Witness {
+  Image8 grey;
+  const PinholeView* view;
+
+  bool Sample(const Eigen::Vector3d& x_in_object, float* value) const {
+    const std::optional<Eigen::Vector2d> pixel = PixelOf(*view, view->cam_from_object * x_in_object);
+    if (!pixel) return false;
+    const double u = pixel->x() - 0.5;
+    const double v = pixel->y() - 0.5;
+    if (!(u >= 0 && v >= 0 && u < grey.width - 1 && v < grey.height - 1)) return false;
+    const auto x = static_cast<int>(u);
+    const auto y = static_cast<int>(v);
+    const auto fx = static_cast<float>(u - x);
+    const auto fy = static_cast<float>(v - y);
+    const auto at = [&](int dx, int dy) { return static_cast<float>(*grey.Pixel(x + dx, y + dy)); };
+    *value = (1 - fy) * ((1 - fx) * at(0, 0) + fx * at(1, 0)) + fy * ((1 - fx) * at(0, 1) + fx * at(1, 1));
+    return true;
+  }
+};
+
+Image8 GreyOf(const Image8& rgb) {
+  Image8 grey{rgb.width, rgb.height, 1, {}};
+  const size_t count = static_cast<size_t>(rgb.width) * rgb.height;
+  grey.pixels.resize(count);
+  for (size_t i = 0; i < count; ++i) {
+    const uint8_t* p = &rgb.pixels[3 * i];
+    grey.pixels[i] = static_cast<uint8_t>((p[0] + 2 * p[1] + p[2] + 2) / 4);
+  }
+  return grey;
+}
+
+float Product(const float* a, const float* b) {
+  float sum = 0;
+  for (int k = 0; k < kPatch; ++k) sum += a[k] * b[k];
+  return sum;
+}
+
+// Where a patch lies, in the object's frame.
+struct PatchPlace {
+  Eigen::Vector3d middle;
+  Eigen::Vector3d along_x;  // from point to point
+  Eigen::Vector3d along_y;
+};
+
+// Of mean 0 and length 1. \return  false where the photo does not show it, or no texture.
+bool ReadPatch(const Witness& witness, const PatchPlace& place, float least_texture, float* patch) {
+  float mean = 0;
+  for (int v = -kRadius, k = 0; v <= kRadius; ++v) {
+    for (int u = -kRadius; u <= kRadius; ++u, ++k) {
+      if (!witness.Sample(place.middle + u * place.along_x + v * place.along_y, &patch[k])) return false;
+      mean += patch[k] / kPatch;
+    }
+  }
+  float squares = 0;
+  for (int k = 0; k < kPatch; ++k) {
+    patch[k] -= mean;
+    squares += patch[k] * patch[k];
+  }
+  if (!(squares > kPatch * least_texture * least_texture)) return false;
+  for (int k = 0; k < kPatch; ++k) patch[k] /= std::sqrt(squares);
+  return true;
+}
+
+}  // namespace
+
+Eigen::Vector3d TexturedTop::PlaceAt(double column, double row) const {
+  const double half = 0.5 * (side_ - 1);
+  return table_.axis.point + table_.high * table_.axis.direction +
+         spacing_ * ((column - half) * along_x_ + (row - half) * along_y_);
+}
+
+std::optional<TexturedTop> TexturedTop::Learn(const std::vector<StationPhotos>& stations,
+                                              const RotatingRegion& table) {
+  TexturedTop top(table);
+  top.along_x_ = table.axis.direction.unitOrthogonal();
+  top.along_y_ = table.axis.direction.cross(top.along_x_);
+  size_t total = 0;
+  for (const StationPhotos& station : stations) total += station.views.size();
+  std::vector<Witness> witnesses;
+  float least_texture = 0;
+  size_t index = 0;
+  const Eigen::Vector3d middle = table.axis.point + table.high * table.axis.direction;
+  for (const StationPhotos& station : stations) {
+    const float texture = LeastTexture(MeasurePictureNoise(station.images.data(), station.images.size()));
+    for (size_t i = 0; i < station.views.size(); ++i, ++index) {
+      const bool is_chosen =
+          total <= kMaxPhotos || index * kMaxPhotos / total != (index + 1) * kMaxPhotos / total;
+      const PinholeView& view = station.views[i];
+      const Eigen::Vector3d camera = view.cam_from_world.Inverse().translation;
+      if (!is_chosen || !((camera - middle).dot(table.axis.direction) > 0)) continue;
+      least_texture = std::max(least_texture, texture);
+      witnesses.push_back({GreyOf(station.images[i]), &view});
+      const double pixel = (view.cam_from_object * middle).z() / view.fx;
+      top.spacing_ = top.spacing_ > 0 ? std::min(top.spacing_, pixel) : pixel;
+    }
+  }
+  if (witnesses.size() <= kLeastAlike || !(top.spacing_ > 0)) return std::nullopt;
+  top.side_ = 2 * static_cast<int>(table.radius / top.spacing_) + 1;
+  top.least_texture_ = least_texture;
+  const Eigen::Vector3d step_x = top.spacing_ * top.along_x_;
+  const Eigen::Vector3d step_y = top.spacing_ * top.along_y_;
+  top.patches_.resize(static_cast<size_t>(top.side_) * top.side_);
+  ParallelFor(top.side_, 0, 4, [&](int64_t row) {
+    std::vector<Patch> patches(witnesses.size());
+    for (int column = 0; column < top.side_; ++column) {
+      const Eigen::Vector3d place = top.PlaceAt(column, static_cast<double>(row));
+      if ((place - middle).norm() > table.radius - kRadius * top.spacing_) continue;
+      size_t count = 0;
+      for (const Witness& witness : witnesses) {
+        if (ReadPatch(witness, {place, step_x, step_y}, least_texture, patches[count].data())) ++count;
+      }
+      int most = 0;
+      size_t best = 0;
+      for (size_t i = 0; i < count; ++i) {
+        int alike = 0;
+        for (size_t j = 0; j < count; ++j)
+          alike += j != i && Product(patches[i].data(), patches[j].data()) > kAlike ? 1 : 0;
+        if (alike > most) {
+          most = alike;
+          best = i;
+        }
+      }
+      if (most < kLeastAlike) continue;
+      top.patches_[static_cast<size_t>(row) * top.side_ + column].assign(patches[best].begin(),
+                                                                         patches[best].end());
+    }
+  });
+  const bool is_known = std::any_of(top.patches_.begin(), top.patches_.end(),
+                                    [](const std::vector<float>& patch) { return !patch.empty(); });
+  return is_known ? std::make_optional(std::move(top)) : std::nullopt;
+}
+
+Image8 TexturedTop::Look(const Image8& photo, const PinholeView& view) const {
+  const Witness witness{GreyOf(photo), &view};
+  std::vector<uint8_t> is_seen(patches_.size(), 0);
+  ParallelFor(side_, 0, 16, [&](int64_t row) {
+    Patch patch;
+    for (int column = 0; column < side_; ++column) {
+      const size_t i = static_cast<size_t>(row) * side_ + column;
+      if (patches_[i].empty()) continue;
+      const PatchPlace place = {PlaceAt(column, static_cast<double>(row)), spacing_ * along_x_,
+                                spacing_ * along_y_};
+      if (!ReadPatch(witness, place, least_texture_, patch.data())) continue;
+      is_seen[i] = Product(patch.data(), patches_[i].data()) > kAlike ? kShown : kHidden;
+    }
+  });
+  RotatingRegion top = table_;
+  top.low = top.high;
+  const RegionView hits(top, view);
+  const Rigid3 object_from_cam = view.cam_from_object.Inverse();
+  const double half = 0.5 * (side_ - 1);
+  Image8 shows{view.width, view.height, 1, {}};
+  shows.pixels.assign(static_cast<size_t>(view.width) * view.height, 0);
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      const std::optional<RegionHit> hit = hits.At(x, y);
+      if (!hit) continue;
+      const Eigen::Vector3d ray((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
+      const Eigen::Vector3d from_axis = object_from_cam * (hit->depth * ray) - table_.axis.point;
+      const auto column = static_cast<int>(std::lround(from_axis.dot(along_x_) / spacing_ + half));
+      const auto row = static_cast<int>(std::lround(from_axis.dot(along_y_) / spacing_ + half));
+      if (column < 0 || row < 0 || column >= side_ || row >= side_) continue;
+      *shows.Pixel(x, y) = is_seen[static_cast<size_t>(row) * side_ + column];
+    }
+  }
+  Image8 inner = shows;
+  for (uint8_t& sight : inner.pixels) sight = sight == kShown ? kShown : 0;
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      for (int v = -kBorder; v <= kBorder; ++v) {
+        for (int u = -kBorder; u <= kBorder; ++u) {
+          const bool is_within = x + u >= 0 && y + v >= 0 && x + u < view.width && y + v < view.height;
+          if (!is_within || *shows.Pixel(x + u, y + v) == kHidden) *inner.Pixel(x, y) = 0;
+        }
+      }
+    }
+  }
+  return inner;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,45 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "s2gs/core/pinhole_view.h"
+#include "s2gs/core/rotating_region.h"
+#include "s2gs/image/image_file.h"
+#include "s2gs/photo_table.h"
+
+namespace s2gs {
+
+/// The texture of a table's top as photos agree on it, and which pixels of a photo show it: nothing stands
+/// before the top there. Of each place on the plane, photos that see it show the same patch, and those that
+/// see a thing before it others, each another one. Which they are is told by their agreement alone, so that
+/// nothing is asked of the model.
+class TexturedTop {
+ public:
+  /// Nothing where photos agree on no place, or one camera takes too few of them.
+  /// \param table  from photos, to a pixel.
+  static std::optional<TexturedTop> Learn(const std::vector<StationPhotos>& stations,
+                                          const RotatingRegion& table);
+
+  /// One channel: 255 where the photo shows the top's texture, and nothing else within two
+  /// pixels.
+  /// \param photo, view  of the size of the stations' photos.
+  Image8 Look(const Image8& photo, const PinholeView& view) const;
+
+ private:
+  explicit TexturedTop(const RotatingRegion& table) : table_(table) {}
+  Eigen::Vector3d PlaceAt(double column, double row) const;  // in the object's frame
+
+  RotatingRegion table_;
+  Eigen::Vector3d along_x_ = Eigen::Vector3d::UnitX();
+  Eigen::Vector3d along_y_ = Eigen::Vector3d::UnitY();
+  float least_texture_ = 0;  // [grey levels]
+  double spacing_ = 0;       // of places and of a patch's points
+  int side_ = 0;             // places along an edge of the square about the top
+  // Of each place the patch that most photos agree on, of mean 0 and length 1; empty: none.
+  std::vector<std::vector<float>> patches_;
+};
+
+}  // namespace s2gs

@@ -1,0 +1,81 @@
+#include "s2gs/textured_top.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "s2gs/core/rng.h"
+#include "s2gs/opaque_region.h"
+#include "tests/s2gs/table_on_ground.h"
+
+namespace s2gs {
+namespace {
+
+constexpr int kPhoto = 3;  // that is looked at
+
+// Of a photo's pixels that show the top within a radius, those that are marked.
+double MarkedShare(const Image8& marks, const PinholeView& view, double radius) {
+  const RegionView top({TurntableAxis(), radius, kTableTop, kTableTop}, view);
+  int all = 0;
+  int marked = 0;
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      if (!top.At(x, y)) continue;
+      ++all;
+      marked += *marks.Pixel(x, y) == 255 ? 1 : 0;
+    }
+  }
+  return static_cast<double>(marked) / all;
+}
+
+int CountMarked(const Image8& marks) {
+  return static_cast<int>(std::count(marks.pixels.begin(), marks.pixels.end(), 255));
+}
+
+// A thing hides a part of the top in one photo, and another in each of the others.
+TEST(TexturedTop, IsSeenWherePhotosAgreeAndNotWhereAThingHidesIt) {
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TableTop::kTiled));
+  const Image8 bare = stations[0].images[kPhoto];
+  constexpr int kHalf = 12;
+  const int middle_x = kTablePhotoWidth / 2 + 15;
+  const int middle_y = kTablePhotoHeight / 2;
+  for (size_t i = 0; i < stations[0].images.size(); ++i) {
+    for (int y = middle_y - kHalf; y <= middle_y + kHalf; ++y) {
+      for (int x = middle_x - kHalf; x <= middle_x + kHalf; ++x) {
+        const auto grey = static_cast<uint8_t>(RandomBits(40 + i, x / 3, y / 3).words[0] % 200 + 20);
+        std::fill_n(stations[0].images[i].Pixel(x, y), 3, grey);
+      }
+    }
+  }
+  const std::optional<TexturedTop> top = TexturedTop::Learn(stations, TableRegion());
+  ASSERT_TRUE(top);
+  const PinholeView& view = stations[0].views[kPhoto];
+  const Image8 marks = top->Look(stations[0].images[kPhoto], view);
+  int of_thing = 0;
+  for (int y = middle_y - kHalf; y <= middle_y + kHalf; ++y) {
+    for (int x = middle_x - kHalf; x <= middle_x + kHalf; ++x) of_thing += *marks.Pixel(x, y) == 255 ? 1 : 0;
+  }
+  EXPECT_EQ(of_thing, 0);
+  // The thing takes a sixth of it, with the patches that reach over its border.
+  EXPECT_GT(MarkedShare(marks, view, 0.8), 0.6);
+  // The others have seen what it hides in this one.
+  EXPECT_GT(MarkedShare(top->Look(bare, view), view, 0.8), 0.9);
+}
+
+TEST(TexturedTop, IsUnknownWhereItIsPlain) {
+  const std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TableTop::kPlain));
+  const PinholeView& view = stations[0].views[kPhoto];
+  const std::optional<TexturedTop> top = TexturedTop::Learn(stations, TableRegion());
+  ASSERT_TRUE(top);  // by the card
+  const Image8 marks = top->Look(stations[0].images[kPhoto], view);
+  EXPECT_GT(CountMarked(marks), 0);
+  // Of the top's 0.785 the card and patches that reach into it are 0.16.
+  EXPECT_LT(MarkedShare(marks, view, 1), 0.25);
+  EXPECT_FALSE(TexturedTop::Learn({}, TableRegion()));
+}
+
+}  // namespace
+}  // namespace s2gs
