@@ -96,6 +96,7 @@ class Refiner {
 
   // \return  how many triangles.
   int64_t DropSeenThrough() {
+    if (!photos_.ShowPlane()) return 0;
     return Drop(photos_.FindSeenThrough(mesh_, photos_.FindVisible(mesh_, {kMinSeenCosine, 0})));
   }
 

@@ -154,11 +154,14 @@ std::vector<VertexFlags> RefinementPhotos::FindVisible(const TriangleMesh& mesh,
   return visible;
 }
 
+bool RefinementPhotos::ShowPlane() const {
+  return std::any_of(sights_.begin(), sights_.end(),
+                     [](const PlaneSight& sight) { return sight.seen.width > 0; });
+}
+
 std::vector<uint8_t> RefinementPhotos::FindSeenThrough(const TriangleMesh& mesh,
                                                        const std::vector<VertexFlags>& visible) const {
   std::vector<uint8_t> is_seen_through(mesh.vertices.size(), 0);
-  if (std::none_of(sights_.begin(), sights_.end(), [](const PlaneSight& s) { return s.seen.width > 0; }))
-    return is_seen_through;
   ParallelFor(static_cast<int64_t>(mesh.vertices.size()), num_threads_, 1024, [&](int64_t i) {
     const Eigen::Vector3d x = mesh.vertices[i].cast<double>();
     int count = 0;

@@ -28,6 +28,8 @@ class RefinementPhotos {
   void Load(const RefinementPhotoSource& source, const TriangleMesh& mesh, double max_memory_gib);
 
   size_t size() const { return photos_.size(); }
+  /// Whether it is known of any where it shows the plane.
+  bool ShowPlane() const;
 
   /// Which vertices stand before the plane that photos see: at least two photos see the vertex, on this
   /// mesh, where they show the plane behind it.
