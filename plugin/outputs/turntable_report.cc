@@ -197,6 +197,7 @@ json ToJson(const PhotoAdjustment& photos) {
       {"tracks", photos.tracks},
       {"places", photos.places},
       {"places_beside_tracks", photos.places_beside},
+      {"tied_stations", photos.tied_stations},
       {"sigma_px", photos.sigma_px},
       {"held_back", {{"patches", change(photos.patches)}, {"keypoints", change(photos.keypoints)}}},
       {"seconds", photos.seconds}};

@@ -5,6 +5,7 @@
 #include <limits>
 #include <map>
 #include <numeric>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -15,6 +16,7 @@
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
@@ -23,6 +25,9 @@ constexpr double kSigmaOfMedian = 0.849;  // of a coordinate, over the median le
 constexpr double kHalfTolerance = 1e-6;   // of adjustments that only tell whether patches gain
 // Of places over an arc: beyond, more of their errors is what bends or is lit otherwise than is noise.
 constexpr double kMostOverdispersion = 2;
+constexpr double kCertain = 8;  // e^8 to one
+// Of links between two stations, at least: the rest may be patches of something else.
+constexpr double kRightShare = 0.5;
 constexpr double kMaxFocalChange = 1.1;  // more than patches can mend: something else is wrong
 
 // The object's points: those that the scene's adjustment did not see, and the others in two halves, each of
@@ -93,6 +98,7 @@ class PhotoAdjuster {
   JointProblem Without(PointSet set) const;
   void ActivateAll(JointProblem* problem) const;
   std::vector<ErrorPair> ErrorsOf(PointSet set, const JointProblem& after, bool by_patches) const;
+  std::set<int> TiedStations(const JointProblem& after, const HeldBackChange& patches) const;
   void Take(JointProblem* after);
   const JointProblem& problem() const { return problem_; }
 
@@ -300,6 +306,56 @@ HeldBackChange ChangeOf(const std::vector<ErrorPair>& errors) {
   return change;
 }
 
+std::set<int> PhotoAdjuster::TiedStations(const JointProblem& after, const HeldBackChange& patches) const {
+  const std::vector<PosedImage> posed = Posed(after, true);
+  const std::vector<std::vector<size_t>> of_point = ByPoint(problem_.object);
+  std::map<std::pair<int, int>, std::vector<double>> errors;  // of a pose's places, by another's
+  for (size_t p = 0; p < of_point.size(); ++p) {
+    std::map<int, std::vector<size_t>> of_pose;
+    for (const size_t k : of_point[p]) {
+      if (sources_[k].place == nullptr) continue;
+      const int image = problem_.object.observations[k].image;
+      of_pose[problem_.images[static_cast<size_t>(image)].pose].push_back(k);
+    }
+    for (const auto& [from, seen] : of_pose) {
+      if (of_pose.size() < 2 || seen.size() < 2) continue;
+      std::vector<int> images;
+      std::vector<Eigen::Vector2d> places;
+      for (const size_t k : seen) {
+        images.push_back(problem_.object.observations[k].image);
+        places.push_back(sources_[k].place->xy);
+      }
+      Eigen::Vector3d x = after.object.points[p];
+      if (ErrorsAt(posed, images, places, &x).empty()) continue;
+      for (const auto& [to, others] : of_pose) {
+        if (to == from) continue;
+        std::vector<double> distances;
+        for (const size_t k : others) {
+          const int image = problem_.object.observations[k].image;
+          distances.push_back(
+              ReprojectionErrorPx(posed[static_cast<size_t>(image)], x, sources_[k].place->xy));
+        }
+        errors[{from, to}].push_back(UpperMedian(std::move(distances)));
+      }
+    }
+  }
+  UnionFind tied(after.cam_from_world.size());
+  for (auto& [pair, distances] : errors) {
+    const double ratio = LogRatioOfLinks(std::move(distances), options_.places.patch.max_move_px);
+    if (ratio > kCertain * patches.overdispersion)
+      tied.Join(static_cast<uint32_t>(pair.first), static_cast<uint32_t>(pair.second));
+  }
+  std::map<std::string, int> station_of_name;
+  for (const View& view : aligned_->scene.views) station_of_name[view.name] = view.station;
+  const auto root_of = [&](const JointImage& image) { return tied.Root(static_cast<uint32_t>(image.pose)); };
+  const uint32_t root = root_of(after.images[static_cast<size_t>(after.reference)]);
+  std::set<int> stations;
+  for (const JointImage& image : after.images) {
+    if (root_of(image) == root) stations.insert(station_of_name.at(image.name));
+  }
+  return stations;
+}
+
 // All points by the new poses, whether they were adjusted or not.
 void PhotoAdjuster::Take(JointProblem* after) {
   for (const bool of_object : {true, false}) {
@@ -445,6 +501,7 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
   if (!CamerasHold(adjuster.problem(), problem)) return finish("patches ask for another focal length");
   if (Contradict(result.keypoints, result.patches))
     return finish("keypoints that were held back contradict the patches");
+  result.tied_stations = adjuster.TiedStations(problem, result.patches);
   adjuster.Take(&problem);
   *joint = std::move(report);
   result.is_taken = true;
@@ -460,6 +517,18 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
 }
 
 }  // namespace
+
+double LogRatioOfLinks(std::vector<double> errors, double reach_px) {
+  if (errors.empty()) return 0;
+  const double sigma = UpperMedian(std::vector<double>(errors)) * kSigmaOfMedian;
+  const double over_chance = reach_px * reach_px / (2 * sigma * sigma);
+  double sum = 0;
+  for (const double error : errors) {
+    sum += std::log(1 - kRightShare +
+                    kRightShare * over_chance * std::exp(-error * error / (2 * sigma * sigma)));
+  }
+  return sum;
+}
 
 OptionCheck PhotoAdjustmentOptions::Check() const {
   const auto fault = [](const char* field, double value, const char* bound) {

@@ -3,6 +3,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/joint_priors.h"
@@ -32,6 +33,11 @@ struct HeldBackChange {
   bool HasRisen() const { return points > 1 && -gain > 3.4 * overdispersion * gain_sigma; }
 };
 
+/// How much likelier the distances of a station's places from where another station's put their points [px]
+/// are as errors than as places that lie anywhere within `reach_px`: the logarithm, at least half of them
+/// being right.
+double LogRatioOfLinks(std::vector<double> errors, double reach_px);
+
 /// For which of two reasons poses by patches are taken.
 enum class PhotoReason {
   kNone,                ///< they are not.
@@ -58,6 +64,10 @@ struct PhotoAdjustment {
   double sigma_px = 0;       ///< of a place, as its patch says (median).
   HeldBackChange patches;    ///< of each half's places by poses of the other half.
   HeldBackChange keypoints;  ///< of points that no adjustment saw.
+  /// Stations that patches seen from them and from the reference's, or from others in between, tie to it,
+  /// where poses are taken: what one station's patches say of the other's is right by more than chance
+  /// explains.
+  std::set<int> tied_stations;
   /// Mean change of the logarithms of the stated standard deviations: focal length, axis, table angles. 0
   /// where it did not come to an adjustment by all patches, infinite where there is none to compare.
   double log_sigma_change = 0;

@@ -22,6 +22,7 @@
 #include "sfm_split/relocalise/partial_models.h"
 #include "sfm_split/relocalise/station_turns.h"
 #include "sfm_split/relocalise/triple_likelihood.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/silhouettes/scene_silhouettes.h"
 #include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
@@ -464,9 +465,21 @@ void Placement::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
       (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
 }
 
+// Where matches of highlights leave a station's turn open, patches that it shares with others may tell it, to
+// what the adjustment to them states.
 void Placement::AskAllMatches() {
-  result_.best.matches = AskMatches(features_, pairs_, result_.best.aligned, told_turns_deg_, reporter_,
-                                    &result_.best.refined.joint);
+  ScanCandidate& best = result_.best;
+  std::map<int, double> told_deg = told_turns_deg_;
+  const std::vector<double>& sigmas_deg = best.refined.joint.angle_sigma_deg;
+  for (size_t v = 0; v < std::min(sigmas_deg.size(), best.aligned.scene.views.size()); ++v) {
+    const int station = best.aligned.scene.views[v].station;
+    if (result_.photos.tied_stations.count(station) == 0) continue;
+    double& told = told_deg.try_emplace(station, 0).first->second;
+    told = std::max(told, sigmas_deg[v]);
+  }
+  for (auto told = told_deg.begin(); told != told_deg.end();)
+    told = told->second > 0 ? std::next(told) : told_deg.erase(told);
+  best.matches = AskMatches(features_, pairs_, best.aligned, told_deg, reporter_, &best.refined.joint);
   result_.durations.emplace_back("ask_matches", watch_.Lap());
 }
 

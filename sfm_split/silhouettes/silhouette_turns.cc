@@ -17,7 +17,8 @@ using Eigen::Vector3d;
 constexpr float kOwnSquared = 1;     // [px^2] that outlines err by themselves
 constexpr int kTurns = 180;          // of a search
 constexpr size_t kSearchStride = 4;  // by one ray of so many
-constexpr int kFineTurns = 21;       // around the best
+constexpr int kFineReach = 10;       // turns to either side of the best that are looked at closely
+constexpr int kFineTurns = 2 * kFineReach + 1;
 constexpr double kFineDeg = 0.2;
 constexpr size_t kBlocksOfStation = 8;  // of neighbouring photos, whose errors are alike
 // Chance goes beyond once in e^8 times: Student's t with 15 degrees of freedom.
@@ -122,6 +123,7 @@ double Sum(const std::vector<double>& values, size_t without) {
 double LowestPlace(const std::vector<std::vector<double>>& sums, size_t without) {
   size_t best = 0;
   std::vector<double> values;
+  values.reserve(sums.size());
   for (const std::vector<double>& of_turn : sums) values.push_back(Sum(of_turn, without));
   for (size_t k = 1; k < values.size(); ++k) best = values[k] < values[best] ? k : best;
   if (best == 0 || best + 1 == values.size()) return static_cast<double>(best);
@@ -165,6 +167,7 @@ SilhouetteTurn FindSilhouetteTurn(const std::vector<SilhouetteView>& first,
     sums[static_cast<size_t>(k)] = contradiction.At(2 * kPi * static_cast<double>(k) / kTurns, kSearchStride);
   });
   std::vector<double> totals;
+  totals.reserve(sums.size());
   for (const std::vector<double>& of_turn : sums) totals.push_back(Sum(of_turn, kAll));
   const auto best = static_cast<size_t>(std::min_element(totals.begin(), totals.end()) - totals.begin());
   const size_t elsewhere = BestElsewhere(totals, best);
@@ -187,8 +190,7 @@ SilhouetteTurn FindSilhouetteTurn(const std::vector<SilhouetteView>& first,
   result.t = variance > 0 ? mean / std::sqrt(variance / n) : 0;
   result.is_told = result.t > kCertainT;
   std::vector<std::vector<double>> fine(kFineTurns);
-  const double start_rad =
-      2 * kPi * static_cast<double>(best) / kTurns - (kFineTurns / 2) * kFineDeg * kDegree;
+  const double start_rad = 2 * kPi * static_cast<double>(best) / kTurns - kFineReach * kFineDeg * kDegree;
   ParallelFor(kFineTurns, 0, [&](int64_t k) {
     fine[static_cast<size_t>(k)] =
         contradiction.At(start_rad + static_cast<double>(k) * kFineDeg * kDegree, 1);

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <map>
+#include <random>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -109,6 +111,7 @@ TEST(PhotoAdjustment, PosesComeNearerToTheTruth) {
   EXPECT_EQ(result.looked_in, PhotosLookedIn::kFacing);
   EXPECT_EQ(result.facing_finding, "");
   EXPECT_LT(result.log_sigma_change, 0);
+  EXPECT_EQ(result.tied_stations, (std::set<int>{0, 1}));
   EXPECT_GT(result.patches.gain, 3.4 * result.patches.gain_sigma);
   EXPECT_LT(joint.sigma_px, 0.5 * scan.refined.joint.sigma_px);
   const Eigen::Vector2d before = scan.ErrorsOf(scan.aligned);
@@ -147,6 +150,7 @@ TEST(PhotoAdjustment, OtherPhotosChangeNothing) {
     const PhotoAdjustment result = scan.Adjust(read, &scene, &joint);
     EXPECT_FALSE(result.is_taken) << result.finding;
     EXPECT_EQ(result.reason, PhotoReason::kNone);
+    EXPECT_TRUE(result.tied_stations.empty());
     ExpectUntouched(scan.aligned, scene);
     EXPECT_EQ(joint.sigma_px, scan.refined.joint.sigma_px);
   }
@@ -334,6 +338,26 @@ TEST(TrackPlaces, PhotosBesideATrackShowItsPoint) {
   EXPECT_GT(errors.size(), 500U);
   EXPECT_LT(Quantile(errors, 0.5), 0.1);
   EXPECT_LT(Quantile(errors, 0.95), 0.5);
+}
+
+// Links that are errors of .2 px, some of them wrong, and places anywhere within 2 px.
+TEST(LogRatioOfLinks, TellsErrorsFromPlacesAnywhere) {
+  std::mt19937 random(4);
+  std::normal_distribution<double> normal(0, 0.2);
+  std::uniform_real_distribution<double> share(0, 1);
+  const auto anywhere = [&] { return 2 * std::sqrt(share(random)); };
+  std::vector<double> right;
+  for (int k = 0; k < 40; ++k)
+    right.push_back(k % 5 == 0 ? anywhere() : std::hypot(normal(random), normal(random)));
+  EXPECT_GT(LogRatioOfLinks(right, 2), 8 * 4);
+  int above = 0;
+  for (int trial = 0; trial < 1000; ++trial) {
+    std::vector<double> wrong;
+    for (int k = 0; k < 4 + trial % 40; ++k) wrong.push_back(anywhere());
+    above += LogRatioOfLinks(wrong, 2) > 8 ? 1 : 0;
+  }
+  EXPECT_EQ(above, 0);
+  EXPECT_EQ(LogRatioOfLinks({}, 2), 0);
 }
 
 TEST(HeldBackChange, ChanceIsNoChange) {
