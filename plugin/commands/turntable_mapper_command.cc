@@ -362,7 +362,8 @@ void TurntableMapper::WriteOneBody(const std::vector<ColmapModel>& models, json 
 
 // What a placement found, and how long it took.
 void TurntableMapper::Describe(const ScanPlacement& placement, json* report) {
-  for (const auto& [name, seconds] : placement.durations) seconds_[name] = seconds_.value(name, 0.0) + seconds;
+  for (const auto& [name, seconds] : placement.durations)
+    seconds_[name] = seconds_.value(name, 0.0) + seconds;
   (*report)["path"] = placement.path;
   (*report)["path_reason"] = placement.findings;
   if (placement.outcome != PlacementOutcome::kPlaced) return;

@@ -20,8 +20,8 @@ struct GpuInfo {
 /// The CUDA toolkit that this program was built with, e.g. "13.0"; empty without the CUDA backend.
 std::string BuiltWithCuda();
 
-/// All GPUs, each tried with a small kernel (about 0.3 s for the first one). Empty without the CUDA backend,
-/// a driver or a GPU; never throws.
+/// All GPUs, each tried with a small kernel (about 0.3 s for the first one). The thread goes on with the one
+/// that it had. Empty without the CUDA backend, a driver or a GPU; never throws.
 std::vector<GpuInfo> ListGpus();
 
 }  // namespace s2gs

@@ -36,6 +36,9 @@ std::vector<GpuInfo> ListGpus() {
   std::vector<GpuInfo> gpus;
   int count = 0;
   if (cudaGetDeviceCount(&count) != cudaSuccess) return gpus;
+  // Who asks may be at work on one of them.
+  int current = 0;
+  if (cudaGetDevice(&current) != cudaSuccess) current = 0;
   for (int i = 0; i < count; ++i) {
     cudaDeviceProp properties;
     if (cudaGetDeviceProperties(&properties, i) != cudaSuccess) continue;
@@ -50,7 +53,7 @@ std::vector<GpuInfo> ListGpus() {
     gpu.is_usable = gpu.problem.empty();
     gpus.push_back(gpu);
   }
-  if (count > 0) cudaSetDevice(0);
+  if (count > 0) cudaSetDevice(current);
   return gpus;
 }
 

@@ -10,6 +10,7 @@
 #include <set>
 #include <string>
 
+#include "s2gs/core/gpu_info.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
@@ -20,11 +21,15 @@
 namespace s2gs {
 namespace {
 
-// The backend under test, or null and a reason.
+// The backend under test, or null and a reason. Of several GPUs the last one; and they are listed again, as
+// what plans memory does, which must not take the thread to another one.
 std::unique_ptr<Backend> TryMakeBackend(BackendKind kind, std::string* reason) {
   if (kind == BackendKind::kCpu) return MakeCpuBackend(2);
   try {
-    return MakeCudaBackend(0);
+    const int last = std::max(0, static_cast<int>(ListGpus().size()) - 1);
+    std::unique_ptr<Backend> backend = MakeCudaBackend(last);
+    ListGpus();
+    return backend;
   } catch (const UserError& error) {
     *reason = error.what();
     return nullptr;
