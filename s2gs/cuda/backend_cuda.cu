@@ -33,7 +33,6 @@ class CudaBackend : public Backend {
  public:
   explicit CudaBackend(int gpu_index) {
     cudaDeviceProp properties;
-    CheckCuda(cudaSetDevice(gpu_index), "cudaSetDevice");
     CheckCuda(cudaGetDeviceProperties(&properties, gpu_index), "cudaGetDeviceProperties");
     device_name_ = properties.name;
     CheckCuda(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "cudaStreamCreate");
@@ -544,6 +543,8 @@ std::unique_ptr<Backend> MakeCudaBackend(int gpu_index) {
   const GpuInfo& gpu = gpus[static_cast<size_t>(gpu_index)];
   if (!gpu.is_usable)
     throw UserError("GPU " + std::to_string(gpu_index) + " (" + gpu.name + "): " + gpu.problem);
+  // Before its members allocate.
+  CheckCuda(cudaSetDevice(gpu_index), "cudaSetDevice");
   return std::make_unique<CudaBackend>(gpu_index);
 }
 
