@@ -97,9 +97,9 @@ TEST(Program, RefusesOptionsThatDoNotGoTogether) {
   for (const Line& line : std::vector<Line>{
            {{"work_precision", "--workspace_path", w, "--knob", "joint_tolerance", "--jobs", "0"},
             "--jobs is below 1."},
-           {{"work_precision", "--workspace_path", w}, "give one of --knob, --forced and --curves."},
+           {{"work_precision", "--workspace_path", w}, "give one of --knob, --forced and --curves, or"},
            {{"work_precision", "--workspace_path", w, "--knob", "joint_tolerance", "--forced", "pairs"},
-            "give one of --knob, --forced and --curves."},
+            "give one of --knob, --forced and --curves, or"},
            {{"work_precision", "--knob", "joint_tolerance"}, "--workspace_path is missing."},
            {{"work_precision", "--workspace_path", w, "--curves", "a.json"},
             "--curves needs no --workspace_path."},

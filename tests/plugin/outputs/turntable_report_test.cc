@@ -226,6 +226,7 @@ TEST(TurntableReport, DescribesAScene) {
   photos.tracks = 1;
   photos.places = 2;
   photos.places_beside = 3;
+  photos.tied_stations = {0, 2};
   photos.sigma_px = 4;
   photos.patches = {5, 6, 7, 8, 9, 10};
   photos.keypoints = {11, 12, 13, 14, 15, 16};
