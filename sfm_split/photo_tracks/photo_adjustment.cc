@@ -340,8 +340,8 @@ std::set<int> PhotoAdjuster::TiedStations(const JointProblem& after, const HeldB
     }
   }
   UnionFind tied(after.cam_from_world.size());
-  for (auto& [pair, distances] : errors) {
-    const double ratio = LogRatioOfLinks(std::move(distances), options_.places.patch.max_move_px);
+  for (const auto& [pair, distances] : errors) {
+    const double ratio = LogRatioOfLinks(distances, options_.places.patch.max_move_px);
     if (ratio > kCertain * patches.overdispersion)
       tied.Join(static_cast<uint32_t>(pair.first), static_cast<uint32_t>(pair.second));
   }
@@ -518,9 +518,9 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
 
 }  // namespace
 
-double LogRatioOfLinks(std::vector<double> errors, double reach_px) {
+double LogRatioOfLinks(const std::vector<double>& errors, double reach_px) {
   if (errors.empty()) return 0;
-  const double sigma = UpperMedian(std::vector<double>(errors)) * kSigmaOfMedian;
+  const double sigma = UpperMedian(errors) * kSigmaOfMedian;
   const double over_chance = reach_px * reach_px / (2 * sigma * sigma);
   double sum = 0;
   for (const double error : errors) {

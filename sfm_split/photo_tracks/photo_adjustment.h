@@ -36,7 +36,7 @@ struct HeldBackChange {
 /// How much likelier the distances of a station's places from where another station's put their points [px]
 /// are as errors than as places that lie anywhere within `reach_px`: the logarithm, at least half of them
 /// being right.
-double LogRatioOfLinks(std::vector<double> errors, double reach_px);
+double LogRatioOfLinks(const std::vector<double>& errors, double reach_px);
 
 /// For which of two reasons poses by patches are taken.
 enum class PhotoReason {
