@@ -37,12 +37,9 @@ GreyPicture ReadGreyPicture(const fs::path& path, const Eigen::Vector2i& size) {
                         " when its features were extracted",
                     "Give the photos that the features come from");
   }
-  GreyPicture picture;
-  picture.photo_size = size;
-  const double factor = std::min(1.0, static_cast<double>(kPictureSidePx) / size.maxCoeff());
-  picture.width = std::max(1, static_cast<int>(std::lround(factor * size.x())));
-  picture.height = std::max(1, static_cast<int>(std::lround(factor * size.y())));
-  if (factor < 1) photo = ResizeByArea(photo, picture.width, picture.height);
+  GreyPicture picture = PictureFor(size);
+  if (picture.width < size.x() || picture.height < size.y())
+    photo = ResizeByArea(photo, picture.width, picture.height);
   picture.grey = std::move(photo.pixels);
   return picture;
 }

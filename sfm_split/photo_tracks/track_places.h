@@ -3,13 +3,13 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <map>
 #include <string>
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/photo_tracks/patch_alignment.h"
+#include "sfm_split/scene/features.h"
 #include "sfm_split/scene/io/colmap_model.h"
 
 namespace s2gs {
@@ -39,12 +39,9 @@ struct TrackPlacesOptions {
   OptionCheck Check() const;
 };
 
-/// Of a place in a photo whose keypoints do not see the point.
-constexpr uint32_t kNoKeypoint = std::numeric_limits<uint32_t>::max();
-
 struct TrackPlace {
   uint32_t image_id = 0;
-  uint32_t point2D_idx = kNoKeypoint;
+  uint32_t point2D_idx = kNoKeypoint;  ///< none: the photo's keypoints do not see the point.
   PatchPlace place;
 };
 

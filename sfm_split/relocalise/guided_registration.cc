@@ -360,10 +360,8 @@ class Registration {
 
   const Camera& CameraOf(int image) const {
     const uint32_t id = features_.images[static_cast<size_t>(image)].camera_id;
-    for (const Camera& camera : aligned_->scene.cameras) {
-      if (camera.camera_id == id) return camera;
-    }
-    return features_.cameras.at(id);
+    const Camera* const camera = aligned_->scene.FindCamera(id);
+    return camera != nullptr ? *camera : features_.cameras.at(id);
   }
 
   // From the background's reconstruction to the scene as it was adjusted since, where the cameras that both
@@ -478,10 +476,8 @@ class Registration {
         view.station = std::max(view.station, other.station + 1);
       view_of_station_.emplace(features.station, view);
     }
-    const bool has_camera =
-        std::any_of(aligned_->scene.cameras.begin(), aligned_->scene.cameras.end(),
-                    [&](const Camera& camera) { return camera.camera_id == features.camera_id; });
-    if (!has_camera) aligned_->scene.cameras.push_back(features_.cameras.at(features.camera_id));
+    if (aligned_->scene.FindCamera(features.camera_id) == nullptr)
+      aligned_->scene.cameras.push_back(features_.cameras.at(features.camera_id));
     if (!aligned_->background.images.empty()) {
       ColmapImage& in_background = aligned_->background.images[features.image_id];
       in_background.image_id = features.image_id;

@@ -12,7 +12,6 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/stopwatch.h"
-#include "sfm_split/base/union_find.h"
 #include "sfm_split/circular_motion/circular_scene.h"
 #include "sfm_split/circular_motion/rigged_circle_scene.h"
 #include "sfm_split/evidence/step_width.h"
@@ -20,10 +19,9 @@
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/model_difference.h"
 #include "sfm_split/relocalise/partial_models.h"
+#include "sfm_split/relocalise/silhouette_ties.h"
 #include "sfm_split/relocalise/station_turns.h"
 #include "sfm_split/relocalise/triple_likelihood.h"
-#include "sfm_split/scene/axis_turn.h"
-#include "sfm_split/silhouettes/scene_silhouettes.h"
 #include "sfm_split/single_axis/single_axis_scene.h"
 #include "sfm_split/turntable/align_scene.h"
 
@@ -201,10 +199,9 @@ StepsFinding Placement::EqualSteps(const TurntableScene& scene) const {
   std::vector<const View*> views;
   for (const ScanImage& image : features_.images) {
     const auto view = view_of_name.find(image.name);
-    const auto camera = std::find_if(scene.cameras.begin(), scene.cameras.end(),
-                                     [&](const Camera& c) { return c.camera_id == image.camera_id; });
-    const bool is_posed = view != view_of_name.end() && camera != scene.cameras.end();
-    cameras.push_back(is_posed ? &*camera : nullptr);
+    const Camera* const camera = scene.FindCamera(image.camera_id);
+    const bool is_posed = view != view_of_name.end() && camera != nullptr;
+    cameras.push_back(is_posed ? camera : nullptr);
     views.push_back(is_posed ? view->second : nullptr);
   }
   StepsFinding finding = StepsByMatches(features_, cameras, views, scene.axis, kRisk);
@@ -463,6 +460,7 @@ void Placement::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
       std::string(photos.is_taken ? "poses by patches of the photos: " : "poses by keypoints: ") +
       photos.finding +
       (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
+  result_.durations.emplace_back("photo_tracks", watch_.Lap());
 }
 
 // Where matches of highlights leave a station's turn open, patches that it shares with others may tell it, to
@@ -474,83 +472,35 @@ void Placement::AskAllMatches() {
   for (size_t v = 0; v < std::min(sigmas_deg.size(), best.aligned.scene.views.size()); ++v) {
     const int station = best.aligned.scene.views[v].station;
     if (result_.photos.tied_stations.count(station) == 0) continue;
-    double& told = told_deg.try_emplace(station, 0).first->second;
+    if (!(sigmas_deg[v] > 0)) continue;
+    double& told = told_deg.try_emplace(station, sigmas_deg[v]).first->second;
     told = std::max(told, sigmas_deg[v]);
   }
-  for (auto told = told_deg.begin(); told != told_deg.end();)
-    told = told->second > 0 ? std::next(told) : told_deg.erase(told);
   best.matches = AskMatches(features_, pairs_, best.aligned, told_deg, reporter_, &best.refined.joint);
   result_.durations.emplace_back("ask_matches", watch_.Lap());
-}
-
-// Stations that see background points of the reference's, by themselves or by others in between.
-std::set<int> TiedByBackground(const AlignedScene& aligned) {
-  std::map<std::string, int> station_of_name;
-  for (const View& view : aligned.scene.views) station_of_name[view.name] = view.station;
-  std::map<uint32_t, int> station_of_image;
-  for (const auto& [id, image] : aligned.background.images) {
-    const auto found = station_of_name.find(image.name);
-    if (found != station_of_name.end()) station_of_image[id] = found->second;
-  }
-  UnionFind tied(static_cast<size_t>(aligned.scene.num_stations));
-  for (const auto& [id, point] : aligned.background.points3D) {
-    std::optional<int> first;
-    for (const ColmapTrackElement& element : point.track) {
-      const auto found = station_of_image.find(element.image_id);
-      if (found == station_of_image.end()) continue;
-      if (first) tied.Join(static_cast<uint32_t>(*first), static_cast<uint32_t>(found->second));
-      first = found->second;
-    }
-  }
-  std::set<int> stations;
-  const auto root = tied.Root(static_cast<uint32_t>(aligned.scene.Reference()->station));
-  for (int s = 0; s < aligned.scene.num_stations; ++s) {
-    if (tied.Root(static_cast<uint32_t>(s)) == root) stations.insert(s);
-  }
-  return stations;
 }
 
 // Where matches leave a station's turn open, silhouettes may tell it: everything is adjusted anew about what
 // they say. False where there is nothing to gain. \param from  poses before they were adjusted to photos.
 bool Placement::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from) {
   if (from.refined.model != JointModel::kSharedStations) return false;
-  const std::set<int> tied = TiedByBackground(from.aligned);
-  std::vector<int> untold;
+  std::set<int> untold;
   for (const auto& [station, sigma_deg] : result_.best.matches.turn_sigma_deg) {
-    if (std::isinf(sigma_deg) && tied.count(station) > 0) untold.push_back(station);
+    if (std::isinf(sigma_deg)) untold.insert(station);
   }
   if (untold.empty()) return false;
-  std::map<std::string, int> image_of_name;
-  for (size_t i = 0; i < features_.images.size(); ++i)
-    image_of_name[features_.images[i].name] = static_cast<int>(i);
-  ScanCandidate turned = from;
-  TurntableScene& scene = turned.aligned.scene;
-  const int reference = scene.Reference()->station;
-  for (const auto& [station, turn] : AskSilhouettes(read_photo, scene, untold, reporter_)) {
-    if (!turn.is_told) continue;
-    StationTurnPrior prior;
-    prior.sigma_rad = turn.sigma_rad;
-    for (View& view : scene.views) {
-      if (view.station == station) {
-        view.angle_deg = WrapAngle(view.angle_deg * kDegree + turn.turn_rad) / kDegree;
-        view.world_from_object = view.world_from_object * TurnAbout(scene.axis, turn.turn_rad);
-      }
-      const StationTurnPrior::Place place = {image_of_name.at(view.name), view.angle_deg * kDegree};
-      if (view.station == station) prior.second.push_back(place);
-      if (view.station == reference) prior.first.push_back(place);
-    }
-    station_turns_.push_back(std::move(prior));
-    told_turns_deg_[station] = turn.sigma_rad / kDegree;
-  }
-  if (station_turns_.empty()) return false;
+  SilhouetteTies ties = TieBySilhouettes(read_photo, features_, from.aligned, untold, reporter_);
+  result_.durations.emplace_back("silhouettes", watch_.Lap());
+  if (ties.priors.empty()) return false;
   const double sigma_px = LikelihoodOfMatches(features_, from.aligned, pairs_).sigma_px;
-  ScanCandidate refined = RefineCircle(turned.aligned, sigma_px, true);
+  station_turns_ = std::move(ties.priors);
+  ScanCandidate refined = RefineCircle(ties.aligned, sigma_px, true);
   result_.durations.emplace_back("silhouettes", watch_.Lap());
   if (!refined.is_usable || refined.aligned.scene.views.size() < from.aligned.scene.views.size()) {
     station_turns_.clear();
-    told_turns_deg_.clear();
     return false;
   }
+  told_turns_deg_ = std::move(ties.sigma_deg);
   refined.finding = from.finding;
   result_.best = std::move(refined);
   result_.findings += "; silhouettes turned stations that matches had left open";
@@ -562,7 +512,6 @@ void Placement::FinishPoses(const ReadGreyPhoto& read_photo) {
   if (read_photo) {
     if (result_.best.aligned.scene.num_stations > 1) before = result_.best;
     AdjustToPhotos(read_photo);
-    result_.durations.emplace_back("photo_tracks", watch_.Lap());
   }
   AskAllMatches();
   if (!before.is_usable || !TurnBySilhouettes(read_photo, before)) return;

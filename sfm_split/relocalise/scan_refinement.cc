@@ -54,16 +54,12 @@ void ScanRefiner::SortViews() {
 
 const Camera& ScanRefiner::CameraOf(int image) const {
   const uint32_t id = features_.images[static_cast<size_t>(image)].camera_id;
-  for (const Camera& camera : aligned_->scene.cameras) {
-    if (camera.camera_id == id) return camera;
-  }
-  return features_.cameras.at(id);
+  const Camera* const camera = aligned_->scene.FindCamera(id);
+  return camera != nullptr ? *camera : features_.cameras.at(id);
 }
 
 void ScanRefiner::AddCamera(uint32_t camera_id) {
-  for (const Camera& camera : aligned_->scene.cameras) {
-    if (camera.camera_id == camera_id) return;
-  }
+  if (aligned_->scene.FindCamera(camera_id) != nullptr) return;
   aligned_->scene.cameras.push_back(features_.cameras.at(camera_id));
 }
 
@@ -332,11 +328,17 @@ std::vector<CapturePlace> ScanRefiner::CapturePlaces(const JointProblem& problem
   return places;
 }
 
-// Steps that were given before, as the scene's angles have them now.
-std::vector<EqualStepsPrior> ScanRefiner::GivenSteps(const JointProblem& problem) const {
+// By images of the features, the problem's.
+std::map<int, int> ScanRefiner::ImagesOf(const JointProblem& problem) const {
   std::map<int, int> problem_image_of;
   for (size_t k = 0; k < problem.images.size(); ++k)
     problem_image_of[image_of_name_.at(problem.images[k].name)] = static_cast<int>(k);
+  return problem_image_of;
+}
+
+// Steps that were given before, as the scene's angles have them now.
+std::vector<EqualStepsPrior> ScanRefiner::GivenSteps(const JointProblem& problem) const {
+  const std::map<int, int> problem_image_of = ImagesOf(problem);
   std::map<int, int> num_photos;
   for (const ScanImage& image : features_.images) ++num_photos[image.station];
   std::vector<EqualStepsPrior> result;
@@ -359,9 +361,7 @@ std::vector<EqualStepsPrior> ScanRefiner::GivenSteps(const JointProblem& problem
 }
 
 std::vector<StationTurnPrior> ScanRefiner::GivenStationTurns(const JointProblem& problem) const {
-  std::map<int, int> problem_image_of;
-  for (size_t k = 0; k < problem.images.size(); ++k)
-    problem_image_of[image_of_name_.at(problem.images[k].name)] = static_cast<int>(k);
+  const std::map<int, int> problem_image_of = ImagesOf(problem);
   std::vector<StationTurnPrior> result = options_.station_turns;
   for (StationTurnPrior& turn : result) {
     for (std::vector<StationTurnPrior::Place>* places : {&turn.first, &turn.second}) {

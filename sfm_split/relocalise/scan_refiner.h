@@ -98,6 +98,7 @@ class ScanRefiner {
   JointReport AdjustWith(JointOptions options, bool is_rough);
   std::vector<LensPrior> LensPriors(const JointProblem& problem) const;
   std::vector<CapturePlace> CapturePlaces(const JointProblem& problem) const;
+  std::map<int, int> ImagesOf(const JointProblem& problem) const;
   std::vector<EqualStepsPrior> GivenSteps(const JointProblem& problem) const;
   std::vector<StationTurnPrior> GivenStationTurns(const JointProblem& problem) const;
   void WeighGivenSteps(JointOptions options, JointProblem* problem);

@@ -3,11 +3,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "sfm_split/scene/features.h"
 #include "sfm_split/split/stations.h"
 
 namespace s2gs {
-
-constexpr uint32_t kNoKeypoint = 0xFFFFFFFF;
 
 /// For chosen keypoints of one photo the keypoint at the same pixel of another photo of the same station, or
 /// kNoKeypoint. The photos' common shift (shake) is found first, as the most frequent displacement; where

@@ -2,12 +2,16 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 namespace s2gs {
 
 /// Keypoint positions of one image [px].
 using Keypoints = std::vector<Eigen::Vector2f>;
+
+/// The row of a keypoint that there is not.
+constexpr uint32_t kNoKeypoint = std::numeric_limits<uint32_t>::max();
 
 /// A pair of keypoints, by their rows in the keypoints of the first and of the second image.
 struct FeatureMatch {

@@ -49,6 +49,14 @@ struct TurntableScene {
     }
     return views.empty() ? nullptr : views.data();
   }
+
+  /// Null where there is none.
+  const Camera* FindCamera(uint32_t camera_id) const {
+    for (const Camera& camera : cameras) {
+      if (camera.camera_id == camera_id) return &camera;
+    }
+    return nullptr;
+  }
 };
 
 }  // namespace s2gs

@@ -44,10 +44,8 @@ std::vector<SilhouetteView> ViewsOf(const Station& station, const TurntableScene
   std::vector<SilhouetteView> views;
   for (size_t k = 0; k < station.views.size(); ++k) {
     const View& view = *station.views[k];
-    const auto camera = std::find_if(scene.cameras.begin(), scene.cameras.end(),
-                                     [&](const Camera& c) { return c.camera_id == view.camera_id; });
-    if (camera == scene.cameras.end()) continue;
-    views.push_back({&station.silhouettes[k], &*camera, view.CamFromObject()});
+    const Camera* const camera = scene.FindCamera(view.camera_id);
+    if (camera != nullptr) views.push_back({&station.silhouettes[k], camera, view.CamFromObject()});
   }
   return views;
 }

@@ -13,10 +13,9 @@
 namespace s2gs {
 namespace {
 
-constexpr int kChangedSigmas = 4;  // as in change_maps.cc
-constexpr int kGapPx = 7;          // of an outline that is closed: where both sides are alike
-constexpr int kSpeckPx = 3;        // side of what is no change of its own
-constexpr int kSeamPx = 7;         // a shadow's border, which a patch of 5 x 5 pixels lies across, is thinner
+constexpr int kGapPx = 7;    // of an outline that is closed: where both sides are alike
+constexpr int kSpeckPx = 3;  // side of what is no change of its own
+constexpr int kSeamPx = 7;   // a shadow's border, which a patch of 5 x 5 pixels lies across, is thinner
 constexpr double kOftenChanged = 0.25;  // of the photos: what passes by shows in fewer
 constexpr float kRimFromPx = 0.5F;
 constexpr float kRimToPx = 1.5F;
@@ -27,7 +26,7 @@ cv::Mat Disc(int side) { return cv::getStructuringElement(cv::MORPH_ELLIPSE, {si
 
 cv::Mat Changed(const ChangeMap& map) {
   const cv::Mat deviation(map.height, map.width, CV_8UC1, const_cast<uint8_t*>(map.deviation.data()));
-  cv::Mat changed = deviation > kChangedSigmas * ChangeMap::kLevelsPerSigma;
+  cv::Mat changed = deviation > ChangeMap::kChangedSigmas * ChangeMap::kLevelsPerSigma;
   cv::morphologyEx(changed, changed, cv::MORPH_OPEN, Square(kSpeckPx));
   return changed;
 }
@@ -132,15 +131,11 @@ float Silhouette::Outside(const Eigen::Vector2d& xy) const {
 }
 
 GreyPicture PictureOf(const GreyPhoto& photo) {
-  GreyPicture picture;
-  picture.photo_size = {photo.width, photo.height};
-  const double factor =
-      std::min(1.0, static_cast<double>(kPictureSidePx) / std::max(photo.width, photo.height));
-  picture.width = std::max(1, static_cast<int>(std::lround(factor * photo.width)));
-  picture.height = std::max(1, static_cast<int>(std::lround(factor * photo.height)));
+  GreyPicture picture = PictureFor({photo.width, photo.height});
   const cv::Mat bytes(photo.height, photo.width, CV_8UC1, const_cast<uint8_t*>(photo.grey.data()));
   cv::Mat reduced = bytes;
-  if (factor < 1) cv::resize(bytes, reduced, {picture.width, picture.height}, 0, 0, cv::INTER_AREA);
+  if (picture.width < photo.width || picture.height < photo.height)
+    cv::resize(bytes, reduced, {picture.width, picture.height}, 0, 0, cv::INTER_AREA);
   picture.grey.assign(reduced.begin<uint8_t>(), reduced.end<uint8_t>());
   return picture;
 }

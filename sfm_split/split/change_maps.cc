@@ -22,7 +22,6 @@ constexpr double kTukey = 4.685;
 constexpr float kLeastNoise = 1.0F;    // of 8-bit JPEGs [grey levels]
 constexpr float kMisplacedPx = 0.15F;  // by shake that was measured and pixels that were interpolated
 constexpr double kSaturated = 250;     // grey levels beyond it say nothing
-constexpr float kActiveSigmas = 4;     // root mean square over 3 x 3 pixels: by chance, one in a billion
 constexpr double kDensestShare = 0.3;  // of the photos: what is hidden in more has no still picture
 constexpr int kShadePx = 5;            // of a side: has texture where the still picture has
 constexpr double kActivePhotos = 0.1;  // share of a station's photos, and at least two: a hand shows in one
@@ -204,7 +203,7 @@ cv::Mat Shades(const cv::Mat& photo, const Still& still) {
   };
   const cv::Mat ab = mean(a.mul(b));
   const cv::Mat residual = mean(a.mul(a)) - ab.mul(ab) / mean(b.mul(b));
-  cv::Mat is_shade = residual < kActiveSigmas * kActiveSigmas * mean(still.variance);
+  cv::Mat is_shade = residual < ChangeMap::kChangedSigmas * ChangeMap::kChangedSigmas * mean(still.variance);
   is_shade &= 1;
   return is_shade;
 }
@@ -215,7 +214,8 @@ StationChanges Activity(const std::vector<cv::Mat>& deviations) {
   cv::Mat active(size, CV_8UC1);
   for (int k = 0; k < static_cast<int>(active.total()); ++k) {
     int count = 0;
-    for (const cv::Mat& deviation : deviations) count += deviation.ptr<float>()[k] > kActiveSigmas ? 1 : 0;
+    for (const cv::Mat& deviation : deviations)
+      count += deviation.ptr<float>()[k] > static_cast<float>(ChangeMap::kChangedSigmas) ? 1 : 0;
     active.ptr<uint8_t>()[k] = count >= needed ? 1 : 0;
   }
   const int radius = std::max(1, static_cast<int>(kCloseShare * std::max(size.width, size.height)));

@@ -11,6 +11,9 @@ namespace s2gs {
 struct ChangeMap {
   /// Deviations of one standard deviation of noise are this many grey levels; more than 15 are 255.
   static constexpr int kLevelsPerSigma = 16;
+  /// A pixel of more standard deviations has changed: over 3 x 3 pixels (root mean square), by chance one in
+  /// a billion.
+  static constexpr int kChangedSigmas = 4;
 
   int width = 0;  ///< of the picture [px].
   int height = 0;

@@ -161,6 +161,15 @@ bool Summit(const std::vector<double>& surface, int radius, double* correlation,
 
 }  // namespace
 
+GreyPicture PictureFor(const Eigen::Vector2i& photo_size) {
+  GreyPicture picture;
+  picture.photo_size = photo_size;
+  const double factor = std::min(1.0, static_cast<double>(kPictureSidePx) / photo_size.maxCoeff());
+  picture.width = std::max(1, static_cast<int>(std::lround(factor * photo_size.x())));
+  picture.height = std::max(1, static_cast<int>(std::lround(factor * photo_size.y())));
+  return picture;
+}
+
 PictureStandard::PictureStandard(const GreyPicture& picture, double max_shake_px, double min_share,
                                  int min_cells)
     : width_(picture.width),

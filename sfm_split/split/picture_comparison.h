@@ -24,6 +24,9 @@ struct GreyPicture {
 /// .03 px, which is less than a tenth of a pixel of a photo of 1280.
 constexpr int kPictureSidePx = 480;
 
+/// A picture of the size that a photo is reduced to, without its pixels.
+GreyPicture PictureFor(const Eigen::Vector2i& photo_size);
+
 /// What one tile of a picture does from there to another picture of the scene.
 struct TileMatch {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< [px of the picture, from its corner]

@@ -10,6 +10,7 @@
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/projection_jacobians.h"
+#include "tests/support/camera_towards_origin.h"
 
 namespace s2gs {
 namespace {
@@ -44,15 +45,8 @@ Camera TestCamera() {
 Rigid3 LookFrom(double azimuth_deg, double elevation_deg) {
   const double a = azimuth_deg * kDegree;
   const double e = elevation_deg * kDegree;
-  const Vector3d centre = 0.6 * Vector3d(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e));
-  const Vector3d z = -centre.normalized();
-  const Vector3d x = z.cross(Vector3d::UnitZ()).normalized();
-  Eigen::Matrix3d rotation;
-  rotation << x, z.cross(x), z;
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(rotation.transpose());
-  pose.translation = -(pose.rotation * centre);
-  return pose;
+  return CameraTowardsOrigin(0.6 *
+                             Vector3d(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e)));
 }
 
 // What falls on the plane, besides by gain and offset: the texture's contrast and the light's slopes.

@@ -9,6 +9,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/axis_turn.h"
+#include "tests/support/camera_towards_origin.h"
 
 namespace s2gs {
 namespace {
@@ -37,15 +38,7 @@ Camera TestCamera() {
 Rigid3 LookFrom(double azimuth_deg, double elevation_deg) {
   const double a = azimuth_deg * kDegree;
   const double e = elevation_deg * kDegree;
-  const Vector3d centre = 4 * Vector3d(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e));
-  const Vector3d z = -centre.normalized();
-  const Vector3d x = z.cross(Vector3d::UnitZ()).normalized();
-  Eigen::Matrix3d rotation;
-  rotation << x, z.cross(x), z;
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(rotation.transpose());
-  pose.translation = -(pose.rotation * centre);
-  return pose;
+  return CameraTowardsOrigin(4 * Vector3d(std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e)));
 }
 
 // Pixels whose rays meet a ball.
