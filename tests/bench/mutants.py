@@ -199,24 +199,41 @@ class OutOfTime(Exception):
     pass
 
 
-def run_tests(program, test_filter, folder, cpu_seconds, until, more=()):
-    """(exit code or None when it took too long, seconds, the test that failed or was under way at the end); in a folder of its own."""
+class Stopped(Exception):
+    """Another part of the same tests has failed."""
+
+
+def run_tests(program, test_filter, folder, cpu_seconds, until, more=(), stop=None):
+    """(exit code or None when it took too long, seconds, the test that failed or was under way at the end); in a folder of its own.
+
+    The event `stop` ends it: Stopped."""
     folder.mkdir(parents=True, exist_ok=True)
     # The shell's limits bound a test that computes; wall time bounds one that waits.
     command = ['/bin/bash', '-c', 'ulimit -c 0; ulimit -v $((16 << 20)); ulimit -t $0; exec "$@"', str(int(cpu_seconds) + 1),
                str(program), f'--gtest_filter={test_filter}', *more]
-    environment = {**os.environ, 'TMPDIR': str(folder), 'TEST_TMPDIR': str(folder), 'OMP_NUM_THREADS': '2'}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace',
-                               cwd=folder, env=environment, start_new_session=True)
+    # Threads that wait leave the core to other breaks.
+    environment = {**os.environ, 'TMPDIR': str(folder), 'TEST_TMPDIR': str(folder), 'OMP_NUM_THREADS': '2', 'OMP_WAIT_POLICY': 'passive'}
     began = time.monotonic()
+    log = folder / 'log'
+    end = began + max(1, min(6 * cpu_seconds + 30, until - began))
     try:
-        out = process.communicate(timeout=max(1, min(6 * cpu_seconds + 30, until - began)))[0]
-        code = process.returncode
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        out, code = process.communicate()[0], None
-        if time.monotonic() >= until:
-            raise OutOfTime from None
+        with log.open('wb') as to:
+            process = subprocess.Popen(command, stdout=to, stderr=subprocess.STDOUT, cwd=folder, env=environment, start_new_session=True)
+        code = None
+        while time.monotonic() < end and not (stop and stop.is_set()):
+            try:
+                code = process.wait(.5)
+                break
+            except subprocess.TimeoutExpired:
+                pass
+        else:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            if stop and stop.is_set():
+                raise Stopped
+            if time.monotonic() >= until:
+                raise OutOfTime
+        out = log.read_text(errors='replace')
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
@@ -260,12 +277,37 @@ class Unbroken:
             return self.tests[name, test]
 
 
-def killer(unbroken, name, program, suites, work, most, until):
+def killer(unbroken, name, program, suites, work, most, until, shards):
     """What ends the broken program, or None when all tests of these suites pass as unbroken ones do."""
+    stop, shards = threading.Event(), min(shards, len(suites))
+
+    def part(index):
+        found = killer_of_part(unbroken, name, program, suites[index::shards], work / f'run{index}', most, until, stop)
+        if found:
+            stop.set()
+        return found
+
+    found, errors = [], []
+    with concurrent.futures.ThreadPoolExecutor(shards) as pool:
+        for future in [pool.submit(part, i) for i in range(shards)]:
+            try:
+                found.append(future.result())
+            except Stopped:
+                pass
+            except (OutOfTime, RuntimeError) as error:
+                errors.append(error)
+    by = next((f for f in found if f), None)
+    if errors and not by:
+        raise errors[0]
+    return by
+
+
+def killer_of_part(unbroken, name, program, suites, folder, most, until, stop):
+    """What ends one part of the broken program's tests, or None when all of them pass as unbroken ones do."""
     left_out = []
     while True:
         test_filter = ':'.join(f'{s}.*:*/{s}.*:{s}/*' for s in suites) + ('-' + ':'.join(left_out) if left_out else '')
-        code, _, test = run_tests(program, test_filter, work / 'run', most, until, ['--gtest_fail_fast'])
+        code, _, test = run_tests(program, test_filter, folder, most, until, ['--gtest_fail_fast'], stop)
         if code == 0:
             return None
         if not test:
@@ -273,7 +315,7 @@ def killer(unbroken, name, program, suites, work, most, until):
         seconds = unbroken.seconds(name, test, most, until)
         if code is None and seconds is not None:
             # The bound is of all tests together: the one under way at its end is tried alone.
-            code, _, _ = run_tests(program, test, work / 'run', TIME_FACTOR * seconds + TIME_FLOOR, until)
+            code, _, _ = run_tests(program, test, folder, TIME_FACTOR * seconds + TIME_FLOOR, until, stop=stop)
             if code == 0:
                 raise RuntimeError(f'the tests of {name} take more than {most} s')
             return f'{test}: time' if code is None else test
@@ -341,7 +383,7 @@ def judge(tree, unbroken, cut, tests, args, work, until):
             if message:
                 return {'outcome': 'not judged', 'by': f'does not link: {message[:500]}', 'ran': ran}
             ran.append(name)
-            by = killer(unbroken, name, program, suites, work, args.test_seconds, until)
+            by = killer(unbroken, name, program, suites, work, args.test_seconds, until, args.shards)
             program.unlink()
             if by:
                 return {'outcome': 'killed', 'by': by, 'ran': ran}
@@ -410,6 +452,7 @@ def main():
     parser.add_argument('--file', nargs='+', help='only these sources')
     parser.add_argument('--stages', type=int, default=3, choices=(1, 2, 3), help='1: the tests of its own name, 2: of its folder, too, 3: all')
     parser.add_argument('--jobs', type=int, default=1, help='breaks at a time')
+    parser.add_argument('--shards', type=int, default=1, help='programs at a time that share the tests of one break')
     parser.add_argument('--seconds', type=float, default=1800, help='of one break at most')
     parser.add_argument('--test_seconds', type=float, default=900, help='CPU time of the tests of one program at most')
     parser.add_argument('--total_seconds', type=float, default=1e9, help='no break begins, and none goes on, after this')
@@ -442,6 +485,8 @@ def main():
         cuts = choose(args.root, files, args.module, args.seed, args.count)
     chosen = list(enumerate(cuts))[args.first:args.to]
     todo = [(i, cut) for i, cut in chosen if (cut[0], cut[1], cut[3].strip(), cut[4].strip()) not in done]
+    # Those that most tests cover begin, so that none of them is under way alone at the end.
+    todo.sort(key=lambda t: -sum(len(suites) for stage in stages_of_tests(t[1][0], tests) for suites in stage.values()))
     unbroken = Unbroken(tree, args.work.resolve())
     with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
         for future in concurrent.futures.as_completed([pool.submit(try_break, tree, unbroken, i, cut, tests, args) for i, cut in todo]):

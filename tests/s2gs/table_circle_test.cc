@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "s2gs/core/rng.h"
-#include "s2gs/opaque_region.h"
+#include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/angles.h"
 #include "tests/support/view_from_above.h"
 

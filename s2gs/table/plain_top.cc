@@ -1,4 +1,4 @@
-#include "s2gs/plain_top.h"
+#include "s2gs/table/plain_top.h"
 
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
@@ -10,7 +10,7 @@
 
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/image/srgb.h"
-#include "s2gs/opaque_region.h"
+#include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {

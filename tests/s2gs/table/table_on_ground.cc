@@ -1,4 +1,4 @@
-#include "tests/s2gs/table_on_ground.h"
+#include "tests/s2gs/table/table_on_ground.h"
 
 #include <Eigen/Geometry>
 #include <cmath>

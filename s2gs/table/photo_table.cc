@@ -1,4 +1,4 @@
-#include "s2gs/photo_table.h"
+#include "s2gs/table/photo_table.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,8 +10,8 @@
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/kernel/foreground.h"
-#include "s2gs/opaque_region.h"
 #include "s2gs/rotating_mask.h"
+#include "s2gs/table/opaque_region.h"
 #include "s2gs/table_circle.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"

@@ -1,4 +1,4 @@
-#include "s2gs/textured_top.h"
+#include "s2gs/table/textured_top.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "s2gs/core/rng.h"
-#include "s2gs/opaque_region.h"
-#include "tests/s2gs/table_on_ground.h"
+#include "s2gs/table/opaque_region.h"
+#include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {
 namespace {

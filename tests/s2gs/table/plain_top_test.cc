@@ -1,4 +1,4 @@
-#include "s2gs/plain_top.h"
+#include "s2gs/table/plain_top.h"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "s2gs/table_circle.h"
-#include "tests/s2gs/table_on_ground.h"
+#include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {
 namespace {

@@ -8,7 +8,7 @@
 #include "s2gs/core/pinhole_view.h"
 #include "s2gs/core/rotating_region.h"
 #include "s2gs/image/image_file.h"
-#include "s2gs/photo_table.h"
+#include "s2gs/table/photo_table.h"
 
 namespace s2gs {
 

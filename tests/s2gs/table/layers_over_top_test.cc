@@ -1,4 +1,4 @@
-#include "s2gs/layers_over_top.h"
+#include "s2gs/table/layers_over_top.h"
 
 #include <gtest/gtest.h>
 
@@ -11,7 +11,7 @@
 
 #include "s2gs/core/rng.h"
 #include "s2gs/table_circle.h"
-#include "tests/s2gs/table_on_ground.h"
+#include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {
 namespace {

@@ -1,4 +1,4 @@
-#include "s2gs/textured_top.h"
+#include "s2gs/table/textured_top.h"
 
 #include <algorithm>
 #include <array>
@@ -8,7 +8,7 @@
 
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
-#include "s2gs/opaque_region.h"
+#include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {

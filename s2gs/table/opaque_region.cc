@@ -1,4 +1,4 @@
-#include "s2gs/opaque_region.h"
+#include "s2gs/table/opaque_region.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

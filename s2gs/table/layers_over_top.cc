@@ -1,4 +1,4 @@
-#include "s2gs/layers_over_top.h"
+#include "s2gs/table/layers_over_top.h"
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "s2gs/kernel/foreground.h"
-#include "s2gs/opaque_region.h"
+#include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {

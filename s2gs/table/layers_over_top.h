@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "s2gs/backend/backend.h"
-#include "s2gs/photo_table.h"
-#include "s2gs/plain_top.h"
+#include "s2gs/table/photo_table.h"
+#include "s2gs/table/plain_top.h"
 
 namespace s2gs {
 

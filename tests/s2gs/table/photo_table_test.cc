@@ -1,4 +1,4 @@
-#include "s2gs/photo_table.h"
+#include "s2gs/table/photo_table.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "sfm_split/base/angles.h"
-#include "tests/s2gs/table_on_ground.h"
+#include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {
 namespace {
