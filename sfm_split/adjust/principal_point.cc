@@ -21,10 +21,12 @@ constexpr double kCutSigma = 0.1;
 constexpr double kOddsAgainst = 20;
 
 constexpr int kLookIterations = 6;  // of looking whether anything is to be gained
+// Longer sides: about kCutSigma, so that a quarter cut off lies by one of nine starts.
 constexpr double kStartStep = 0.12;
-constexpr int kStartObservations = 6000;
-constexpr int kStartIterations = 15;
-constexpr double kStartLossPx = 4;  // poses are turned to each start by their pinholes alone
+constexpr int kStartObservations = 6000;  // a choice of seconds: all cost minutes; starts are only told apart
+constexpr int kStartIterations = 15;      // of each loss; likewise
+constexpr double kStartLossPx = 4;        // poses are turned to each start by their pinholes alone
+// Of the cost, relative: rough, as only costs that differ by much decide.
 constexpr double kStartTolerance = 1e-5;
 
 double LongerSide(const Camera& camera) { return static_cast<double>(std::max(camera.width, camera.height)); }

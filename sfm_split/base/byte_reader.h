@@ -64,6 +64,7 @@ class ByteReader {
 
  private:
   template <typename T>
+  // Every pattern of its bytes is a value.
   static constexpr bool kIsReadable = std::is_arithmetic_v<T> && !std::is_same_v<T, bool>;
 
   std::istream& stream_;

@@ -24,9 +24,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kTemporaryMark[] = ".s2gs-tmp-";
-constexpr size_t kMaxNameBytes = 255;     // of one path component, on every common file system
-constexpr size_t kBufferBytes = 1 << 18;  // a write for each: large beside the cost of a call
+constexpr char kTemporaryMark[] = ".s2gs-tmp-";  // after a dot and the file's name
+constexpr size_t kMaxNameBytes = 255;            // of one path component, on every common file system
+constexpr size_t kBufferBytes = 1 << 18;         // a write for each: large beside the cost of a call
 
 [[noreturn]] void ThrowSystemError(const fs::path& path, const std::string& problem, int error) {
   std::string remedy = "Check that the folder exists and that you may write there";

@@ -4,6 +4,6 @@
 
 namespace s2gs {
 
-inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();  // what no minimum stays at
 
 }  // namespace s2gs

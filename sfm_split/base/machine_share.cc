@@ -92,6 +92,7 @@ std::optional<uint64_t> ControlGroupMemoryBytes(const ControlGroupFiles& files) 
     const char* used;
     const char* droppable;
   };
+  // Control groups 2 and 1: the kernel names the same four things differently.
   constexpr Version kVersions[] = {
       {"", "memory.max", "memory.current", "inactive_file"},
       {"memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"}};

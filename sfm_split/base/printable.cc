@@ -12,6 +12,7 @@ struct Utf8Form {
   uint8_t value;
   char32_t smallest;
 };
+// By how many bytes follow the first.
 constexpr std::array<Utf8Form, 4> kForms = {
     {{0x80, 0x00, 0x0}, {0xE0, 0xC0, 0x80}, {0xF0, 0xE0, 0x800}, {0xF8, 0xF0, 0x10000}}};
 constexpr char32_t kLargest = 0x10FFFF;  // of Unicode
@@ -41,7 +42,7 @@ std::optional<Utf8Character> FirstCharacter(std::string_view text) {
 bool IsControl(char32_t code) { return code < 0x20 || (code >= 0x7F && code <= 0x9F); }
 
 std::string Printable(std::string_view text) {
-  constexpr char kDigits[] = "0123456789abcdef";
+  constexpr char kDigits[] = "0123456789abcdef";  // of a byte that is no character
   std::string shown;
   shown.reserve(text.size());
   while (!text.empty()) {

@@ -28,7 +28,7 @@ Eigen::Matrix<T, 3, 3> CrossMatrix(const Eigen::Matrix<T, 3, 1>& v) {
 
 namespace rotation_internal {
 
-constexpr double kSeriesBelowSquaredAngle = 1e-2;
+constexpr double kSeriesBelowSquaredAngle = 1e-2;  // [rad^2] below, the first term left out is under 1e-16
 
 /// sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3 as functions of t^2.
 template <typename T>

@@ -7,7 +7,7 @@
 namespace s2gs {
 namespace {
 
-constexpr std::string_view kSpaces = " \t\r";
+constexpr std::string_view kSpaces = " \t\r";  // between words; \r where lines end as on Windows
 
 // What a message can show of a word from a damaged file.
 std::string Printable(std::string_view word) {

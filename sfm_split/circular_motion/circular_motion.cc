@@ -38,10 +38,11 @@ constexpr double kOneStep = 0.15;              // between steps, as a share: hal
 constexpr double kBelowTable =
     5 * kPi / 180;                // standard deviation of how far a camera stands below the table
 constexpr double kUpright = 0.9;  // of photos, as they are stored; either side has half the next
+// Both sides together: with the two others a judgement, as no photo should be ruled out.
 constexpr double kOnTheSide = 0.045;
-constexpr double kOnTheHead = 0.01;
-constexpr double kCoarseNoise = 2;  // times the noise, while everything is far off
-constexpr double kCertain = 8;      // e^-8: what is believed against chance
+constexpr double kOnTheHead = 0.01;  // a judgement, likewise
+constexpr double kCoarseNoise = 2;   // times the noise, while everything is far off
+constexpr double kCertain = 8;       // e^-8: what is believed against chance
 
 struct Start {
   double log_posterior = 0;  // less what the Bayesian information criterion charges for free angles

@@ -6,9 +6,9 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxIterations = 200;  // of expectation and maximisation
-constexpr double kSqrt2 = 1.41421356237309505;
-constexpr double kSqrtPi = 1.77245385090551603;
+constexpr int kMaxIterations = 200;              // of expectation and maximisation
+constexpr double kSqrt2 = 1.41421356237309505;   // of the error function's argument
+constexpr double kSqrtPi = 1.77245385090551603;  // of the normal density
 
 }  // namespace
 

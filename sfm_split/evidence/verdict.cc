@@ -88,6 +88,7 @@ class Judge {
     bool is_of_poses = true;  // not only of photos without one
   };
 
+  // Advice.
   static constexpr const char* kSmallerSteps =
       "smaller steps, so that the same details show in photos next to each other";
   static constexpr const char* kTexture =

@@ -13,9 +13,9 @@ namespace s2gs {
 // product of bytes, 128 * 255^2, leaves the key below 2^31.
 inline constexpr int kKeyIndexBits = 8;
 inline constexpr int kKeyIndexMask = (1 << kKeyIndexBits) - 1;
-inline constexpr int kRowsPerBlock = 240;  // a multiple of every kernel's tile height
-inline constexpr int kColumnsPerBlock = 256;
-inline constexpr int kGroupsPerBlock = kColumnsPerBlock / PackedDescriptors::kGroupSize;
+inline constexpr int kRowsPerBlock = 240;     // a multiple of every kernel's tile height
+inline constexpr int kColumnsPerBlock = 256;  // as many as the bits of a key's index tell apart
+inline constexpr int kGroupsPerBlock = kColumnsPerBlock / PackedDescriptors::kGroupSize;  // 16
 
 static_assert(kRowsPerBlock <= 1 << kKeyIndexBits && kColumnsPerBlock <= 1 << kKeyIndexBits);
 static_assert((int64_t{kDescriptorSize} * 255 * 255 << kKeyIndexBits) + kKeyIndexMask <= INT32_MAX);

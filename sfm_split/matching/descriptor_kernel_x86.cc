@@ -23,11 +23,11 @@ namespace s2gs {
 namespace {
 
 constexpr int kSteps = kDescriptorSize / 4;  // four bytes a step
-constexpr int kRowBytes = kDescriptorSize;
+constexpr int kRowBytes = kDescriptorSize;   // one byte a value
 
 // --- AVX2: tiles of 6 rows x 16 columns, two registers of 8 columns a row ----------------------------------
 
-constexpr int kRows2 = 6;
+constexpr int kRows2 = 6;  // 12 of 16 registers hold sums
 static_assert(kRowsPerBlock % kRows2 == 0);
 
 struct Tile2 {
@@ -65,8 +65,8 @@ S2GS_AVX2 S2GS_INLINE void StepNarrow(const uint8_t* rows, const uint8_t* group,
 // unsigned; taking 2^15 off makes them signed for the widening multiply-add, which also scales by 256.
 template <bool kRowsSigned>
 S2GS_AVX2 S2GS_INLINE void DotsNarrow(const uint8_t* rows, const uint8_t* group, Tile2* tile) {
-  constexpr int kStepsPerChunk = 8;
-  constexpr int kChunks = kSteps / kStepsPerChunk;
+  constexpr int kStepsPerChunk = 8;                 // so many steps' sums fit 16 bits
+  constexpr int kChunks = kSteps / kStepsPerChunk;  // 4
   const __m256i sign = _mm256_set1_epi16(INT16_MIN);
   const __m256i scale = _mm256_set1_epi16(1 << kKeyIndexBits);
   const __m256i bias = _mm256_set1_epi32(kChunks * 2 * (1 << 15) << kKeyIndexBits);
@@ -177,7 +177,7 @@ S2GS_AVX2 void MatchBlock2(const RowBlock& rows, const PackedDescriptors::Group*
 // --- AVX-512 VNNI: tiles of 8 rows x 32 columns, one register of 16 columns a row and group
 // ------------------
 
-constexpr int kRows5 = 8;
+constexpr int kRows5 = 8;  // 16 of 32 registers hold sums
 static_assert(kRowsPerBlock % kRows5 == 0);
 
 S2GS_AVX512 S2GS_INLINE void Insert(__m512i key, __m512i* best, __m512i* second) {

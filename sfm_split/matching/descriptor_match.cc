@@ -13,8 +13,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kGroupSize = PackedDescriptors::kGroupSize;
-constexpr int kGroupsPerChunk = kRowsPerBlock / kGroupSize;
+constexpr int kGroupSize = PackedDescriptors::kGroupSize;    // descriptors
+constexpr int kGroupsPerChunk = kRowsPerBlock / kGroupSize;  // what one block of rows takes
 static_assert(kRowsPerBlock % kGroupSize == 0);
 
 struct TopTwo {
@@ -73,7 +73,7 @@ MatchInstructions Fastest() {
 
 // In single precision, as COLMAP computes it: the ratio test then rounds alike.
 float Distance(int32_t dot) {
-  constexpr float kInverseSquaredNorm = 1.0F / (512.0F * 512.0F);
+  constexpr float kInverseSquaredNorm = 1.0F / (512.0F * 512.0F);  // COLMAP stores unit vectors times 512
   return std::acos(std::min(kInverseSquaredNorm * static_cast<float>(dot), 1.0F));
 }
 

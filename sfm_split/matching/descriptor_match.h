@@ -40,7 +40,7 @@ bool MatchInstructionsAvailable(MatchInstructions instructions);
 /// image once and match it against many.
 class PackedDescriptors {
  public:
-  static constexpr int kGroupSize = 16;
+  static constexpr int kGroupSize = 16;  // 32-bit lanes of a register of AVX-512
   struct alignas(64) Group {
     uint8_t bytes[kDescriptorSize / 4][kGroupSize][4];
   };
@@ -70,7 +70,7 @@ class PackedDescriptors {
   /// Per slot: the sum of the descriptor's bytes.
   const std::vector<int32_t>& slot_sum() const { return slot_sum_; }
 
-  static constexpr uint32_t kPadding = UINT32_MAX;
+  static constexpr uint32_t kPadding = UINT32_MAX;  ///< of slot_index(): no row of the array
 
  private:
   void Pack(const uint8_t* descriptors, const uint32_t* subset, size_t num);

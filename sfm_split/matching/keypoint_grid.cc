@@ -6,7 +6,7 @@
 namespace s2gs {
 namespace {
 
-constexpr float kMaxCellsPerKeypoint = 64;
+constexpr float kMaxCellsPerKeypoint = 64;  // memory: 256 bytes a keypoint; larger cells only take longer
 
 }  // namespace
 

@@ -19,11 +19,11 @@ constexpr double kSigmas = 4;  // of the noise of a difference of Gaussians
 // Of white noise of one grey level in the differences of Gaussians of the finest layer of a doubled photo.
 constexpr double kNoiseOfDifference = 0.15;
 constexpr double kColmapContrast = 0.02;  // below it, COLMAP has left features out
-constexpr double kEdgeThreshold = 10;
+constexpr double kEdgeThreshold = 10;     // ratio of curvatures, as Lowe 2004 and COLMAP have it
 constexpr float kDoublingPx =
     0.25F;  // OpenCV enlarges pixels about their centres, its keypoints about a corner
-constexpr float kSamePlacePx = 1.5F;
-constexpr float kSameScale = 1.5F;
+constexpr float kSamePlacePx = 1.5F;  // a judgement: a keypoint found twice lies within a pixel or so
+constexpr float kSameScale = 1.5F;    // ratio; a judgement: layers of an octave are 1.26 apart
 
 // COLMAP's normalisation: the roots of each value's share of the sum (Arandjelovic and Zisserman 2012).
 void AppendRoots(const float* descriptor, std::vector<uint8_t>* out) {

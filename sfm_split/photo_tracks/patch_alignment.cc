@@ -20,10 +20,10 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using MatrixX6d = Eigen::Matrix<double, Eigen::Dynamic, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-constexpr double kSettledPx = 0.002;
-constexpr int kNormalRounds = 8;
+constexpr double kSettledPx = 0.002;   // a judgement: far below what a patch errs by
+constexpr int kNormalRounds = 8;       // at most
 constexpr double kSettledTilt = 0.01;  // rise over run: .07 px at the rim of a patch of 7 px
-constexpr int kMeanRounds = 2;
+constexpr int kMeanRounds = 2;  // each moves what the others' mean is made of: a second one corrects for that
 constexpr double kMaxTilt = 0.5;           // of one step of the normal
 constexpr double kLeastCorrelation = 0.5;  // while the normal is not known
 constexpr double kLeastFacing = 0.2;       // cosine between normal and ray

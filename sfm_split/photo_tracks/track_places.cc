@@ -19,9 +19,9 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr int kMostPhotos = 8;  // in memory at a time
-constexpr double kSplineMarginPx = 5;
-constexpr double kLeastFacing = 0.3;  // cosine between a first normal and the middle view
+constexpr int kMostPhotos = 8;         // in memory at a time
+constexpr double kSplineMarginPx = 5;  // a cubic spline's border fades by .27 a pixel: .001 is left
+constexpr double kLeastFacing = 0.3;   // cosine between a first normal and the middle view
 
 struct Observation {
   const ColmapImage* image = nullptr;

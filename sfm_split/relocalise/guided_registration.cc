@@ -24,13 +24,14 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// A judgement: several coarsest steps, less than tables are turned by.
 constexpr double kDistinctAngles = 5 * kDegree;
 constexpr double kSquaredNorm = 512.0 * 512.0;  // of a descriptor, about
 constexpr double kCoarsestStep = 1 * kDegree;   // of the sweep
-constexpr double kFinestStep = 0.1 * kDegree;
-constexpr double kMovePx = 1;        // of an object's point from one angle of the sweep to the next
-constexpr double kDotsAtOnce = 2e6;  // keypoints x looks
-constexpr int kMinCommonStations = 3;
+constexpr double kFinestStep = 0.1 * kDegree;   // 3,600 angles at most
+constexpr double kMovePx = 1;          // of an object's point from one angle of the sweep to the next
+constexpr double kDotsAtOnce = 2e6;    // keypoints x looks
+constexpr int kMinCommonStations = 3;  // that a similarity of two reconstructions needs
 // Of the camera's distance: cameras of two reconstructions that lie farther apart do not fit each other.
 constexpr double kMaxMisfit = 0.02;
 

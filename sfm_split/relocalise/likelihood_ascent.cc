@@ -18,9 +18,9 @@ constexpr size_t kSearchMatches = 6000;  // of the search
 constexpr size_t kSearchDecided = 3;     // of the places found, by all matches
 constexpr size_t kMostSweeps = 3;        // over the stations
 constexpr int kWideSteps = 4;            // at each noise that is wider than it is
-constexpr int kSearchSteps = 12;
-constexpr int kNoiseRounds = 4;
-constexpr double kSettled = 0.01;  // of a logarithm of a likelihood
+constexpr int kSearchSteps = 12;         // a judgement: enough to rank places, all that are taken go on
+constexpr int kNoiseRounds = 4;          // a judgement: noise and state by turns
+constexpr double kSettled = 0.01;        // of a logarithm of a likelihood
 
 // Climbs with all matches from the likeliest of some places, to which the present one belongs. Empties them.
 void TakeLikeliest(const AscentNoise& noise, Reporter& reporter, MatchAscent* ascent,

@@ -21,17 +21,17 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr size_t kTops = 3;            // of the turns of one station
-constexpr size_t kMaxMatches = 30000;  // that count; of more pairs, an even choice
-constexpr int kNoiseRounds = 4;
+constexpr size_t kTops = 3;             // of the turns of one station
+constexpr size_t kMaxMatches = 30000;   // that count; of more pairs, an even choice
+constexpr int kNoiseRounds = 4;         // at most; noise and places by turns
 constexpr double kNoiseSettled = 0.01;  // of itself
 constexpr int kMaxSteps = 40;           // at one noise
 constexpr double kSettled = 0.01;       // of a logarithm of a likelihood
-constexpr double kRounding = 1e-9;
-constexpr double kFirstDamping = 1e-3;
-constexpr double kLeastDamping = 1e-9;
-constexpr double kMostDamping = 1e6;
-constexpr double kUntold = 1e-6;  // of the largest curvature: what is so flat stays
+constexpr double kRounding = 1e-9;      // of unit vectors and poses of one camera
+constexpr double kFirstDamping = 1e-3;  // Levenberg-Marquardt's usual: of the diagonal
+constexpr double kLeastDamping = 1e-9;  // beside it the diagonal is what it was, to rounding
+constexpr double kMostDamping = 1e6;    // steps are too short then to gain what kSettled asks for
+constexpr double kUntold = 1e-6;        // of the largest curvature: what is so flat stays
 
 // How far before a camera its optical axis is nearest to the table's.
 double DepthOfAxis(const Rigid3& cam_from_world, const TurntableAxis& axis) {

@@ -13,8 +13,8 @@
 namespace s2gs {
 namespace {
 
-constexpr double kFirstSigmaPx = 1;
-constexpr int kRounds = 8;
+constexpr double kFirstSigmaPx = 1;  // about what keypoints are good to; the rounds correct it
+constexpr int kRounds = 8;           // at most; settled to a hundredth
 
 struct Error {
   double px = 0;

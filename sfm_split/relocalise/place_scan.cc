@@ -31,10 +31,10 @@ namespace {
 constexpr double kCertain = 8;              // e^8 to one
 constexpr double kCertainDeviations = 3.4;  // of a normal distribution: chance goes beyond once in e^8
 constexpr double kAgreeingSigmas = 4;       // of an epipolar error
-constexpr double kLeastAgreeingPx = 1.5;
-constexpr size_t kMostCircles = 2;  // whose stations are moved to where they are likeliest
-constexpr double kHalfAStep = 0.5;  // a turn that closes and one that does not differ by more
-constexpr double kRisk = 0.01;      // that chance takes a photo off its place among equal steps
+constexpr double kLeastAgreeingPx = 1.5;    // a judgement: where the noise is told too small
+constexpr size_t kMostCircles = 2;          // whose stations are moved to where they are likeliest
+constexpr double kHalfAStep = 0.5;          // a turn that closes and one that does not differ by more
+constexpr double kRisk = 0.01;              // that chance takes a photo off its place among equal steps
 
 // Half the logarithm of the matches for each unknown of the poses.
 double Charge(const ScanCandidate& candidate, double inliers) {

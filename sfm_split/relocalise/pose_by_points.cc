@@ -10,8 +10,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kSamples = 5000;  // at most
-constexpr double kConfidence = 0.9999;
+constexpr int kSamples = 5000;          // at most
+constexpr double kConfidence = 0.9999;  // that one of the samples is without a wrong point
 
 // Root mean square of the distances from the mean.
 template <class Vector>

@@ -25,8 +25,10 @@ namespace s2gs {
 namespace {
 
 constexpr double kMaxFocalChange = 1.4;  // of one adjustment; more: it is not observable
+// A judgement: photos of one station, which shook by less than a touched tripod.
 constexpr float kMaxShakePx = 8;
-constexpr float kMaxUnmovedPx = 1.5F;
+constexpr float kMaxUnmovedPx = 1.5F;  // as StationOptions has it
+// A judgement: an image with fewer keeps every point; 160 errors for six numbers.
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;     // below, keypoints are dropped that are only badly localised
 constexpr double kErrorSigmas = 5;      // of a coordinate

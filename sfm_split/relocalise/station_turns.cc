@@ -15,13 +15,13 @@
 namespace s2gs {
 namespace {
 
-constexpr AscentNoise kFirstNoise = {1, 1};
-constexpr int kNoiseRounds = 4;
-constexpr int kMaxSteps = 40;            // of a climb
-constexpr size_t kLeastOfStation = 4;    // photos that are a turn
-constexpr size_t kSearchMatches = 6000;  // that find other turns; all decide
-constexpr double kSearchStep = 1;        // of the noise, as the object's points move
-constexpr double kCertain = 8;           // e^8 to one
+constexpr AscentNoise kFirstNoise = {1, 1};  // [px] object, background; the rounds correct it
+constexpr int kNoiseRounds = 4;              // a judgement: noise and state by turns
+constexpr int kMaxSteps = 40;                // of a climb
+constexpr size_t kLeastOfStation = 4;        // photos that are a turn
+constexpr size_t kSearchMatches = 6000;      // that find other turns; all decide
+constexpr double kSearchStep = 1;            // of the noise, as the object's points move
+constexpr double kCertain = 8;               // e^8 to one
 // What is asked of a table angle; the others lead there.
 constexpr std::array<double, 3> kTurnsDeg = {0.25, 0.5, 1};
 

@@ -15,7 +15,7 @@ namespace s2gs {
 namespace {
 
 constexpr double kAgreeingPx = 1.5;  // five times what keypoints are good to
-constexpr int kRounds = 60;
+constexpr int kRounds = 60;          // of expectation and maximisation
 
 // A match between stations, with its errors if it is the object's and if it stands still.
 struct Between {

@@ -9,8 +9,8 @@
 namespace s2gs {
 namespace {
 
-constexpr int kHeights = 400;  // that are tried first, over the range of the cameras' distances
-constexpr int kSteps = 30;
+constexpr int kHeights = 400;         // that are tried first, over the range of the cameras' distances
+constexpr int kSteps = 30;            // at most, of Gauss-Newton
 constexpr double kConverged = 1e-12;  // of the radius
 // A radius that is less sure than this says nothing of the scale.
 constexpr double kMaxSigmaRel = 0.1;

@@ -13,7 +13,7 @@ namespace {
 // Sub-pixel corners of a marker that moved with its body are good to a few tenths of a pixel; in a photo of
 // four thousand columns, blurred or at a slant, to several.
 constexpr double kMaxErrorShare = 1.0 / 400;  // of the photo's longer side
-constexpr double kLeastMaxErrorPx = 2;
+constexpr double kLeastMaxErrorPx = 2;        // a judgement: where photos are small
 
 // Ink spreads: an edge of what is printed is where it should be to a dot of 600 to the inch. All markers of
 // a sheet are alike in that, on both sides.

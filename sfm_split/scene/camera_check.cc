@@ -8,6 +8,7 @@
 namespace s2gs {
 
 std::optional<std::string> FindCameraFault(const Camera& camera) {
+  // Of the longer side: a field of view of .006 degrees; a typing error, not a lens.
   constexpr double kMaxRatio = 1e4;
   const CameraModelInfo& info = InfoOf(camera.model);
   if (camera.params.size() != info.NumParams()) {

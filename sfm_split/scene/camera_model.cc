@@ -10,6 +10,7 @@ namespace {
 
 using Id = CameraModelId;
 
+// In the order of COLMAP's ids.
 constexpr std::array<CameraModelInfo, 18> kModels = {{
     {Id::kSimplePinhole, "SIMPLE_PINHOLE", "f, cx, cy", 1, 2, 0, true},
     {Id::kPinhole, "PINHOLE", "fx, fy, cx, cy", 2, 2, 0, true},

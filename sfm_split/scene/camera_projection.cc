@@ -12,7 +12,7 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxDegree = 6;
+constexpr int kMaxDegree = 6;  // in the squared radius: a cubic numerator times a cubic denominator
 using Coefficients = std::array<double, kMaxDegree + 1>;
 
 double Evaluate(const Coefficients& polynomial, double s) {
@@ -47,6 +47,7 @@ bool BernsteinIsPositive(const Coefficients& bernstein, int depth) {
 
 // Whether sum_i polynomial[i] * s^i is positive for every s in [0, end].
 bool IsPositiveUpTo(const Coefficients& polynomial, double end) {
+  // Row n: n over j.
   constexpr double kBinomial[kMaxDegree + 1][kMaxDegree + 1] = {
       {1, 0, 0, 0, 0, 0, 0}, {1, 1, 0, 0, 0, 0, 0},   {1, 2, 1, 0, 0, 0, 0},    {1, 3, 3, 1, 0, 0, 0},
       {1, 4, 6, 4, 1, 0, 0}, {1, 5, 10, 10, 5, 1, 0}, {1, 6, 15, 20, 15, 6, 1},

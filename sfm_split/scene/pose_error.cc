@@ -17,7 +17,7 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kDegreesPerRadian = 180 / kPi;
+constexpr double kDegreesPerRadian = 180 / kPi;  // errors are told in degrees
 
 // Below this ratio of the second to the first principal extent, errors of a ten-thousandth of the extent,
 // which is what good SfM leaves, would decide about the rotation around the line.

@@ -21,7 +21,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr uint64_t kMaxFileBytes = uint64_t{1} << 28;
+constexpr uint64_t kMaxFileBytes = uint64_t{1} << 28;  // some 100,000 images
+// Of every fault.
 constexpr const char* kRemedy =
     "The file must describe a data set with ground truth: check that it is gt/scene.json";
 

@@ -17,8 +17,8 @@ constexpr int kGapPx = 7;    // of an outline that is closed: where both sides a
 constexpr int kSpeckPx = 3;  // side of what is no change of its own
 constexpr int kSeamPx = 7;   // a shadow's border, which a patch of 5 x 5 pixels lies across, is thinner
 constexpr double kOftenChanged = 0.25;  // of the photos: what passes by shows in fewer
-constexpr float kRimFromPx = 0.5F;
-constexpr float kRimToPx = 1.5F;
+constexpr float kRimFromPx = 0.5F;      // nearer is inside
+constexpr float kRimToPx = 1.5F;        // one pixel wide
 
 cv::Mat Square(int side) { return cv::Mat::ones(side, side, CV_8UC1); }
 

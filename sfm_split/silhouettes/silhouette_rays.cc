@@ -14,10 +14,11 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kReachShare = 0.98;  // of the outlines' rays pass the axis nearer than the thing reaches
+// A judgement: the last fiftieth of the rays reach a fifth farther at most.
 constexpr double kReachMargin = 1.2;
-constexpr double kDepthStepPx = 1;
-constexpr int kFewestDepths = 8;
-constexpr int kMostDepths = 256;
+constexpr double kDepthStepPx = 1;  // [px] that a place moves in a picture from the side
+constexpr int kFewestDepths = 8;    // a judgement: of a thing that is small in the picture
+constexpr int kMostDepths = 256;    // a judgement: bounds the time
 
 struct AxisRay {
   Vector3d origin;

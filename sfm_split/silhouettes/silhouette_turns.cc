@@ -14,13 +14,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr float kOwnSquared = 1;     // [px^2] that outlines err by themselves
-constexpr int kTurns = 180;          // of a search
-constexpr size_t kSearchStride = 4;  // by one ray of so many
-constexpr int kFineReach = 10;       // turns to either side of the best that are looked at closely
-constexpr int kFineTurns = 2 * kFineReach + 1;
-constexpr double kFineDeg = 0.2;
-constexpr size_t kBlocksOfStation = 8;  // of neighbouring photos, whose errors are alike
+constexpr float kOwnSquared = 1;                // [px^2] that outlines err by themselves
+constexpr int kTurns = 180;                     // of a search
+constexpr size_t kSearchStride = 4;             // by one ray of so many
+constexpr int kFineReach = 10;                  // turns to either side of the best that are looked at closely
+constexpr int kFineTurns = 2 * kFineReach + 1;  // with the best itself
+constexpr double kFineDeg = 0.2;                // a tenth of a turn of the search; a parabola tells it finer
+constexpr size_t kBlocksOfStation = 8;          // of neighbouring photos, whose errors are alike
 // Chance goes beyond once in e^8 times: Student's t with 15 degrees of freedom.
 constexpr double kCertainT = 4.24;
 
@@ -161,7 +161,7 @@ SilhouetteTurn FindSilhouetteTurn(const std::vector<SilhouetteView>& first,
   if (first.size() < kBlocksOfStation || second.size() < kBlocksOfStation) return result;
   const Contradiction contradiction(first, second, axis);
   if (contradiction.num_rays() == 0) return result;
-  constexpr size_t kAll = SIZE_MAX;
+  constexpr size_t kAll = SIZE_MAX;  // no block is left out
   std::vector<std::vector<double>> sums(kTurns);
   ParallelFor(kTurns, 0, [&](int64_t k) {
     sums[static_cast<size_t>(k)] = contradiction.At(2 * kPi * static_cast<double>(k) / kTurns, kSearchStride);

@@ -77,7 +77,7 @@ std::vector<VerifiedPair> FindMotions(const SplitMatching& matching, const Image
 
 std::vector<VerifiedPair> FindAllMotions(const std::vector<ImagePairMatches>& matched, int max_motions,
                                          SplitMatching* matching) {
-  constexpr size_t kBlock = 64;
+  constexpr size_t kBlock = 64;  // pairs between two looks at whether to stop
   std::vector<VerifiedPair> motions;
   std::vector<std::vector<VerifiedPair>> found(kBlock);
   for (size_t begin = 0; begin < matched.size(); begin += kBlock) {

@@ -51,7 +51,7 @@ Stations FindStationsOfPhotos(const ScanPictures* pictures, SplitMatching* match
   const PackedImages largest = matching->PackLargest(kCoarseFeatures, [](int, uint32_t) { return true; });
   std::vector<ImagePairMatches> candidates;
   *similarity = SimilarityMatrix::Zero(num, num);
-  constexpr size_t kBlock = 1024;
+  constexpr size_t kBlock = 1024;  // pairs between two looks at whether to stop
   std::vector<ImagePair> pairs;
   std::vector<DescriptorMatcher::Job> jobs;
   std::vector<FeatureMatches> matches;

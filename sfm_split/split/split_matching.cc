@@ -91,7 +91,7 @@ std::vector<ImagePairMatches> SplitMatching::TakeGiven(const std::vector<ImagePa
 
 std::vector<ImagePairMatches> SplitMatching::Match(const std::vector<ImagePair>& pairs,
                                                    const PackedImages& packed, const char* task) {
-  constexpr size_t kBlock = 32;
+  constexpr size_t kBlock = 32;  // pairs between two looks at whether to stop
   for (const auto& [i, j] : pairs) matched_.insert({std::min(i, j), std::max(i, j)});
   if (!given_.empty()) return TakeGiven(pairs, packed);
   std::vector<ImagePairMatches> result;
@@ -140,7 +140,7 @@ VerifiedPair SplitMatching::Verify(const ImagePairMatches& pair, const std::vect
 std::vector<VerifiedPair> SplitMatching::VerifyAll(const std::vector<ImagePairMatches>& pairs,
                                                    const std::vector<std::vector<int>>* subsets,
                                                    const char* task) {
-  constexpr size_t kBlock = 64;
+  constexpr size_t kBlock = 64;  // pairs between two looks at whether to stop
   std::vector<VerifiedPair> verified(pairs.size());
   for (size_t begin = 0; begin < pairs.size(); begin += kBlock) {
     if (reporter_.StopRequested()) throw Interrupted();

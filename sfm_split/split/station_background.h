@@ -19,7 +19,7 @@ struct StationBackground {
   /// Per photo of the station, in its order, and per keypoint: the feature that it shows, or kNoFeature.
   std::vector<std::vector<uint32_t>> feature_of_keypoint;
 
-  static constexpr uint32_t kNoFeature = UINT32_MAX;
+  static constexpr uint32_t kNoFeature = UINT32_MAX;  ///< of feature_of_keypoint
 };
 
 /// Merges the static keypoints of a station's photos. Features that fewer than `min_photos` show are left

@@ -88,6 +88,7 @@ double Refine(const Eigen::Vector2i& size, const std::vector<Match>& matches, do
         Eigen::Matrix<double, Eigen::Dynamic, 5>::Zero(errors.size(), 5);
     for (int c = 0; c < 5; ++c) {
       if (!is_free[c]) continue;
+      // A judgement between rounding and curvature: the numbers are of order 1.
       constexpr double kDelta = 1e-6;
       Parameters q = *p;
       q[c] += kDelta;
@@ -252,7 +253,7 @@ std::optional<StationTurn> FitStationTurn(const std::vector<TurnMatches>& pairs,
 }
 
 bool FitsItsAngle(const StationTurn& turn, const TurnMatches& pair, double max_error_px) {
-  constexpr double kGrid = kPi / 180;
+  constexpr double kGrid = kPi / 180;  // [rad] finer than kAngleSlackRad
   const double bound = kSlack * max_error_px;
   const double expected = std::remainder(pair.steps * turn.step_rad, 2 * kPi);
   const double slack = kAngleSlackRad + kAngleSlackShare * std::abs(expected);

@@ -49,17 +49,28 @@ def functions(text):
 
 
 def constants(text):
-    """(line number, line) of constants, and those of them that no comment beside or above explains."""
+    """(line number, line) of constants, and those of them that no comment in, beside or above their group explains."""
     lines, all_of, bare = text.split('\n'), [], []
+    first_of = {}  # last line of a constant: its first one
     for i, line in enumerate(lines):
-        if re.match(r'\s*(inline |static )*constexpr [^(]*\bk[A-Z]\w*\b', line):
-            all_of.append((i + 1, line.strip()))
-            above = i - 1
-            while above >= 0 and re.match(r'\s*(inline |static )*constexpr ', lines[above]) and '//' not in lines[above]:
-                above -= 1
-            if '//' not in line and not (above >= 0 and lines[above].strip().startswith('//')):
-                bare.append((i + 1, line.strip()))
+        if not re.match(r'\s*(inline |static )*constexpr [^(]*\bk[A-Z]\w*\b', line):
+            continue
+        end = i
+        while end + 1 < len(lines) and not code_only(lines[end]).rstrip().endswith(';'):
+            end += 1
+        first_of[end] = i
+        all_of.append((i + 1, line.strip()))
+        above = i - 1
+        while above in first_of and not any('//' in code_line(lines[k]) for k in range(first_of[above], above + 1)):
+            above = first_of[above] - 1
+        if not any('//' in code_line(lines[k]) for k in range(i, end + 1)) and not (above >= 0 and lines[above].strip().startswith('//')):
+            bare.append((i + 1, line.strip()))
     return all_of, bare
+
+
+def code_line(line):
+    """The line without the inside of its texts: `//` in one is no comment."""
+    return re.sub(r'"(?:\\.|[^"\\])*"', '""', line)
 
 
 def count(read, paths, is_listed):

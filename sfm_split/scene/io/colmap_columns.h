@@ -12,8 +12,9 @@ namespace s2gs {
 // Between columns of a COLMAP database and values. Readers throw UserError where a column holds something
 // impossible.
 
-inline constexpr uint64_t kMaxNumImages = 2147483647;  ///< COLMAP's; also the factor in the pair id.
-inline constexpr int64_t kMaxImageId = kMaxNumImages - 1;
+inline constexpr uint64_t kMaxNumImages = 2147483647;      ///< COLMAP's; also the factor in the pair id.
+inline constexpr int64_t kMaxImageId = kMaxNumImages - 1;  ///< pairs' ids stay unambiguous
+/// The largest is COLMAP's "none".
 inline constexpr int64_t kMaxCameraId = std::numeric_limits<uint32_t>::max() - 1;
 
 /// The columns rows, cols and data hold a row-major matrix; the blob's size has to agree.

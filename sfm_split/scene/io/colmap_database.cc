@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int64_t kCameraSensorType = 0;
+constexpr int64_t kCameraSensorType = 0;  // COLMAP's SensorType::CAMERA
 
 // The image's priors, where the schema has them and all values of one are there.
 template <int kSize>

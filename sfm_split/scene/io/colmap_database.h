@@ -93,7 +93,7 @@ class ColmapDatabase {
     kReadWrite,  ///< waits `busy_timeout_ms` for other programs' locks.
   };
 
-  static constexpr int kDefaultBusyTimeoutMs = 5000;
+  static constexpr int kDefaultBusyTimeoutMs = 5000;  ///< a transaction of COLMAP's takes less
 
   static ColmapDatabase Open(const std::filesystem::path& path, Access access,
                              int busy_timeout_ms = kDefaultBusyTimeoutMs);

@@ -12,7 +12,7 @@
 namespace s2gs {
 namespace {
 
-constexpr int64_t kSiftType = 0;
+constexpr int64_t kSiftType = 0;  // COLMAP's FeatureExtractorType::SIFT
 
 }  // namespace
 

@@ -13,10 +13,10 @@
 namespace s2gs {
 namespace {
 
-constexpr char kRemedy[] = "Run `colmap stereo_fusion` first";
-constexpr std::array<const char*, 3> kPosition = {"x", "y", "z"};
-constexpr std::array<const char*, 3> kNormal = {"nx", "ny", "nz"};
-constexpr std::array<const char*, 3> kColor = {"red", "green", "blue"};
+constexpr char kRemedy[] = "Run `colmap stereo_fusion` first";           // of every fault
+constexpr std::array<const char*, 3> kPosition = {"x", "y", "z"};        // names of the file's properties
+constexpr std::array<const char*, 3> kNormal = {"nx", "ny", "nz"};       // likewise
+constexpr std::array<const char*, 3> kColor = {"red", "green", "blue"};  // likewise
 
 std::filesystem::path VisibilityPath(std::filesystem::path path) { return path += ".vis"; }
 

@@ -10,7 +10,7 @@
 namespace s2gs {
 namespace {
 
-constexpr char kRemedy[] = "Run the stage that writes depth and normal maps first";
+constexpr char kRemedy[] = "Run the stage that writes depth and normal maps first";  // where there is no file
 
 // A positive decimal number that ends with '&'.
 int ReadHeaderNumber(ByteReader& reader, const char* what) {

@@ -15,6 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Of every version of COLMAP.
 constexpr const char* kAllFiles[] = {"cameras", "images", "points3D", "rigs", "frames"};
 
 const char* Extension(ColmapFormat format) { return format == ColmapFormat::kBinary ? ".bin" : ".txt"; }
@@ -31,6 +32,7 @@ ColmapFormat FormatOf(const fs::path& path) {
 
 // Chooses the format in whose files a folder holds a model.
 ColmapFormat FormatIn(const fs::path& folder) {
+  // Where a folder holds no model.
   constexpr const char* kRemedy =
       "Give the folder of a COLMAP model (sparse/0), or run `colmap mapper` first";
   std::error_code ec;
@@ -95,6 +97,7 @@ void TakePosesFromFrames(const fs::path& frames_path, ColmapModel* model) {
 }
 
 bool AreClose(const Rigid3& a, const Rigid3& b, double length) {
+  // [rad / 10] and of the length: what text with 17 digits and a few products lose.
   constexpr double kTolerance = 1e-9;
   return a.rotation.angularDistance(b.rotation) <= kTolerance * 10 &&
          (a.translation - b.translation).norm() <= kTolerance * length;

@@ -16,7 +16,7 @@
 
 namespace s2gs {
 
-constexpr uint64_t kInvalidPoint3DId = std::numeric_limits<uint64_t>::max();
+constexpr uint64_t kInvalidPoint3DId = std::numeric_limits<uint64_t>::max();  // COLMAP's "none"
 
 /// A keypoint of a registered image and the 3D point it sees, if any.
 struct ColmapPoint2D {

@@ -8,7 +8,7 @@
 namespace s2gs::colmap_binary {
 namespace {
 
-constexpr uint64_t kMaxNameLength = 4096;
+constexpr uint64_t kMaxNameLength = 4096;  // PATH_MAX of Linux
 
 template <typename T>
 void Put(std::ostream& stream, T value) {
@@ -90,7 +90,7 @@ void Write(std::ostream& stream, const std::map<uint32_t, Camera>& cameras) {
 }
 
 std::map<uint32_t, ColmapImage> ReadImages(std::istream& stream, const std::filesystem::path& path) {
-  constexpr size_t kPoint2DBytes = 8 + 8 + 8;
+  constexpr size_t kPoint2DBytes = 8 + 8 + 8;  // x, y, id of the point
   ByteReader reader(stream, path);
   std::map<uint32_t, ColmapImage> images;
   const uint64_t count = reader.ReadCount(4 + 7 * 8 + 4 + 1 + 8, "number of images");
@@ -131,7 +131,7 @@ void Write(std::ostream& stream, const std::map<uint32_t, ColmapImage>& images) 
 }
 
 std::map<uint64_t, ColmapPoint3D> ReadPoints3D(std::istream& stream, const std::filesystem::path& path) {
-  constexpr size_t kTrackElementBytes = 4 + 4;
+  constexpr size_t kTrackElementBytes = 4 + 4;  // ids of image and keypoint
   ByteReader reader(stream, path);
   std::map<uint64_t, ColmapPoint3D> points3D;
   const uint64_t count = reader.ReadCount(8 + 3 * 8 + 3 + 8 + 8, "number of 3D points");

@@ -210,8 +210,9 @@ std::optional<std::string> FindFault(const ColmapFrame& frame) {
 }
 
 std::optional<Rigid3> PoseFromNumbers(const Eigen::Matrix<double, 7, 1>& qwxyz_t) {
+  // A unit quaternion's own: nothing changes when it is written and read again.
   constexpr double kRounding = 1e-12;
-  constexpr double kMinNorm = 1e-6;
+  constexpr double kMinNorm = 1e-6;  // shorter is no quaternion that rounding explains
   if (!qwxyz_t.allFinite()) return std::nullopt;
   Rigid3 pose;
   pose.rotation = Eigen::Quaterniond(qwxyz_t[0], qwxyz_t[1], qwxyz_t[2], qwxyz_t[3]);

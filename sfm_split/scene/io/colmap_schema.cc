@@ -15,6 +15,7 @@ namespace {
 // Hundreds of times what reading a real schema takes.
 constexpr int kMaxSchemaSteps = 10'000'000;
 
+// COLMAP 3.8's, which later versions upgrade.
 constexpr char kSchema38[] = R"sql(
 CREATE TABLE cameras(
   camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,

@@ -14,6 +14,7 @@ struct TypeRow {
   size_t size;
 };
 
+// In the order of PlyValues: both names that files use, bytes.
 constexpr std::array<TypeRow, std::variant_size_v<PlyValues>> kTypes = {{{"char", "int8", 1},
                                                                          {"uchar", "uint8", 1},
                                                                          {"short", "int16", 2},

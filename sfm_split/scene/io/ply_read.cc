@@ -12,8 +12,8 @@
 namespace s2gs {
 namespace {
 
-constexpr uint64_t kMaxHeaderBytes = uint64_t{1} << 20;
-constexpr uint64_t kNoLimit = std::numeric_limits<uint64_t>::max();
+constexpr uint64_t kMaxHeaderBytes = uint64_t{1} << 20;              // some thousand properties
+constexpr uint64_t kNoLimit = std::numeric_limits<uint64_t>::max();  // of a line: the file's size bounds it
 
 bool IsBlank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
@@ -30,7 +30,7 @@ std::string_view NextWord(std::string_view& line) {
 
 // Text from the file, fit for a message.
 std::string Quoted(std::string_view text) {
-  constexpr size_t kMaxShown = 60;
+  constexpr size_t kMaxShown = 60;  // characters of a message
   std::string quoted = "'";
   for (const char c : text.substr(0, kMaxShown)) quoted += c >= ' ' && c <= '~' ? c : '?';
   return quoted + (text.size() > kMaxShown ? "...'" : "'");
@@ -341,7 +341,7 @@ class BinaryRows {
 
  private:
   void ReadFixedRows(uint64_t row_bytes) {
-    constexpr uint64_t kBlockBytes = uint64_t{1} << 17;
+    constexpr uint64_t kBlockBytes = uint64_t{1} << 17;  // fits the cache of a core
     const uint64_t rows_per_block = std::max<uint64_t>(1, kBlockBytes / row_bytes);
     for (uint64_t row = 0; row < element_.num_rows; row += rows_per_block) {
       const uint64_t count = std::min(rows_per_block, element_.num_rows - row);

@@ -11,6 +11,7 @@ namespace {
 // Large enough to make the cost of a read small, small enough to stay in the cache until it is unpacked.
 constexpr uint64_t kBlockBytes = uint64_t{1} << 18;
 
+// Of every fault.
 constexpr char kRemedy[] = "The file is damaged or no PLY file: restore it, or write it again";
 
 }  // namespace

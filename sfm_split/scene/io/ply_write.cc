@@ -10,7 +10,7 @@
 namespace s2gs {
 namespace {
 
-constexpr size_t kBlockBytes = size_t{1} << 17;
+constexpr size_t kBlockBytes = size_t{1} << 17;  // of one call of the stream; fits the cache of a core
 
 bool IsName(const std::string& name) {
   return !name.empty() && name.find_first_of(" \t\r\n\v\f") == std::string::npos;

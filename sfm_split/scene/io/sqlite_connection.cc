@@ -16,6 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Of a database that SQLite or a reader calls damaged.
 constexpr char kDamagedRemedy[] =
     "Restore it from a copy, or delete it and run feature extraction and matching again";
 
@@ -28,7 +29,7 @@ fs::path WithSuffix(const fs::path& path, const char* suffix) {
 // A SQLite file says in its header whether readers must look for a write-ahead log.
 bool IsInWalMode(const fs::path& path) {
   std::ifstream stream = OpenForReading(path);
-  constexpr size_t kReadVersionOffset = 19;
+  constexpr size_t kReadVersionOffset = 19;  // bytes; sqlite.org/fileformat.html 1.3
   std::array<char, kReadVersionOffset + 1> header{};
   stream.read(header.data(), header.size());
   return stream && header[kReadVersionOffset] == 2;
@@ -36,7 +37,7 @@ bool IsInWalMode(const fs::path& path) {
 
 // SQLite's URI form, the only way to ask for an immutable file.
 std::string ImmutableUri(const fs::path& absolute) {
-  constexpr char kHexDigits[] = "0123456789abcdef";
+  constexpr char kHexDigits[] = "0123456789abcdef";  // of an escaped character
   std::string uri = "file://";
   for (const char c : absolute.string()) {
     if (c == '%' || c == '?' || c == '#') {
@@ -300,7 +301,7 @@ void CopySqliteContent(const SqliteConnection& from, SqliteConnection& to,
   int result = SQLITE_OK;
   try {
     while (result == SQLITE_OK) {
-      constexpr int kPagesPerStep = 4096;
+      constexpr int kPagesPerStep = 4096;  // 16 MiB of usual pages between two reports
       result = sqlite3_backup_step(backup, kPagesPerStep);
       from.CheckUnchanged();
       const int total = sqlite3_backup_pagecount(backup);

@@ -14,9 +14,10 @@
 namespace s2gs {
 namespace {
 
-constexpr double kPanelPx = 620;
-constexpr double kMarginPx = 30;
-constexpr size_t kMaxPoints = 4000;
+constexpr double kPanelPx = 620;     // two panels and their margins: 1,330 px wide
+constexpr double kMarginPx = 30;     // around a panel, with its title
+constexpr size_t kMaxPoints = 4000;  // of a body: the file stays under a megabyte
+// Of stations in turn; bodies have the other colours.
 constexpr std::array<const char*, 8> kStationColors = {"#d62728", "#2ca02c", "#9467bd", "#8c564b",
                                                        "#e377c2", "#17becf", "#bcbd22", "#1f77b4"};
 

@@ -18,11 +18,12 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 1;             // of the format
 constexpr double kMaxDeviation = 1e-6;  // single precision, with room for a few products.
-constexpr double kMinTurnDeg = 0.5;
+constexpr double kMinTurnDeg = 0.5;     // a judgement: the table of photos without a turn stays within noise
+// A judgement: no rounding and no noise; a sign or a unit is wrong.
 constexpr double kMaxContradictionDeg = 5;
-constexpr uint64_t kMaxFileBytes = uint64_t{1} << 30;
+constexpr uint64_t kMaxFileBytes = uint64_t{1} << 30;  // a million images
 
 // One value of the file and where it is, e.g. "images[3].station".
 class Value {
