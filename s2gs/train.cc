@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numeric>
 #include <optional>
 #include <system_error>
@@ -17,6 +16,7 @@
 #include "s2gs/told_bands.h"
 #include "s2gs/train_log.h"
 #include "s2gs/turn_evidence.h"
+#include "sfm_split/base/format_text.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/stopwatch.h"
 
@@ -99,15 +99,9 @@ class PhotoOrder {
   int64_t epoch_ = -1;
 };
 
-std::string Format(const char* format, double a, double b = 0, double c = 0) {
-  char text[160] = {};
-  std::snprintf(text, sizeof(text), format, a, b, c);
-  return text;
-}
-
 std::string Duration(double seconds) {
-  if (seconds < 100) return Format("%.0f s", seconds);
-  return Format("%.0f min %02.0f s", std::floor(seconds / 60), std::fmod(seconds, 60));
+  if (seconds < 100) return FormatText("%.0f s", seconds);
+  return FormatText("%.0f min %02.0f s", std::floor(seconds / 60), std::fmod(seconds, 60));
 }
 
 class Trainer {
@@ -216,15 +210,15 @@ class Trainer {
     TrainDecision decision;
     decision.part = "sh_bands";
     decision.is_left_out = told.degree < options_.sh_degree;
-    decision.measured = Format("band %.0f adds %.3g to what lower bands can do in these views",
-                               told.last.band, told.last.own_part);
-    decision.threshold = Format("a grey level, %.3g", kGreyLevel);
-    decision.reason = decision.is_left_out ? Format("the photos tell bands up to %.0f alone", told.degree)
+    decision.measured = FormatText("band %.0f adds %.3g to what lower bands can do in these views",
+                                   told.last.band, told.last.own_part);
+    decision.threshold = FormatText("a grey level, %.3g", kGreyLevel);
+    decision.reason = decision.is_left_out ? FormatText("the photos tell bands up to %.0f alone", told.degree)
                                            : std::string("the photos tell all bands");
     if (decision.is_left_out) {
-      decision.saving = Format("%.0f of %.0f numbers of each Gaussian's colour are not learnt",
-                               3 * (ShRestCount(options_.sh_degree) - ShRestCount(told.degree)),
-                               3 * (1 + ShRestCount(options_.sh_degree)));
+      decision.saving = FormatText("%.0f of %.0f numbers of each Gaussian's colour are not learnt",
+                                   3 * (ShRestCount(options_.sh_degree) - ShRestCount(told.degree)),
+                                   3 * (1 + ShRestCount(options_.sh_degree)));
       reporter_.Info(decision.reason + ": " + decision.measured);
     }
     log_.AddDecision(Point(), decision);
@@ -237,8 +231,8 @@ class Trainer {
     if (MayStop()) return;
     TrainDecision decision;
     decision.part = "end_of_training";
-    decision.measured = Format("%.0f photos held out", static_cast<double>(num_held_out_));
-    decision.threshold = Format("%.0f", HeldOutCourse::kMinPhotos);
+    decision.measured = FormatText("%.0f photos held out", static_cast<double>(num_held_out_));
+    decision.threshold = FormatText("%.0f", HeldOutCourse::kMinPhotos);
     decision.reason = options_.stop_gain_pct > 0
                           ? "too few to say when their error stops falling: training runs to its end"
                           : "asked for: training runs to its end";
@@ -271,12 +265,12 @@ class Trainer {
     decision.is_left_out = stops;
     decision.measured =
         std::isfinite(gain)
-            ? Format("%+.2f %% of the held-out error to come at %.0f %% of the run, ", gain, 100 * now) +
-                  Format("%+.2f %% at most", most)
+            ? FormatText("%+.2f %% of the held-out error to come at %.0f %% of the run, ", gain, 100 * now) +
+                  FormatText("%+.2f %% at most", most)
             : "the course was too short to tell";
-    decision.threshold = Format("%.3g %%", options_.stop_gain_pct);
+    decision.threshold = FormatText("%.3g %%", options_.stop_gain_pct);
     decision.reason = stops ? "the error of held-out photos has stopped falling" : "it fell to the end";
-    if (stops) decision.saving = Format("%.0f %% of the iterations", 100 * (1 - now));
+    if (stops) decision.saving = FormatText("%.0f %% of the iterations", 100 * (1 - now));
     if (stops) reporter_.Info("training stops: " + decision.reason + ", " + decision.measured);
     log_.AddDecision(Point(), decision);
     return stops;
@@ -410,7 +404,7 @@ class Trainer {
     const int64_t dropped = count - backend_->Count();
     cursor_.foreground_frozen = true;
     RemoveStanding();
-    const std::string note = "p is frozen: " + Format("%.2f", 100 * share) +
+    const std::string note = "p is frozen: " + FormatText("%.2f", 100 * share) +
                              " % of it was outside [.1, .9]; " + std::to_string(dropped) +
                              " Gaussians that rotated outside the rotating part's region removed";
     reporter_.Info(note);
@@ -418,12 +412,13 @@ class Trainer {
     TrainDecision decision;
     decision.part = "learning_p";
     decision.is_left_out = true;
-    decision.measured = Format("%.2f %% of p outside [.1, .9] at %.0f %% of the run", 100 * share, 100 * now);
-    decision.threshold =
-        Format("%.4g %%, or %.0f %% of the run", 100 * options_.settled_share, 100 * options_.settle_until);
+    decision.measured =
+        FormatText("%.2f %% of p outside [.1, .9] at %.0f %% of the run", 100 * share, 100 * now);
+    decision.threshold = FormatText("%.4g %%, or %.0f %% of the run", 100 * options_.settled_share,
+                                    100 * options_.settle_until);
     decision.reason = share < options_.settled_share ? "its time was up" : "p has settled";
-    decision.saving = Format("the map of p, its three terms and its gradient in %.0f %% of the iterations",
-                             100 * (1 - now));
+    decision.saving = FormatText(
+        "the map of p, its three terms and its gradient in %.0f %% of the iterations", 100 * (1 - now));
     log_.AddDecision(Point(), decision);
   }
 
@@ -506,10 +501,10 @@ class Trainer {
     decision.part = "unseen_background";
     decision.is_left_out = true;
     decision.measured = std::to_string(cursor_.num_unseen_static) + " so far, of them " +
-                        Format("%.0f of %.0f at %.0f %% of the run", static_cast<double>(count),
-                               static_cast<double>(of), 100 * cursor_.progress);
-    decision.threshold = Format("a weight of %.2g in some pixel of some photo, half a grey level",
-                                options_.unseen_static_weight);
+                        FormatText("%.0f of %.0f at %.0f %% of the run", static_cast<double>(count),
+                                   static_cast<double>(of), 100 * cursor_.progress);
+    decision.threshold = FormatText("a weight of %.2g in some pixel of some photo, half a grey level",
+                                    options_.unseen_static_weight);
     decision.reason = "no photo shows them";
     decision.saving = "their share of each iteration from then on";
     log_.AddDecision(Point(), decision);
@@ -538,13 +533,13 @@ class Trainer {
     last_message_ = now;
     const double rate = static_cast<double>(cursor_.iteration) / std::max(cursor_.wall_seconds, 1e-9);
     std::string message = "iteration " + std::to_string(cursor_.iteration) + ", " +
-                          Format("%.0f", 100 * now) + " %: loss " + Format("%.4f", last_loss_.total) + ", " +
-                          std::to_string(backend_->Count()) + " Gaussians, " + Format("%.3g", rate) +
-                          " iterations/s";
+                          FormatText("%.0f", 100 * now) + " %: loss " + FormatText("%.4f", last_loss_.total) +
+                          ", " + std::to_string(backend_->Count()) + " Gaussians, " +
+                          FormatText("%.3g", rate) + " iterations/s";
     if (now > 0 && now < 1) {
       message += ", " + Duration(cursor_.wall_seconds * (1 - now) / now) + " left";
     }
-    if (held_out_) message += Format(", held-out %.2f dB", held_out_->psnr);
+    if (held_out_) message += FormatText(", held-out %.2f dB", held_out_->psnr);
     reporter_.Info(message);
     if (not_finite_ > 0) {
       reporter_.Warn(std::to_string(not_finite_) +

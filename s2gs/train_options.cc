@@ -1,10 +1,10 @@
 #include "s2gs/train_options.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <string>
+
+#include "sfm_split/base/format_text.h"
 
 namespace s2gs {
 namespace {
@@ -21,9 +21,7 @@ OptionCheck CheckRanges(std::initializer_list<Range> ranges) {
   for (const Range& range : ranges) {
     // Written so that NaN fails.
     if (!(range.value >= range.low && range.value <= range.high)) {
-      std::array<char, 32> text{};
-      std::snprintf(text.data(), text.size(), "%.15g", range.value);
-      return OptionFault{range.field, text.data(), range.bound};
+      return OptionFault{range.field, FormatText("%.15g", range.value), range.bound};
     }
   }
   return std::nullopt;

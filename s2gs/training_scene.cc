@@ -6,7 +6,6 @@
 #include <atomic>
 #include <cctype>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <set>
 #include <sstream>
@@ -19,6 +18,7 @@
 #include "s2gs/image/undistort.h"
 #include "s2gs/photo_exposure.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/format_text.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/scene/camera_model.h"
@@ -522,11 +522,8 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
   if (options.equalise_exposure) {
     const ExposureSpread spread = EqualiseExposure(&scene.photos);
     if (spread.num_photos > 0) {
-      std::array<char, 120> text{};
-      std::snprintf(text.data(), text.size(),
-                    "exposure and white balance of %d photos made equal: gains of %.2f to %.2f",
-                    spread.num_photos, spread.least, spread.greatest);
-      reporter.Info(text.data());
+      reporter.Info(FormatText("exposure and white balance of %d photos made equal: gains of %.2f to %.2f",
+                               spread.num_photos, spread.least, spread.greatest));
     }
   }
   NormaliseScene(&scene);

@@ -32,13 +32,6 @@ constexpr int kNeighbours = 8;        // that are judged together.
 constexpr double kDeviations = 3.09;  // of the sign test: chance passes once in a thousand.
 constexpr int64_t kGaussiansAtOnce = 1000;  // whose votes one thread counts
 
-std::vector<uint8_t> GreyOf(const Image8& image) {
-  std::vector<uint8_t> grey;
-  grey.reserve(image.pixels.size() / 3);
-  for (size_t i = 0; i + 2 < image.pixels.size(); i += 3) grey.push_back(GreyFromRgb(&image.pixels[i]));
-  return grey;
-}
-
 // All pixels of which one within `margin` along both axes is set.
 std::vector<uint8_t> Widened(const std::vector<uint8_t>& inside, int width, int height, int margin) {
   std::vector<uint8_t> along_rows(inside.size(), 0);
@@ -284,7 +277,7 @@ std::vector<std::vector<PixelSight>> TurnEvidence::Look(
   for (const Camera& camera : cameras_) {
     std::vector<uint8_t> is_seen;
     const Image8 background = Background(camera, covered, &is_seen);
-    const std::vector<uint8_t> behind = GreyOf(background);
+    const std::vector<uint8_t> behind = GreyImage(background).pixels;
     ParallelFor(static_cast<int64_t>(camera.end - camera.first), 0, [&](int64_t i) {
       const size_t picture = camera.first + static_cast<size_t>(i);
       sights[picture] = Compare(camera, pictures_[picture], background, behind, is_seen);
@@ -325,7 +318,7 @@ std::vector<PixelSight> TurnEvidence::Compare(const Camera& camera, const Image8
   const int height = picture.height;
   std::vector<PixelSight> sights(static_cast<size_t>(width) * height, PixelSight::kNeverFree);
   if (width <= 2 * kPatchRadius || height <= 2 * kPatchRadius) return sights;
-  const std::vector<uint8_t> grey = GreyOf(picture);
+  const std::vector<uint8_t> grey = GreyImage(picture).pixels;
   PatchColumns patches(behind, grey, width);
   for (int y = kPatchRadius; y < height - kPatchRadius; ++y) {
     const std::vector<PatchSums>& columns = patches.Row(y);

@@ -71,9 +71,7 @@ std::string WhyMissing(const ReportInput& input, const std::string& name, const 
 
 void LookAt(const ReportInput& input, int side, Photo* photo) {
   const Image8 image = ReadImage(input.image_path / photo->name, 3);
-  Image8 grey{image.width, image.height, 1, {}};
-  grey.pixels.resize(static_cast<size_t>(image.width) * image.height);
-  for (size_t i = 0; i < grey.pixels.size(); ++i) grey.pixels[i] = GreyFromRgb(image.pixels.data() + 3 * i);
+  const Image8 grey = GreyImage(image);
   const fs::path mask_path = input.workspace.Mask(photo->name);
   std::error_code ec;
   std::optional<Image8> mask;

@@ -115,4 +115,11 @@ void WriteImage(const std::filesystem::path& path, const Image8& image, int jpeg
   });
 }
 
+Image8 GreyImage(const Image8& rgb) {
+  Image8 grey{rgb.width, rgb.height, 1, {}};
+  grey.pixels.resize(static_cast<size_t>(rgb.width) * rgb.height);
+  for (size_t i = 0; i < grey.pixels.size(); ++i) grey.pixels[i] = GreyFromRgb(&rgb.pixels[3 * i]);
+  return grey;
+}
+
 }  // namespace s2gs

@@ -68,4 +68,7 @@ inline uint8_t GreyFromRgb(const uint8_t* rgb) {
   return static_cast<uint8_t>((19595U * rgb[0] + 38470U * rgb[1] + 7471U * rgb[2] + 32768U) >> 16);
 }
 
+/// An RGB image in one channel, by GreyFromRgb.
+Image8 GreyImage(const Image8& rgb);
+
 }  // namespace s2gs

@@ -182,11 +182,7 @@ Image8 DecodePng(std::string_view bytes, const std::filesystem::path& path, int 
   const bool is_grey = (png_get_color_type(decoder.png, decoder.info) & PNG_COLOR_MASK_COLOR) == 0;
   const int decoded_channels = is_grey && channels == 1 ? 1 : 3;
   Image8 image = FinishDecoding(path, size, decoded_channels, &decoder);
-  if (decoded_channels == 3 && channels == 1) {
-    const size_t num_pixels = image.pixels.size() / 3;
-    for (size_t i = 0; i < num_pixels; ++i) image.pixels[i] = GreyFromRgb(image.pixels.data() + 3 * i);
-    image.pixels.resize(num_pixels);
-  }
+  if (decoded_channels == 3 && channels == 1) return GreyImage(image);
   image.channels = channels;
   return image;
 }

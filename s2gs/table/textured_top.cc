@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "s2gs/image/bilinear.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/table/opaque_region.h"
@@ -40,26 +41,10 @@ struct Witness {
     const double u = pixel->x() - 0.5;
     const double v = pixel->y() - 0.5;
     if (!(u >= 0 && v >= 0 && u < grey.width - 1 && v < grey.height - 1)) return false;
-    const auto x = static_cast<int>(u);
-    const auto y = static_cast<int>(v);
-    const auto fx = static_cast<float>(u - x);
-    const auto fy = static_cast<float>(v - y);
-    const auto at = [&](int dx, int dy) { return static_cast<float>(*grey.Pixel(x + dx, y + dy)); };
-    *value = (1 - fy) * ((1 - fx) * at(0, 0) + fx * at(1, 0)) + fy * ((1 - fx) * at(0, 1) + fx * at(1, 1));
+    *value = Bilinear<1>(grey, *pixel)[0];
     return true;
   }
 };
-
-Image8 GreyOf(const Image8& rgb) {
-  Image8 grey{rgb.width, rgb.height, 1, {}};
-  const size_t count = static_cast<size_t>(rgb.width) * rgb.height;
-  grey.pixels.resize(count);
-  for (size_t i = 0; i < count; ++i) {
-    const uint8_t* p = &rgb.pixels[3 * i];
-    grey.pixels[i] = static_cast<uint8_t>((p[0] + 2 * p[1] + p[2] + 2) / 4);
-  }
-  return grey;
-}
 
 float Product(const float* a, const float* b) {
   float sum = 0;
@@ -121,7 +106,7 @@ std::optional<TexturedTop> TexturedTop::Learn(const std::vector<StationPhotos>& 
       const Eigen::Vector3d camera = view.cam_from_world.Inverse().translation;
       if (!is_chosen || !((camera - middle).dot(table.axis.direction) > 0)) continue;
       least_texture = std::max(least_texture, texture);
-      witnesses.push_back({GreyOf(station.images[i]), &view});
+      witnesses.push_back({GreyImage(station.images[i]), &view});
       const double pixel = (view.cam_from_object * middle).z() / view.fx;
       top.spacing_ = top.spacing_ > 0 ? std::min(top.spacing_, pixel) : pixel;
     }
@@ -163,7 +148,7 @@ std::optional<TexturedTop> TexturedTop::Learn(const std::vector<StationPhotos>& 
 }
 
 Image8 TexturedTop::Look(const Image8& photo, const PinholeView& view) const {
-  const Witness witness{GreyOf(photo), &view};
+  const Witness witness{GreyImage(photo), &view};
   std::vector<uint8_t> is_seen(patches_.size(), 0);
   ParallelFor(side_, 0, 16, [&](int64_t row) {
     Patch patch;

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "sfm_split/base/format_text.h"
 
 namespace s2gs {
 namespace {
@@ -33,13 +34,6 @@ constexpr double kNoiseSigmas = 3;
 constexpr double kMaxNoiseGrowth = 2;
 // A prior that gives most of what is known of the focal length is not checked by the photos.
 constexpr double kMaxPriorShare = 0.5;
-
-template <class... Values>
-std::string Text(const char* format, Values... values) {
-  char text[256];
-  std::snprintf(text, sizeof(text), format, values...);
-  return text;
-}
 
 int Percent(double share) { return static_cast<int>(std::lround(100 * share)); }
 
@@ -117,24 +111,24 @@ class Judge {
     const double share = evidence_.photos > 0 ? evidence_.placed / static_cast<double>(evidence_.photos) : 0;
     if (evidence_.is_one_body && evidence_.unmoved_photos > kHalf * evidence_.photos) {
       Add(Verdict::kFailed,
-          Text("nothing was found to turn, though the camera stood still for %d of %d photos",
-               evidence_.unmoved_photos, evidence_.photos),
+          FormatText("nothing was found to turn, though the camera stood still for %d of %d photos",
+                     evidence_.unmoved_photos, evidence_.photos),
           {kTexture, kLight});
     }
     if (evidence_.placed < evidence_.photos) {
-      std::string said = Text("%d of %d photos have a place", evidence_.placed, evidence_.photos);
+      std::string said = FormatText("%d of %d photos have a place", evidence_.placed, evidence_.photos);
       const size_t named = std::min(evidence_.missing.size(), kMaxNamed);
       for (size_t k = 0; k < named; ++k) said += (k == 0 ? ", without: " : ", ") + evidence_.missing[k];
       if (named < evidence_.missing.size())
-        said += Text(" and %d more", static_cast<int>(evidence_.missing.size() - named));
+        said += FormatText(" and %d more", static_cast<int>(evidence_.missing.size() - named));
       Add(share < kHalf ? Verdict::kFailed : Verdict::kDoubtful, std::move(said), {kSmallerSteps, kTexture});
       found_.back().is_of_poses = share < kMost;
     }
     const auto unsupported = static_cast<double>(evidence_.unsupported.size());
     if (unsupported > (1 - kMost) * evidence_.placed) {
       Add(Verdict::kDoubtful,
-          Text("the matches of %d photos bear out their places no better than chance might",
-               static_cast<int>(evidence_.unsupported.size())),
+          FormatText("the matches of %d photos bear out their places no better than chance might",
+                     static_cast<int>(evidence_.unsupported.size())),
           {kTexture, kSmallerSteps});
     }
   }
@@ -145,10 +139,11 @@ class Judge {
     const double step = std::abs(*evidence_.median_step_deg);
     if (step >= *evidence_.least_step_deg) return;
     Add(Verdict::kFailed,
-        Text("photos that share details are said to be %.2g degrees of the table apart, but the details move "
-             "as "
-             "far as %.2g or more ask",
-             step, *evidence_.least_step_deg),
+        FormatText(
+            "photos that share details are said to be %.2g degrees of the table apart, but the details move "
+            "as "
+            "far as %.2g or more ask",
+            step, *evidence_.least_step_deg),
         {kFocal, kTexture});
   }
 
@@ -174,10 +169,11 @@ class Judge {
     // they cannot be several times as far.
     if (evidence_.far_pairs > 0 && evidence_.widest_far_pair_deg && evidence_.neighbour_apart_deg) {
       Add(Verdict::kDoubtful,
-          Text("%d pairs of photos share as many details as neighbours, but are up to %.3g degrees apart by "
-               "the poses, "
-               "neighbours %.3g",
-               evidence_.far_pairs, *evidence_.widest_far_pair_deg, *evidence_.neighbour_apart_deg),
+          FormatText(
+              "%d pairs of photos share as many details as neighbours, but are up to %.3g degrees apart by "
+              "the poses, "
+              "neighbours %.3g",
+              evidence_.far_pairs, *evidence_.widest_far_pair_deg, *evidence_.neighbour_apart_deg),
           {kFocal, kTexture, kSmallerSteps});
     }
     const std::optional<double> seam = evidence_.seam.Share();
@@ -185,10 +181,11 @@ class Judge {
     const double others = evidence_.neighbours.Share().value_or(1);
     if (*seam >= kHalf * others) return;
     Add(Verdict::kFailed,
-        Text("the turn does not close: of %d matches between its last photos and its first, %d %% agree with "
-             "the "
-             "poses, of those between neighbours %d %%",
-             static_cast<int>(evidence_.seam.all), Percent(std::max(0.0, *seam)), Percent(others)),
+        FormatText(
+            "the turn does not close: of %d matches between its last photos and its first, %d %% agree with "
+            "the "
+            "poses, of those between neighbours %d %%",
+            static_cast<int>(evidence_.seam.all), Percent(std::max(0.0, *seam)), Percent(others)),
         {kTexture, kSmallerSteps, kFullTurn});
   }
 
@@ -207,35 +204,38 @@ class Judge {
     const bool said = share && evidence_.neighbours.all >= kLeastMatches && *share < kHalf;
     if (said) {
       Add(Verdict::kFailed,
-          Text("of %lld matches that photos next to each other prove by themselves, %d %% agree with the "
-               "poses",
-               static_cast<long long>(evidence_.neighbours.all), Percent(std::max(0.0, *share))),
+          FormatText(
+              "of %lld matches that photos next to each other prove by themselves, %d %% agree with the "
+              "poses",
+              static_cast<long long>(evidence_.neighbours.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps, kFixedCamera});
     }
     if (!said && evidence_.contradicted_neighbours > (1 - kMost) * evidence_.neighbour_pairs) {
       Add(Verdict::kDoubtful,
-          Text("%d of %d pairs of photos next to each other contradict the poses",
-               evidence_.contradicted_neighbours, evidence_.neighbour_pairs),
+          FormatText("%d of %d pairs of photos next to each other contradict the poses",
+                     evidence_.contradicted_neighbours, evidence_.neighbour_pairs),
           {kSmallerSteps, kFixedCamera});
     }
     if (!evidence_.misturned.empty()) {
       Add(Verdict::kDoubtful,
-          Text("%d photos are up to %.3g degrees of the table from where their matches put them, like %s",
-               static_cast<int>(evidence_.misturned.size()), evidence_.worst_misturn_deg,
-               evidence_.misturned[0].c_str()),
+          FormatText(
+              "%d photos are up to %.3g degrees of the table from where their matches put them, like %s",
+              static_cast<int>(evidence_.misturned.size()), evidence_.worst_misturn_deg,
+              evidence_.misturned[0].c_str()),
           {kSmallerSteps, kTexture});
     }
     if (static_cast<double>(evidence_.untold.size()) > (1 - kMost) * evidence_.placed) {
       Add(Verdict::kDoubtful,
-          Text("the matches of %d photos, like %s, do not tell their places in the turn",
-               static_cast<int>(evidence_.untold.size()), evidence_.untold[0].c_str()),
+          FormatText("the matches of %d photos, like %s, do not tell their places in the turn",
+                     static_cast<int>(evidence_.untold.size()), evidence_.untold[0].c_str()),
           {kTexture, kSmallerSteps});
     }
     if (!evidence_.untold_stations.empty()) {
       Add(Verdict::kDoubtful,
-          Text("the matches at a camera place do not tell whether the table turned as the poses say, like "
-               "that of %s",
-               evidence_.untold_stations[0].c_str()),
+          FormatText(
+              "the matches at a camera place do not tell whether the table turned as the poses say, like "
+              "that of %s",
+              evidence_.untold_stations[0].c_str()),
           {kTexture});
     }
     if (evidence_.neighbour_pairs == 0 && evidence_.verified.all < kLeastMatches) {
@@ -254,8 +254,8 @@ class Judge {
         share && *share >= kHalf * evidence_.verified.Share().value_or(1) && Closes();
     if (is_low && !is_like_the_others) {
       Add(Verdict::kFailed,
-          Text("of %d matches that were held back, %d %% agree with the poses",
-               static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
+          FormatText("of %d matches that were held back, %d %% agree with the poses",
+                     static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps});
     }
     // Of verified matches, and of right ones among all: what is wrong alike makes either too large.
@@ -263,9 +263,10 @@ class Judge {
     if (noise && evidence_.match_noise_px) noise = std::min(*noise, *evidence_.match_noise_px);
     if (noise && kErrorSigmas * *noise > evidence_.bound_px) {
       Add(Verdict::kDoubtful,
-          Text("matches miss their lines by %.2g px, more than the %.2g px of keypoints that the poses are "
-               "for",
-               *noise, evidence_.bound_px / kErrorSigmas),
+          FormatText(
+              "matches miss their lines by %.2g px, more than the %.2g px of keypoints that the poses are "
+              "for",
+              *noise, evidence_.bound_px / kErrorSigmas),
           {kTexture, kLight, kFixedCamera});
     }
     if (!evidence_.adjusted_noise_px || !evidence_.held_back_noise_px) return;
@@ -275,8 +276,9 @@ class Judge {
         adjusted / std::sqrt(2.0 * std::max<double>(1, static_cast<double>(evidence_.held_back.all)));
     if (held_back > kMaxNoiseGrowth * adjusted && held_back > adjusted + kNoiseSigmas * sigma) {
       Add(Verdict::kDoubtful,
-          Text("matches that were held back miss their lines by %.2f px, those that were adjusted by %.2f px",
-               held_back, adjusted),
+          FormatText(
+              "matches that were held back miss their lines by %.2f px, those that were adjusted by %.2f px",
+              held_back, adjusted),
           {kTexture, kSmallerSteps});
     }
   }
@@ -288,7 +290,7 @@ class Judge {
     if (evidence_.angle_sigma_max_deg && kSigmas * *evidence_.angle_sigma_max_deg > kMaxAngleDeg) {
       Add(Verdict::kDoubtful,
           std::isfinite(*evidence_.angle_sigma_max_deg)
-              ? Text("a table angle is known to +- %.2g degrees only", *evidence_.angle_sigma_max_deg)
+              ? FormatText("a table angle is known to +- %.2g degrees only", *evidence_.angle_sigma_max_deg)
               : std::string("a table angle cannot be told from the photos"),
           evidence_.stations > 1 ? std::vector<std::string>{kBetween, kTexture, kSmallerSteps}
           : IsLevel()            ? std::vector<std::string>{kHigher, kFullTurn, kTexture}
@@ -298,8 +300,8 @@ class Judge {
     if (evidence_.axis_sigma_deg && kSigmas * *evidence_.axis_sigma_deg > kMaxAngleDeg) {
       Add(Verdict::kDoubtful,
           std::isfinite(*evidence_.axis_sigma_deg)
-              ? Text("the direction of the table's axis is known to +- %.2g degrees only",
-                     *evidence_.axis_sigma_deg)
+              ? FormatText("the direction of the table's axis is known to +- %.2g degrees only",
+                           *evidence_.axis_sigma_deg)
               : std::string("the direction of the table's axis cannot be told from the photos"),
           evidence_.are_photos_cut ? std::vector<std::string>{kWhole, kBetween}
                                    : std::vector<std::string>{kTexture, kLight, kFocal});
@@ -309,7 +311,7 @@ class Judge {
   void JudgeCameras() {
     for (const double widths : evidence_.focal_widths) {
       if (widths >= kLeastFocalWidths && widths <= kMostFocalWidths) continue;
-      Add(Verdict::kFailed, Text("the focal length came out as %.2g times the photos' width", widths),
+      Add(Verdict::kFailed, FormatText("the focal length came out as %.2g times the photos' width", widths),
           {kFocal});
     }
     if (evidence_.is_focal_guessed) {
@@ -324,17 +326,17 @@ class Judge {
 
   std::vector<std::string> Good() const {
     std::vector<std::string> reasons;
-    reasons.push_back(Text("%d of %d photos have a place", evidence_.placed, evidence_.photos));
+    reasons.push_back(FormatText("%d of %d photos have a place", evidence_.placed, evidence_.photos));
     const auto add = [&](const AgreeingMatches& matches, const char* of) {
       if (const std::optional<double> share = matches.Share()) {
-        reasons.push_back(Text("%d %% of %lld matches %s agree with the poses", Percent(*share),
-                               static_cast<long long>(matches.all), of));
+        reasons.push_back(FormatText("%d %% of %lld matches %s agree with the poses", Percent(*share),
+                                     static_cast<long long>(matches.all), of));
       }
     };
     add(evidence_.held_back, "that were held back");
     if (evidence_.closing.agreeing > 0) {
-      reasons.push_back(Text("%lld matches across the end of the turn bear out the poses",
-                             static_cast<long long>(evidence_.closing.agreeing)));
+      reasons.push_back(FormatText("%lld matches across the end of the turn bear out the poses",
+                                   static_cast<long long>(evidence_.closing.agreeing)));
     }
     add(evidence_.across_stations, "between camera places");
     return reasons;

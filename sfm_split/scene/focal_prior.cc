@@ -8,8 +8,7 @@ namespace {
 
 constexpr double kUsualFocalShare = 1.2;  // of the longer side
 constexpr double kUsualSigma = 0.44;      // half of log(2.9 / 1.2)
-// Of its logarithm; a judgement: EXIF rounds to whole millimetres, focusing lengthens.
-constexpr double kExifSigma = 0.05;
+constexpr double kExifSigma = 0.05;       // of its logarithm: what focusing lengthens
 
 double LongerSide(const Camera& camera) { return static_cast<double>(std::max(camera.width, camera.height)); }
 
