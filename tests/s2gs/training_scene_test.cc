@@ -7,10 +7,12 @@
 #include <filesystem>
 #include <set>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
 #include "tests/s2gs/turntable_workspace.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
@@ -264,6 +266,21 @@ TEST_F(TrainingSceneFiles, PhotosOfAnotherSizeAreRefusedWithTheirPath) {
 
 // Cameras on a ring that look at one place: what a photo shows there is a sphere of its distance times the
 // sine of half the longer side's angle of view.
+TEST_F(TrainingSceneFiles, PhotosThatTheTableDoesNotKnowAreLeftOutWithAWarning) {
+  class Recorder : public Reporter {
+   public:
+    void Log(LogLevel /*level*/, std::string_view message) override { log += message; }
+    std::string log;
+  } recorder;
+  TurntableFile table = ReadTurntableFile(paths_.turntable);
+  table.images.erase(table.images.begin() + 3, table.images.begin() + 5);
+  WriteTurntableFile(paths_.turntable, table);
+  EXPECT_EQ(ReadTrainingScene(paths_, {}, recorder).photos.size(), 4U);
+  EXPECT_NE(recorder.log.find("2 images of "), std::string::npos);
+  EXPECT_NE(recorder.log.find("are not in turntable.json and are left out"), std::string::npos)
+      << recorder.log;
+}
+
 TEST(TrainingSceneFocus, IsWhereThePhotosLook) {
   const Eigen::Vector3d place(3, -2, 1);
   TrainingScene scene;

@@ -67,5 +67,29 @@ TEST(SurfaceRelief, LeavesOutWhatFacesAway) {
   EXPECT_EQ(patch.num_points, 15);
 }
 
+// More vertices than are looked at lie in the patch: it is the part of the plane that was reached, or flat.
+TEST(SurfaceRelief, EndsOnADenseMesh) {
+  constexpr int kDense = 160;
+  TriangleMesh mesh;
+  for (int y = 0; y < kDense; ++y) {
+    for (int x = 0; x < kDense; ++x)
+      mesh.vertices.emplace_back(0.02F * static_cast<float>(x - kDense / 2),
+                                 0.02F * static_cast<float>(y - kDense / 2), 0);
+  }
+  for (uint32_t y = 0; y + 1 < kDense; ++y) {
+    for (uint32_t x = 0; x + 1 < kDense; ++x) {
+      const uint32_t at = y * kDense + x;
+      mesh.triangles.emplace_back(at, at + 1, at + kDense);
+      mesh.triangles.emplace_back(at + 1, at + kDense + 1, at + kDense);
+    }
+  }
+  const SurfaceRelief relief(mesh);
+  SurfaceRelief::Scratch scratch;
+  SurfacePatch patch;
+  patch.middle = {0, 0, 0};
+  relief.Lay(kDense / 2 * kDense + kDense / 2, &scratch, &patch);
+  for (int i = 0; i < patch.num_points; ++i) EXPECT_EQ(patch.points[static_cast<size_t>(i)].z(), 0);
+}
+
 }  // namespace
 }  // namespace s2gs

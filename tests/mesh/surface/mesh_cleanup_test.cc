@@ -478,5 +478,21 @@ TEST(MeshCleanup, CutsTrianglesInTwo) {
   }
 }
 
+// Triangles without an area, two corners of each in one place, have no plane that vertices could stay in.
+TEST(MeshCleanup, DecimationStandsTrianglesWithoutAnArea) {
+  TriangleMesh mesh = Ball(4, 1);
+  const size_t before = mesh.triangles.size();
+  for (size_t t = 0; t < before; t += 50) {
+    const auto corners = mesh.triangles[t];
+    mesh.vertices.push_back(mesh.vertices[corners[0]]);
+    mesh.triangles.emplace_back(corners[0], corners[1], static_cast<uint32_t>(mesh.vertices.size() - 1));
+  }
+  DecimateMesh(1000, &mesh);
+  EXPECT_LE(mesh.triangles.size(), 1200U);
+  for (const auto& triangle : mesh.triangles) {
+    for (int i = 0; i < 3; ++i) EXPECT_NEAR(mesh.vertices[triangle[i]].norm(), 1, 0.02);
+  }
+}
+
 }  // namespace
 }  // namespace s2gs

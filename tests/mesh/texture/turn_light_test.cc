@@ -332,5 +332,25 @@ TEST(TextureMesh, ColorsAreTheMeanOfWhatPhotosShow) {
   }
 }
 
+// Corners and edges of a triangle with values of its own are where its inside ends.
+TEST(LightTransfer, HasNoJumpAtATrianglesCorners) {
+  TriangleMesh mesh;
+  mesh.vertices = {{0, -2, 0}, {3, -2, 0}, {3, 2, 0}, {0, 2, 0},
+                   {0, -2, 0}, {0, 2, 0},  {0, 2, 1}, {0, -2, 1}};
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}};
+  ComputeNormals(&mesh);
+  const LightTransfer transfer(mesh, 0);
+  constexpr float kStep = 1e-4F;  // of an edge; the light differs by the order of it
+  for (const uint32_t triangle : {0U, 1U}) {
+    for (const auto& [u, v] : {std::pair(1.0F, 0.0F), std::pair(0.0F, 1.0F), std::pair(0.0F, 0.0F),
+                               std::pair(0.5F, 0.5F), std::pair(0.25F, 0.75F)}) {
+      const float inside_u = u + kStep * (1.0F / 3 - u);
+      const float inside_v = v + kStep * (1.0F / 3 - v);
+      const LightTerms off = transfer.At(triangle, u, v) - transfer.At(triangle, inside_u, inside_v);
+      EXPECT_LT(off.cwiseAbs().maxCoeff(), 0.01) << triangle << ' ' << u << ' ' << v;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace s2gs

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <string>
 
 namespace s2gs {
@@ -82,6 +83,17 @@ TEST(MappingFailure, CountsTheObjectsMatchesWhereThereAreNoOthers) {
   std::swap(features.object_pairs, features.raw_pairs);
   EXPECT_THAT(Explanation(features), HasSubstr("stands still"));
   EXPECT_THAT(Explanation({}), HasSubstr("no two of them"));
+}
+
+// Two photos of four from one position are no more than half of them.
+TEST(MappingFailure, HalfOfThePhotosFromOnePositionIsNoReason) {
+  ScanFeatures features = Photos(500, 0, 0);
+  features.images.push_back(features.images[0]);
+  for (int photo = 0; photo < 4; ++photo)
+    features.images[static_cast<size_t>(photo)].station = std::max(0, photo - 1);
+  EXPECT_THAT(Explanation(features), HasSubstr("no two of them show 20 points in common"));
+  features.images.pop_back();
+  EXPECT_THAT(Explanation(features), HasSubstr("2 of 3 show the same from one camera position"));
 }
 
 }  // namespace

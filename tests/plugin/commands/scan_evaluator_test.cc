@@ -311,6 +311,12 @@ TEST_F(ScanEvaluator, AnEmptyWorkspaceIsAnErrorThatListsWhatIsMissing) {
   }
 }
 
+TEST_F(ScanEvaluator, AWorkspaceThatIsNoFolderIsNamed) {
+  WriteTruth();
+  workspace_.root = workspace_.root / "none";
+  ExpectUserError([&] { RunOnWorkspace(); }, {(workspace_.root).string(), "no such folder"});
+}
+
 TEST_F(ScanEvaluator, OneStation) {
   for (Image& image : images_) image.cam_from_world = images_[0].cam_from_world;
   WriteEverything();

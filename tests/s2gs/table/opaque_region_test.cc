@@ -140,5 +140,28 @@ TEST(DrawRegionWhereSeen, HidesWhatTheModelHasBeforeIt) {
   EXPECT_GT(num_drawn, 2000);
 }
 
+// Marks of the upper half alone; what lies beyond their rows is marked in memory, and no part of them.
+TEST(DrawRegionWhereSeen, LeavesOutWhatThePhotoDoesNotShow) {
+  const PinholeView view = View();
+  MarkedPixels seen{{kWidth, kHeight / 2, 1, std::vector<uint8_t>(kNumPixels, 255)}, view};
+  seen.view.height = kHeight / 2;
+  RenderedView rendered = Rendered(0, 0);
+  DrawRegionWhereSeen(kRegion, seen, view, &rendered);
+  const RegionView hits(kRegion, view);
+  int drawn = 0;
+  int left_out = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool is_drawn = rendered.alpha[static_cast<size_t>(y) * kWidth + x] > 0;
+      const bool is_hit = hits.At(x, y).has_value();
+      EXPECT_EQ(is_drawn, is_hit && y < kHeight / 2) << x << ' ' << y;
+      drawn += is_drawn ? 1 : 0;
+      left_out += is_hit && !is_drawn ? 1 : 0;
+    }
+  }
+  EXPECT_GT(drawn, 1000);
+  EXPECT_GT(left_out, 1000);
+}
+
 }  // namespace
 }  // namespace s2gs

@@ -54,6 +54,21 @@ TEST(NearestEqualSteps, FewAnglesAreNone) {
   EXPECT_TRUE(NearestEqualSteps(Steps(5, 10, 0), 36).places.empty());
 }
 
+// Half of the photos follow their neighbours by one step: as many as tell what a step is.
+TEST(NearestEqualSteps, AreToldByHalfOfThePhotos) {
+  std::vector<AngleAtPlace> angles = Steps(12, 10, 5);
+  for (const int place : {10, 7, 4, 1}) angles.erase(angles.begin() + place);
+  ASSERT_EQ(angles.size(), 8U);  // places 0 2 3 5 6 8 9 11: three single steps
+  EXPECT_TRUE(NearestEqualSteps(angles, 36).places.empty());
+  angles = Steps(12, 10, 5);
+  for (const int place : {8, 5, 2}) angles.erase(angles.begin() + place);
+  angles.pop_back();
+  ASSERT_EQ(angles.size(), 8U);  // places 0 1 3 4 6 7 9 10: four
+  const EqualStepsPrior steps = NearestEqualSteps(angles, 36);
+  ASSERT_EQ(steps.places.size(), 8U);
+  EXPECT_NEAR(steps.step_rad, 10 * kDegree, 1e-9);
+}
+
 class StepWidth : public testing::Test {
  protected:
   static SyntheticTurntableOptions Options() {
