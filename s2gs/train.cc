@@ -210,13 +210,13 @@ class Trainer {
     TrainDecision decision;
     decision.part = "sh_bands";
     decision.is_left_out = told.degree < options_.sh_degree;
-    decision.measured = FormatText("band %.0f adds %.3g to what lower bands can do in these views",
+    decision.measured = FormatText("band %d adds %.3g to what lower bands can do in these views",
                                    told.last.band, told.last.own_part);
     decision.threshold = FormatText("a grey level, %.3g", kGreyLevel);
-    decision.reason = decision.is_left_out ? FormatText("the photos tell bands up to %.0f alone", told.degree)
+    decision.reason = decision.is_left_out ? FormatText("the photos tell bands up to %d alone", told.degree)
                                            : std::string("the photos tell all bands");
     if (decision.is_left_out) {
-      decision.saving = FormatText("%.0f of %.0f numbers of each Gaussian's colour are not learnt",
+      decision.saving = FormatText("%d of %d numbers of each Gaussian's colour are not learnt",
                                    3 * (ShRestCount(options_.sh_degree) - ShRestCount(told.degree)),
                                    3 * (1 + ShRestCount(options_.sh_degree)));
       reporter_.Info(decision.reason + ": " + decision.measured);
@@ -232,7 +232,7 @@ class Trainer {
     TrainDecision decision;
     decision.part = "end_of_training";
     decision.measured = FormatText("%.0f photos held out", static_cast<double>(num_held_out_));
-    decision.threshold = FormatText("%.0f", HeldOutCourse::kMinPhotos);
+    decision.threshold = FormatText("%d", HeldOutCourse::kMinPhotos);
     decision.reason = options_.stop_gain_pct > 0
                           ? "too few to say when their error stops falling: training runs to its end"
                           : "asked for: training runs to its end";
