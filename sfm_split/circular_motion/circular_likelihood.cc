@@ -439,4 +439,32 @@ CircularFigures RefineCircular(const std::vector<CircularMatches>& data, const C
   return figures;
 }
 
+void FaceMatches(const CircularMatches& station, const CircularLens& lens, double sigma_px,
+                 CircularTurn* turn) {
+  constexpr double kRightSigmas = 2;  // nineteen of twenty right matches are within
+  const double focal = std::exp(lens.log_focal);
+  const Vector3d foot = turn->frame.col(0);
+  PairErrors errors;
+  int64_t in_front = 0;  // less those behind
+  for (const CircularMatches::Pair& pair : station.pairs) {
+    ErrorsOf(pair, station.reach_px, lens, *turn, false, &errors);
+    const double angle =
+        turn->angles[static_cast<size_t>(pair.photo2)] - turn->angles[static_cast<size_t>(pair.photo1)];
+    const Matrix3d turned = turn->frame * Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix() *
+                            turn->frame.transpose();
+    const Vector3d moved = foot - turned * foot;
+    for (size_t m = 0; m < pair.matches.size(); ++m) {
+      if (!(std::abs(errors.errors[m]) <= kRightSigmas * sigma_px)) continue;
+      const Vector3d ray1 = turned * ThroughLens(lens, focal, pair.matches[m].first).ray;
+      const Vector3d ray2 = ThroughLens(lens, focal, pair.matches[m].second).ray;
+      // depth2 ray2 = depth1 ray1 + moved
+      const Vector3d across = ray2.cross(ray1);
+      const bool first_is_in_front = across.dot(moved.cross(ray2)) > 0;
+      const bool second_is_in_front = across.dot(moved.cross(ray1)) > 0;
+      if (first_is_in_front == second_is_in_front) in_front += first_is_in_front ? 1 : -1;
+    }
+  }
+  if (in_front < 0) turn->frame.leftCols<2>() *= -1;
+}
+
 }  // namespace s2gs

@@ -85,4 +85,9 @@ CircularFigures RefineCircular(const std::vector<CircularMatches>& data, const C
                                CircularSteps steps, int max_iterations, CircularState* state,
                                std::vector<double>* focal_sigma_log);
 
+/// Epipolar errors are the same for an axis on the other side of the camera, with all points behind it. Turns
+/// the frame to the side on which more of the station's matches that are right lie before both photos.
+void FaceMatches(const CircularMatches& station, const CircularLens& lens, double sigma_px,
+                 CircularTurn* turn);
+
 }  // namespace s2gs

@@ -460,9 +460,11 @@ void Fitter::Report(const CircularState& state, CircularSteps steps, CircularMot
     fit.gain = figures.gain[s];
     fit.inliers = figures.inliers_of_station[s];
     for (const CircularMatches::Pair& pair : data.pairs) fit.matches += static_cast<int>(pair.matches.size());
-    fit.axis = state.turns[s].frame.col(2);
-    fit.foot = state.turns[s].frame.col(0);
-    fit.angles_rad = state.turns[s].angles;
+    CircularTurn turn = state.turns[s];
+    FaceMatches(data, state.lenses[static_cast<size_t>(data.lens)], state.sigma_px, &turn);
+    fit.axis = turn.frame.col(2);
+    fit.foot = turn.frame.col(0);
+    fit.angles_rad = std::move(turn.angles);
     // Equal steps place photos that their own matches do not; a photo without any may be anything.
     const bool are_free = steps == CircularSteps::kFree;
     std::vector<char> has_matches(static_cast<size_t>(data.num_photos), 0);

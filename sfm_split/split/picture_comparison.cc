@@ -1,11 +1,9 @@
 #include "sfm_split/split/picture_comparison.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <bitset>
 #include <cmath>
 #include <opencv2/core.hpp>
@@ -14,6 +12,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/picture_noise.h"
+#include "sfm_split/split/correlation_summit.h"
 
 namespace s2gs {
 namespace {
@@ -26,137 +25,38 @@ constexpr double kBlurPx = 0.8;      // of both pictures before they are compare
 constexpr double kMaxSigmaPx = 0.1;  // of a textured tile's displacement
 // Independent values among a tile's gradients: blurred noise is one within 4 pi blur^2 pixels.
 constexpr double kIndependent = 2.0 * kTileSide * kTileSide / (4 * kPi * kBlurPx * kBlurPx);
-constexpr double kSigmaFloorPx = 0.05;   // a parabola's error through three correlations
-constexpr double kMaxResidualPx = 0.35;  // of an agreeing tile; what a tripod moved by 1/200 shows is over 1
-constexpr double kNullQuantile = 0.95;   // of unrelated tiles' best correlations
+constexpr double kSigmaFloorPx = 0.05;     // a parabola's error through three correlations
+constexpr double kNullQuantile = 0.95;     // of unrelated tiles' best correlations
 constexpr double kLeastCorrelation = 0.5;  // lower ones say nothing: a debt, chosen and not derived
 constexpr double kLargestThreshold = 0.9;  // unrelated tiles that correlate better are one pattern
 constexpr int kMaxNullTiles = 64;          // evenly chosen, of which unrelated correlations are taken
 constexpr int kMinTextured = 8;            // fewer tiles tell no shift: a debt, chosen and not derived
 constexpr int kMinAgreeing = 6;            // a debt, chosen and not derived: kMaxLogChance is what proves
 constexpr double kMaxLogChance = -14;      // one in a million
+// Where an edge lies across itself says nothing of what it is an edge of: any place in reach is as likely.
+constexpr double kChanceOfEdge = 2 * kMaxResidualPx / (2 * kSearchRadius + 1);
+// Edges' worth that agree along the direction that knows least: by chance once in 2,000.
+constexpr double kMinAcross = 3;
 constexpr int kGridSize = 8;  // cells along each side of a photo, that say how far agreement spreads
 
-// Number of parameters of the camera's motion in pictures: none, a shift, an affine map, a homography.
-constexpr std::array<int, 4> kModels = {0, 2, 6, 8};
-
-// The motion's effect is linear in its parameters: d = a + A x + x' (c . x), in units of the picture's side.
-Eigen::Matrix<double, 2, 8> Design(const Eigen::Vector2d& x, const Eigen::Vector2d& moved) {
-  Eigen::Matrix<double, 2, 8> design;
-  design << 1, 0, x.x(), x.y(), 0, 0, moved.x() * x.x(), moved.x() * x.y(),  //
-      0, 1, 0, 0, x.x(), x.y(), moved.y() * x.x(), moved.y() * x.y();
-  return design;
+// Standard deviation of the place of a correlation's maximum [px]: what does not correlate is noise, of
+// whatever kind.
+double SigmaOf(double correlation, double curvature) {
+  const double rho = std::clamp(correlation, 0.01, 0.9999);
+  return std::hypot(kSigmaFloorPx,
+                    std::sqrt((1 - rho * rho) / (kIndependent * rho * std::max(curvature, 1e-3))));
 }
 
-struct Motion {
-  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
-  double unit = 1;
-  Eigen::Matrix<double, 8, 1> p = Eigen::Matrix<double, 8, 1>::Zero();
-
-  Eigen::Matrix3d Homography() const {
-    Eigen::Matrix3d H;
-    H << 1 + p[2], p[3], p[0], p[4], 1 + p[5], p[1], -p[6], -p[7], 1;
-    Eigen::Matrix3d normalise;
-    normalise << 1 / unit, 0, -centre.x() / unit, 0, 1 / unit, -centre.y() / unit, 0, 0, 1;
-    return normalise.inverse() * H * normalise;
+// Cells of the grid over a picture that agreeing tiles lie in.
+int CellsOfAgreeing(const std::vector<TileMatch>& tiles, int width, int height) {
+  std::bitset<static_cast<size_t>(kGridSize) * kGridSize> cells;
+  for (const TileMatch& tile : tiles) {
+    if (!tile.agrees) continue;
+    const auto x = static_cast<size_t>(tile.centre.x() * kGridSize / width);
+    const auto y = static_cast<size_t>(tile.centre.y() * kGridSize / height);
+    cells.set(y * kGridSize + x);
   }
-};
-
-Eigen::Vector2d Residual(const Eigen::Matrix3d& H, const TileMatch& tile) {
-  const Eigen::Vector3d mapped = H * tile.centre.homogeneous();
-  return mapped.hnormalized() - tile.centre - tile.displacement;
-}
-
-double Bound(const TileMatch& tile) { return std::max(kMaxResidualPx, 3 * tile.sigma_px); }
-
-std::vector<const TileMatch*> Inliers(const Eigen::Matrix3d& H, const std::vector<const TileMatch*>& found,
-                                      double bound_px) {
-  std::vector<const TileMatch*> inliers;
-  for (const TileMatch* tile : found) {
-    if (Residual(H, *tile).norm() <= std::max(bound_px, Bound(*tile))) inliers.push_back(tile);
-  }
-  return inliers;
-}
-
-bool Fit(const std::vector<const TileMatch*>& tiles, int num_parameters, Motion* motion) {
-  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(num_parameters, num_parameters);
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(num_parameters);
-  for (const TileMatch* tile : tiles) {
-    const Eigen::Vector2d x = (tile->centre - motion->centre) / motion->unit;
-    const Eigen::Vector2d d = tile->displacement / motion->unit;
-    const Eigen::MatrixXd design = Design(x, x + d).leftCols(num_parameters);
-    const double weight = 1 / (tile->sigma_px * tile->sigma_px);
-    normal += weight * design.transpose() * design;
-    right += weight * design.transpose() * d;
-  }
-  const Eigen::LDLT<Eigen::MatrixXd> solver(normal);
-  if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) return false;
-  motion->p.setZero();
-  motion->p.head(num_parameters) = solver.solve(right);
-  return motion->p.allFinite();
-}
-
-// Minus twice the log-likelihood of all found tiles, with outliers' share of it bounded, and what its
-// parameters cost by Schwarz's criterion.
-double Criterion(const Eigen::Matrix3d& H, const std::vector<const TileMatch*>& found, int num_parameters) {
-  double cost = num_parameters * std::log(2.0 * static_cast<double>(found.size()));
-  for (const TileMatch* tile : found) {
-    const double limit = Bound(*tile) / tile->sigma_px;
-    cost += std::min(Residual(H, *tile).squaredNorm() / (tile->sigma_px * tile->sigma_px), limit * limit);
-  }
-  return cost;
-}
-
-// The displacement that most tiles have others within a pixel of; the smallest among equals.
-Eigen::Vector2d DensestDisplacement(const std::vector<const TileMatch*>& found) {
-  Eigen::Vector2d best = Eigen::Vector2d::Zero();
-  int best_count = -1;
-  for (const TileMatch* tile : found) {
-    int count = 0;
-    for (const TileMatch* other : found)
-      count += (other->displacement - tile->displacement).squaredNorm() <= 1.0 ? 1 : 0;
-    if (count > best_count ||
-        (count == best_count && tile->displacement.squaredNorm() < best.squaredNorm())) {
-      best_count = count;
-      best = tile->displacement;
-    }
-  }
-  return best;
-}
-
-// The summit of a paraboloid through the 3 x 3 correlations around the largest; false at the search's border
-// and on ridges.
-// \param curvature  at the summit, along the flatter axis [1/px^2].
-bool Summit(const std::vector<double>& surface, int radius, double* correlation, double* curvature,
-            Eigen::Vector2d* at) {
-  const int side = 2 * radius + 1;
-  const auto best = std::max_element(surface.begin(), surface.end()) - surface.begin();
-  const int x = static_cast<int>(best) % side;
-  const int y = static_cast<int>(best) / side;
-  if (x == 0 || y == 0 || x == side - 1 || y == side - 1) return false;
-  const auto c = [&](int dx, int dy) { return surface[static_cast<size_t>(y + dy) * side + x + dx]; };
-  // Least squares over the nine.
-  double sx = 0;
-  double sy = 0;
-  double sxx = 0;
-  double syy = 0;
-  for (int k = -1; k <= 1; ++k) {
-    sx += c(1, k) - c(-1, k);
-    sy += c(k, 1) - c(k, -1);
-    sxx += c(1, k) - 2 * c(0, k) + c(-1, k);
-    syy += c(k, 1) - 2 * c(k, 0) + c(k, -1);
-  }
-  Eigen::Matrix2d hessian;
-  const double cross = (c(1, 1) - c(-1, 1) - c(1, -1) + c(-1, -1)) / 4;
-  hessian << sxx / 3, cross, cross, syy / 3;
-  const Eigen::Vector2d gradient(sx / 6, sy / 6);
-  if (hessian.trace() >= 0 || hessian.determinant() <= 1e-8) return false;
-  const Eigen::Vector2d offset = -hessian.inverse() * gradient;
-  if (offset.cwiseAbs().maxCoeff() > 1) return false;
-  *correlation = *(surface.begin() + best);
-  *curvature = -Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(hessian).eigenvalues().maxCoeff();
-  *at = Eigen::Vector2d(x - radius, y - radius) + offset;
-  return true;
+  return static_cast<int>(cells.count());
 }
 
 }  // namespace
@@ -182,6 +82,7 @@ PictureStandard::PictureStandard(const GreyPicture& picture, double max_shake_px
       tiles_(MakeTiles(fine_, kTileSide)),
       coarse_tiles_(MakeTiles(coarse_, kCoarseTileSide)) {
   FindUniqueTiles();
+  FindEdges();
 }
 
 // Of the fine tiles.
@@ -205,6 +106,31 @@ void PictureStandard::FindUniqueTiles() {
             is_top &= surface[static_cast<size_t>(v) * kSide + u] <= here;
         }
         tile.is_unique &= !is_top;
+      }
+    }
+  }
+}
+
+// Of the fine tiles.
+void PictureStandard::FindEdges() {
+  constexpr int kSide = 2 * kSearchRadius + 1;
+  const double least = 2 * fine_.noise * fine_.noise / (kMaxSigmaPx * kMaxSigmaPx);
+  std::vector<double> surface;
+  for (Tile& tile : tiles_) {
+    double correlation = 0;
+    double curvature = 0;
+    if (tile.least_texture >= least || tile.most_texture < least ||
+        !Correlate(fine_, tile, fine_, {tile.x, tile.y}, kTileSide, kSearchRadius, &surface) ||
+        !SummitAlong(surface, kSearchRadius, Eigen::Vector2d::Zero(), tile.normal, &correlation, &curvature,
+                     &tile.own_place))
+      continue;
+    tile.is_edge = true;
+    // Stripes and the two sides of a line look alike a few pixels beside.
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        const double across = tile.normal.dot(Eigen::Vector2d(x - kSearchRadius, y - kSearchRadius));
+        tile.is_edge &= std::abs(across) < 0.5 * kSearchRadius ||
+                        surface[static_cast<size_t>(y) * kSide + x] < kLargestThreshold;
       }
     }
   }
@@ -251,6 +177,9 @@ std::vector<PictureStandard::Tile> PictureStandard::MakeTiles(const Level& level
       const double xy = (gx * gy).sum();
       tile.energy = xx + yy;
       tile.least_texture = 0.5 * (xx + yy - std::hypot(xx - yy, 2 * xy));
+      tile.most_texture = tile.energy - tile.least_texture;
+      const double direction = 0.5 * std::atan2(2 * xy, xx - yy);
+      tile.normal = {std::cos(direction), std::sin(direction)};
       tiles.push_back(tile);
     }
   }
@@ -311,17 +240,19 @@ double PictureStandard::NullCorrelation(const Level& other, const Eigen::Vector2
   return std::clamp(quantile, kLeastCorrelation, kLargestThreshold);
 }
 
-void PictureStandard::MatchTiles(const Level& other, const Eigen::Vector2i& shift, double least_correlation,
+void PictureStandard::MatchTiles(const Level& other, const Eigen::Vector2i& shift,
+                                 const std::vector<char>& is_passing, double least_correlation,
                                  PictureComparison* comparison) const {
   std::vector<double> surface;
   const double noise = std::hypot(fine_.noise, other.noise);
   comparison->tiles.reserve(tiles_.size());
-  for (const Tile& tile : tiles_) {
+  for (size_t t = 0; t < tiles_.size(); ++t) {
+    const Tile& tile = tiles_[t];
     TileMatch match;
     match.centre = Eigen::Vector2d(tile.x + 0.5 * kTileSide, tile.y + 0.5 * kTileSide);
     match.displacement.setZero();
     const double sigma = noise / std::sqrt(std::max(tile.least_texture, 1e-6));
-    match.is_textured = sigma <= kMaxSigmaPx && tile.is_unique;
+    match.is_textured = sigma <= kMaxSigmaPx && tile.is_unique && (is_passing.empty() || is_passing[t] == 0);
     if (match.is_textured && Correlate(fine_, tile, other, Eigen::Vector2i(tile.x, tile.y) + shift, kTileSide,
                                        kSearchRadius, &surface)) {
       ++comparison->num_textured;
@@ -330,89 +261,116 @@ void PictureStandard::MatchTiles(const Level& other, const Eigen::Vector2i& shif
       if (Summit(surface, kSearchRadius, &match.correlation, &curvature, &at)) {
         match.displacement = shift.cast<double>() + at - tile.own_summit;
         match.is_found = match.correlation >= least_correlation;
-        // Of the maximum of a correlation: what does not correlate is noise, of whatever kind.
-        const double rho = std::clamp(match.correlation, 0.01, 0.9999);
-        match.sigma_px = std::hypot(
-            kSigmaFloorPx, std::sqrt((1 - rho * rho) / (kIndependent * rho * std::max(curvature, 1e-3))));
+        match.sigma_px = SigmaOf(match.correlation, curvature);
       }
     }
     comparison->tiles.push_back(match);
   }
 }
 
-// The simplest motion that explains the tiles, each model started from where the simpler one ended.
-void PictureStandard::FitMotion(PictureComparison* comparison) const {
-  std::vector<const TileMatch*> found;
-  for (const TileMatch& tile : comparison->tiles) {
-    if (tile.is_found) found.push_back(&tile);
-  }
-  if (found.empty()) return;
-  Motion motion;
-  motion.centre = 0.5 * Eigen::Vector2d(width_, height_);
-  motion.unit = std::max(width_, height_);
-  motion.p.head<2>() = DensestDisplacement(found) / motion.unit;
-  std::vector<const TileMatch*> inliers = Inliers(motion.Homography(), found, 1.0);
-  double best = Criterion(Eigen::Matrix3d::Identity(), found, 0);
-  for (const int num_parameters : kModels) {
-    if (num_parameters == 0 || static_cast<int>(inliers.size()) < 2 * num_parameters) continue;
-    bool fits = true;
-    for (const double bound : {1.0, 0.7, 0.5, 0.0, 0.0}) {
-      fits = fits && Fit(inliers, num_parameters, &motion);
-      if (!fits) break;
-      inliers = Inliers(motion.Homography(), found, bound);
-      fits = static_cast<int>(inliers.size()) >= 2 * num_parameters;
-    }
-    if (!fits) break;
-    const Eigen::Matrix3d H = motion.Homography();
-    const double cost = Criterion(H, found, num_parameters);
-    if (cost < best) {
-      best = cost;
-      comparison->second_from_first = H;
-    }
-    inliers = Inliers(H, found, 1.0);
-  }
-}
-
-PictureComparison PictureStandard::CompareAt(const Level& other, const Eigen::Vector2i& shift) const {
-  PictureComparison comparison;
-  MatchTiles(other, shift, NullCorrelation(other, shift), &comparison);
-  if (comparison.num_textured < kMinTextured) return comparison;
-  FitMotion(&comparison);
-  std::bitset<static_cast<size_t>(kGridSize) * kGridSize> cells;
+bool PictureStandard::StandsStillByTiles(PictureComparison* comparison) const {
   const double max_shake = max_shake_px_ + kMaxResidualPx;
-  for (TileMatch& tile : comparison.tiles) {
-    if (!tile.is_found || tile.displacement.cwiseAbs().maxCoeff() > max_shake ||
-        Residual(comparison.second_from_first, tile).norm() > Bound(tile))
-      continue;
-    tile.agrees = true;
-    ++comparison.num_agreeing;
-    const auto x = static_cast<size_t>(tile.centre.x() * kGridSize / width_);
-    const auto y = static_cast<size_t>(tile.centre.y() * kGridSize / height_);
-    cells.set(y * kGridSize + x);
+  for (TileMatch& tile : comparison->tiles) {
+    tile.agrees = tile.is_found && tile.displacement.cwiseAbs().maxCoeff() <= max_shake &&
+                  Residual(comparison->second_from_first, tile).norm() <= Bound(tile);
+    comparison->num_agreeing += tile.agrees ? 1 : 0;
   }
-  comparison.num_cells = static_cast<int>(cells.count());
+  comparison->num_cells = CellsOfAgreeing(comparison->tiles, width_, height_);
   const double window = 2.0 * kSearchRadius + 1;
   const double chance =
       (1 - kNullQuantile) * std::min(1.0, kPi * kMaxResidualPx * kMaxResidualPx / (window * window));
-  const bool is_still =
-      comparison.num_agreeing >= kMinAgreeing && comparison.num_cells >= min_cells_ &&
-      comparison.num_agreeing >= min_share_ * comparison.num_textured &&
-      LogPoissonTail(comparison.num_agreeing, chance * comparison.num_textured) <= kMaxLogChance;
-  comparison.verdict = is_still ? PictureComparison::Verdict::kStill : PictureComparison::Verdict::kMoved;
+  return comparison->num_agreeing >= kMinAgreeing && comparison->num_cells >= min_cells_ &&
+         comparison->num_agreeing >= min_share_ * comparison->num_textured &&
+         LogPoissonTail(comparison->num_agreeing, chance * comparison->num_textured) <= kMaxLogChance;
+}
+
+// Edges along which the other picture was found again: their places across themselves.
+void PictureStandard::MatchEdges(const Level& other, const Eigen::Vector2i& shift,
+                                 PictureComparison* comparison) const {
+  std::vector<double> surface;
+  for (size_t t = 0; t < tiles_.size(); ++t) {
+    const Tile& tile = tiles_[t];
+    TileMatch& match = comparison->tiles[t];
+    if (!tile.is_edge || !Correlate(fine_, tile, other, Eigen::Vector2i(tile.x, tile.y) + shift, kTileSide,
+                                    kSearchRadius, &surface))
+      continue;
+    match.is_edge = true;
+    match.normal = tile.normal;
+    ++comparison->num_edges;
+    double curvature = 0;
+    double place = 0;
+    const Eigen::Vector2d from = Moved(comparison->second_from_first, match) - shift.cast<double>();
+    if (!SummitAlong(surface, kSearchRadius, from, tile.normal, &match.correlation, &curvature, &place) ||
+        match.correlation < kLeastCorrelation)
+      continue;
+    match.displacement = (tile.normal.dot(shift.cast<double>()) + place - tile.own_place) * tile.normal;
+    match.sigma_px = SigmaOf(match.correlation, curvature);
+  }
+}
+
+// What agrees, and its share of what there is, are asked for along the direction that knows least: a camera
+// that moved along a shelf's edge leaves that edge where it was, and no other.
+bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector2i& shift,
+                                         PictureComparison* comparison) const {
+  // A motion of tiles that prove nothing is that of what turns, as likely as not.
+  Eigen::Matrix3d& motion = comparison->second_from_first;
+  motion.setIdentity();
+  motion.topRightCorner<2, 1>() = shift.cast<double>();
+  MatchEdges(other, shift, comparison);
+  if (comparison->num_edges == 0) return false;
+  motion = FitShift(comparison->tiles, motion, kSearchRadius);
+  const double max_shake = max_shake_px_ + kMaxResidualPx;
+  Eigen::Matrix2d all = Eigen::Matrix2d::Zero();
+  Eigen::Matrix2d agreeing = Eigen::Matrix2d::Zero();
+  int num = 0;
+  for (TileMatch& tile : comparison->tiles) {
+    if (!tile.is_textured && !tile.is_edge) continue;
+    all += Told(tile);
+    const double bound = tile.is_edge ? kMaxResidualPx : Bound(tile);
+    tile.agrees = IsSeen(tile) && Moved(motion, tile).cwiseAbs().maxCoeff() <= max_shake &&
+                  Residual(motion, tile).norm() <= bound;
+    if (!tile.agrees) continue;
+    agreeing += Told(tile);
+    ++num;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> number(agreeing, Eigen::EigenvaluesOnly);
+  if (number.eigenvalues().minCoeff() < kMinAcross) return false;
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::Matrix2d> share(agreeing, all,
+                                                                        Eigen::EigenvaluesOnly);
+  comparison->num_cells = CellsOfAgreeing(comparison->tiles, width_, height_);
+  double log_chance = LogPoissonTail(num, kChanceOfEdge * comparison->num_edges);
+  // A shift was chosen among as many places as differ.
+  if (!motion.isIdentity()) log_chance -= 2 * std::log(kChanceOfEdge);
+  return share.eigenvalues().minCoeff() >= min_share_ && comparison->num_cells >= min_cells_ &&
+         log_chance <= kMaxLogChance;
+}
+
+PictureComparison PictureStandard::CompareAt(const Level& other, const Eigen::Vector2i& shift,
+                                             const std::vector<char>& is_passing) const {
+  PictureComparison comparison;
+  MatchTiles(other, shift, is_passing, NullCorrelation(other, shift), &comparison);
+  const bool can_tell = comparison.num_textured >= kMinTextured;
+  if (can_tell) comparison.second_from_first = FitTileMotion(comparison.tiles, width_, height_);
+  if ((can_tell && StandsStillByTiles(&comparison)) || StandsStillByEdges(other, shift, &comparison)) {
+    comparison.verdict = PictureComparison::Verdict::kStill;
+  } else if (can_tell) {
+    comparison.verdict = PictureComparison::Verdict::kMoved;
+  }
   return comparison;
 }
 
-PictureComparison PictureStandard::CompareWith(const GreyPicture& other) const {
+PictureComparison PictureStandard::CompareWith(const GreyPicture& other,
+                                               const std::vector<char>& is_passing) const {
   if (other.width != width_ || other.height != height_) {
     PictureComparison comparison;
     comparison.verdict = PictureComparison::Verdict::kMoved;
     return comparison;
   }
   const Level fine = MakeLevel(other, 1);
-  PictureComparison unshifted = CompareAt(fine, Eigen::Vector2i::Zero());
+  PictureComparison unshifted = CompareAt(fine, Eigen::Vector2i::Zero(), is_passing);
   const Eigen::Vector2i shift = CoarseShift(MakeLevel(other, kCoarseFactor));
   if (shift.isZero()) return unshifted;
-  PictureComparison shifted = CompareAt(fine, shift);
+  PictureComparison shifted = CompareAt(fine, shift, is_passing);
   return shifted.num_agreeing > unshifted.num_agreeing ? shifted : unshifted;
 }
 

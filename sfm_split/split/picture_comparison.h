@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "sfm_split/split/tile_motion.h"
+
 namespace s2gs {
 
 /// A photo in shades of grey, reduced to a few hundred pixels: enough to tell whether the camera moved by a
@@ -27,26 +29,15 @@ constexpr int kPictureSidePx = 480;
 /// A picture of the size that a photo is reduced to, without its pixels.
 GreyPicture PictureFor(const Eigen::Vector2i& photo_size);
 
-/// What one tile of a picture does from there to another picture of the scene.
-struct TileMatch {
-  Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< [px of the picture, from its corner]
-  bool is_textured = false;      ///< in both directions, so that noise moves it by no more than .1 px, and
-                                 ///< not alike a few pixels beside, as a checked cloth is.
-  bool is_found = false;         ///< its gradients correlate better than those of unrelated tiles do.
-  bool agrees = false;           ///< and it lies where the camera's own motion puts it.
-  double correlation = 0;        ///< of the gradients, 1: equal but for contrast.
-  double sigma_px = 0;           ///< standard deviation of the displacement.
-  Eigen::Vector2d displacement;  ///< [px of the picture]
-};
-
 /// Two pictures of a camera that may have stood still.
 struct PictureComparison {
   enum class Verdict { kStill, kMoved, kUnknown };
   Verdict verdict = Verdict::kUnknown;  ///< kUnknown: too little texture to tell.
   std::vector<TileMatch> tiles;         ///< of the first picture, row by row.
-  int num_textured = 0;
-  int num_agreeing = 0;
-  int num_cells = 0;  ///< of an 8 x 8 grid over the picture that agreeing tiles lie in.
+  int num_textured = 0;                 ///< without edges.
+  int num_agreeing = 0;                 ///< without edges.
+  int num_edges = 0;                    ///< that were asked.
+  int num_cells = 0;                    ///< of an 8 x 8 grid over the picture that agreeing tiles lie in.
   /// Where the second picture shows a pixel of the first one's background: shake of the tripod. The simplest
   /// that explains the tiles: the identity, a shift, an affine map or a homography. [px of the pictures]
   Eigen::Matrix3d second_from_first = Eigen::Matrix3d::Identity();
@@ -55,7 +46,9 @@ struct PictureComparison {
 /// A picture that others are compared with, tile by tile, by the correlation of gradients, which exposure and
 /// white balance leave alone. What an unrelated tile reaches at its best shift is the threshold that a tile
 /// must pass, so that noise and compression set their own bounds. Tiles that changed (the object, a hand, a
-/// person) do not matter as long as the agreeing ones spread over the picture.
+/// person) do not matter as long as the agreeing ones spread over the picture. Before a plain background
+/// edges are what stays: each tells its place across itself, and enough of them in all directions tell the
+/// camera's.
 class PictureStandard {
  public:
   /// \param max_shake_px    largest shift that shake explains [px of the photo].
@@ -64,7 +57,10 @@ class PictureStandard {
   PictureStandard(const GreyPicture& picture, double max_shake_px, double min_share, int min_cells);
 
   /// Pictures of another size are kMoved.
-  PictureComparison CompareWith(const GreyPicture& other) const;
+  /// \param is_passing  per tile: whether other pictures show that it does not stay, so that it tells nothing
+  /// of
+  ///                    the camera's own motion; empty: nothing is known.
+  PictureComparison CompareWith(const GreyPicture& other, const std::vector<char>& is_passing = {}) const;
 
  private:
   using Array = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -77,9 +73,13 @@ class PictureStandard {
   struct Tile {
     int x = 0;  // top left pixel
     int y = 0;
-    double least_texture = 0;  // smaller eigenvalue of the structure tensor
+    double least_texture = 0;                           // smaller eigenvalue of the structure tensor
+    double most_texture = 0;                            // larger one
+    Eigen::Vector2d normal = Eigen::Vector2d::UnitX();  // its direction
     double energy = 0;
     bool is_unique = false;  // does not look the same within reach of a search
+    bool is_edge = false;    // is textured across one direction alone, and looks the same nowhere along it
+    double own_place = 0;    // of an edge: of its correlation with itself, along the normal [px]
     Eigen::Vector2d
         own_summit;  // of its correlation with itself, off the centre where its slopes differ [px]
   };
@@ -91,12 +91,17 @@ class PictureStandard {
   static bool Correlate(const Level& first, const Tile& tile, const Level& second,
                         const Eigen::Vector2i& place, int side, int radius, std::vector<double>* surface);
   void FindUniqueTiles();
+  void FindEdges();
   Eigen::Vector2i CoarseShift(const Level& other) const;
   double NullCorrelation(const Level& other, const Eigen::Vector2i& shift) const;
-  void MatchTiles(const Level& other, const Eigen::Vector2i& shift, double least_correlation,
-                  PictureComparison* comparison) const;
-  void FitMotion(PictureComparison* comparison) const;
-  PictureComparison CompareAt(const Level& other, const Eigen::Vector2i& shift) const;
+  void MatchTiles(const Level& other, const Eigen::Vector2i& shift, const std::vector<char>& is_passing,
+                  double least_correlation, PictureComparison* comparison) const;
+  void MatchEdges(const Level& other, const Eigen::Vector2i& shift, PictureComparison* comparison) const;
+  bool StandsStillByTiles(PictureComparison* comparison) const;
+  bool StandsStillByEdges(const Level& other, const Eigen::Vector2i& shift,
+                          PictureComparison* comparison) const;
+  PictureComparison CompareAt(const Level& other, const Eigen::Vector2i& shift,
+                              const std::vector<char>& is_passing) const;
 
   int width_;
   int height_;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "sfm_split/base/parallel_for.h"
 
@@ -21,6 +22,34 @@ constexpr double kMaxMovedShare =
 constexpr int kMinMovedTiles = 4;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;
+
+// What is found in few of a station's photos turns or passes by. It may move as one from photo to photo, and
+// be taken for the camera's own motion, and where it fills the picture what stays is a small share of all:
+// such photos are compared again by what stays alone.
+void CompareByWhatStays(const PictureStandard& standard, const std::vector<GreyPicture>& pictures,
+                        const std::vector<int>& images, std::vector<PictureComparison>* comparisons) {
+  const auto is_still = [](const PictureComparison& comparison) {
+    return comparison.verdict == Verdict::kStill;
+  };
+  const auto num_still = std::count_if(comparisons->begin(), comparisons->end(), is_still);
+  if (num_still < static_cast<std::ptrdiff_t>(kMinPersistencePhotos)) return;
+  std::vector<int> num_found(std::find_if(comparisons->begin(), comparisons->end(), is_still)->tiles.size(),
+                             0);
+  for (const PictureComparison& comparison : *comparisons) {
+    for (size_t t = 0; is_still(comparison) && t < num_found.size(); ++t)
+      num_found[t] += comparison.tiles[t].is_found ? 1 : 0;
+  }
+  std::vector<char> is_passing;
+  is_passing.reserve(num_found.size());
+  for (const int num : num_found)
+    is_passing.push_back(num < kMinPersistence * static_cast<double>(num_still) ? 1 : 0);
+  ParallelFor(static_cast<int64_t>(images.size()), 0, [&](int64_t i) {
+    PictureComparison& comparison = (*comparisons)[i];
+    if (is_still(comparison) && comparison.second_from_first.isIdentity()) return;
+    PictureComparison without = standard.CompareWith(pictures[images[i]], is_passing);
+    if (is_still(without)) comparison = std::move(without);
+  });
+}
 
 // Leaves those members out in which much of what stays in place in most of them lies elsewhere. A tile of
 // little texture before noise, of a checked cloth or of what turns lies elsewhere now and then in every
@@ -86,6 +115,7 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
     std::vector<PictureComparison> comparisons(left.size());
     ParallelFor(static_cast<int64_t>(left.size()), 0,
                 [&](int64_t i) { comparisons[i] = standard.CompareWith(pictures[left[i]]); });
+    CompareByWhatStays(standard, pictures, left, &comparisons);
     std::vector<int> members;
     for (size_t i = 0; i < left.size(); ++i) {
       if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));

@@ -5,8 +5,10 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <random>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
@@ -105,6 +107,59 @@ TEST(CircularMotion, ATurnThatClosesClosesToTheLastDigit) {
     EXPECT_TRUE(motion.steps_are_equal);
     EXPECT_LT(WorstAngleDeg(fit, 0), 1e-6);
     EXPECT_EQ(fit.aligned.scene.views.size(), 24U);
+  }
+}
+
+TEST(FaceMatches, ChoosesTheSideOnWhichPointsLieBeforeTheCamera) {
+  const double focal = 500;
+  for (const double elevation_deg : {5.0, 30.0, 60.0}) {
+    const double e = elevation_deg * kDegree;
+    CircularTurn truth;
+    const Eigen::Vector3d axis(0, -std::cos(e), -std::sin(e));
+    const Eigen::Vector3d foot(0, -std::sin(e), std::cos(e));
+    truth.frame << foot, axis.cross(foot), axis;
+    truth.angles = {0, 0.2, 0.5};
+    CircularMatches data;
+    data.num_photos = 3;
+    std::mt19937 random(1);
+    std::normal_distribution<double> normal;
+    for (const auto& [photo1, photo2] : {std::pair(0, 1), std::pair(1, 2), std::pair(0, 2)}) {
+      CircularMatches::Pair pair{photo1, photo2, {}};
+      for (int k = 0; k < 60; ++k) {
+        // Every third is wrong.
+        const bool is_wrong = k % 3 == 0;
+        const Eigen::Vector3d offset = 0.1 * Eigen::Vector3d(normal(random), normal(random), normal(random));
+        const auto seen = [&](int photo) {
+          const Eigen::Vector3d x =
+              foot + Eigen::AngleAxisd(truth.angles[static_cast<size_t>(photo)], axis) * offset +
+              std::tan(e) * -axis;
+          return Eigen::Vector2d(focal * x.hnormalized());
+        };
+        Eigen::Vector2d second = seen(photo2);
+        if (is_wrong) second += 40 * Eigen::Vector2d(normal(random), normal(random));
+        pair.matches.push_back({seen(photo1), second, 0.01});
+      }
+      data.pairs.push_back(std::move(pair));
+    }
+    const CircularLens lens{std::log(focal), 0};
+    CircularTurn as_is = truth;
+    FaceMatches(data, lens, 0.5, &as_is);
+    EXPECT_EQ(as_is.frame, truth.frame) << elevation_deg;
+    CircularTurn opposite = truth;
+    opposite.frame.leftCols<2>() *= -1;
+    const std::vector<CircularMatches> stations = {data};
+    CircularPriors priors;
+    priors.focal.push_back({focal, 1});
+    priors.least_log_focal = {0};
+    priors.most_log_focal = {20};
+    priors.distortion = {0};
+    // The likelihood does not tell them apart.
+    const CircularState state{{lens}, {truth}, 0.5};
+    const CircularState behind{{lens}, {opposite}, 0.5};
+    EXPECT_NEAR(EvaluateCircular(stations, priors, state, false).gain[0],
+                EvaluateCircular(stations, priors, behind, false).gain[0], 1e-9);
+    FaceMatches(data, lens, 0.5, &opposite);
+    EXPECT_EQ(opposite.frame, truth.frame) << elevation_deg;
   }
 }
 

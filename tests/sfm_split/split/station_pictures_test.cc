@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <opencv2/core.hpp>
@@ -14,6 +15,8 @@
 
 namespace s2gs {
 namespace {
+
+using Verdict = PictureComparison::Verdict;
 
 constexpr int kWidth = 400;
 constexpr int kHeight = 300;
@@ -29,6 +32,21 @@ cv::Mat Texture(uint64_t seed, double contrast) {
   cv::GaussianBlur(fine, coarse, {0, 0}, 6);
   cv::GaussianBlur(fine, fine, {0, 0}, 1.8);
   return 110 + contrast * (6 * fine + 12 * coarse);
+}
+
+// Rounded and compressed as a photo.
+GreyPicture Finish(const cv::Mat& picture, int quality) {
+  cv::Mat bytes;
+  picture.convertTo(bytes, CV_8U);
+  std::vector<uint8_t> file;
+  cv::imencode(".jpg", bytes, file, {cv::IMWRITE_JPEG_QUALITY, quality});
+  bytes = cv::imdecode(file, cv::IMREAD_GRAYSCALE);
+  GreyPicture result;
+  result.photo_size = {kWidth, kHeight};
+  result.width = kWidth;
+  result.height = kHeight;
+  result.grey.assign(bytes.datastart, bytes.dataend);
+  return result;
 }
 
 struct Shot {
@@ -78,18 +96,7 @@ GreyPicture Take(const Shot& shot) {
   cv::Mat noise(picture.size(), CV_32F);
   cv::RNG random(shot.seed);
   random.fill(noise, cv::RNG::NORMAL, 0, std::max(shot.noise, 1e-6));
-  picture = shot.gain * picture + noise;
-  cv::Mat bytes;
-  picture.convertTo(bytes, CV_8U);
-  std::vector<uint8_t> file;
-  cv::imencode(".jpg", bytes, file, {cv::IMWRITE_JPEG_QUALITY, shot.quality});
-  bytes = cv::imdecode(file, cv::IMREAD_GRAYSCALE);
-  GreyPicture result;
-  result.photo_size = {kWidth, kHeight};
-  result.width = kWidth;
-  result.height = kHeight;
-  result.grey.assign(bytes.datastart, bytes.dataend);
-  return result;
+  return Finish(shot.gain * picture + noise, shot.quality);
 }
 
 PictureComparison Compare(const Shot& a, const Shot& b) {
@@ -104,8 +111,6 @@ Shot Turned(double degrees, uint64_t seed) {
   shot.seed = seed;
   return shot;
 }
-
-using Verdict = PictureComparison::Verdict;
 
 TEST(PictureStandard, StandsStillUnderExposureNoiseAndCompression) {
   for (const double gain : {0.5, 1.0, 1.8}) {
@@ -140,6 +145,87 @@ TEST(PictureStandard, IgnoresAHand) {
   Shot other = Turned(30, 2);
   other.has_hand = true;
   EXPECT_EQ(Compare(Turned(0, 1), other).verdict, Verdict::kStill);
+}
+
+struct PlainShot {
+  double turn_deg = 0;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+  double flatness = 0.5;   // of the disc's ellipse: how high the camera stands
+  bool has_shelf = false;  // two long edges instead of the disc's rim
+  double gain = 1;
+  uint64_t seed = 1;
+};
+
+// A wall of one colour that light falls off on, a disc of one colour, and what turns upon it: all that stays
+// and has structure are edges.
+GreyPicture TakePlain(const PlainShot& shot) {
+  constexpr double kRadius = 130;
+  constexpr double kObjectRadius = 50;
+  const cv::Mat texture = Texture(3, 10);
+  const double c = std::cos(shot.turn_deg * CV_PI / 180);
+  const double s = std::sin(shot.turn_deg * CV_PI / 180);
+  cv::Mat picture(2 * kHeight, 2 * kWidth, CV_32F);  // twice as fine, against steps along the rim
+  for (int y = 0; y < picture.rows; ++y) {
+    for (int x = 0; x < picture.cols; ++x) {
+      const double u = 0.5 * x - kDiscCentre.x() - shot.shift.x();
+      const double v = 0.5 * y - kDiscCentre.y() - shot.shift.y();
+      double grey = 170 - 0.05 * y;
+      if (shot.has_shelf ? v > -120 && v < 60 : std::hypot(u, v / shot.flatness) < kRadius) grey = 110;
+      if (std::hypot(u, 2 * v) < kObjectRadius)
+        grey = texture.at<float>(static_cast<int>(200 + s * u + 2 * c * v),
+                                 static_cast<int>(200 + c * u - 2 * s * v));
+      picture.at<float>(y, x) = static_cast<float>(grey);
+    }
+  }
+  cv::resize(picture, picture, {kWidth, kHeight}, 0, 0, cv::INTER_AREA);
+  cv::Mat noise(picture.size(), CV_32F);
+  cv::RNG random(shot.seed);
+  random.fill(noise, cv::RNG::NORMAL, 0, 1);
+  return Finish(shot.gain * picture + noise, 95);
+}
+
+PictureComparison ComparePlain(const PlainShot& a, const PlainShot& b) {
+  const StationOptions options;
+  const PictureStandard standard(TakePlain(a), options.max_shake_px, options.min_unmoved_share,
+                                 options.min_cells);
+  return standard.CompareWith(TakePlain(b));
+}
+
+TEST(PictureStandard, KnowsACameraBeforeAPlainWallByEdges) {
+  uint64_t seed = 1;
+  for (const double gain : {0.7, 1.0, 1.3}) {
+    for (const Eigen::Vector2d& shift : {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.6, 0.3),
+                                         Eigen::Vector2d(-1.6, 0.9), Eigen::Vector2d(2.8, 1.9)}) {
+      PlainShot other;
+      other.turn_deg = 40;
+      other.shift = shift;
+      other.gain = gain;
+      other.seed = ++seed;
+      const PictureComparison comparison = ComparePlain({}, other);
+      EXPECT_EQ(comparison.verdict, Verdict::kStill) << gain << " " << shift.transpose();
+      EXPECT_GT(comparison.num_edges, 10);
+      // .09 px at most were measured.
+      const Eigen::Vector3d middle = comparison.second_from_first * Eigen::Vector3d(200, 190, 1);
+      EXPECT_LT((middle.hnormalized() - Eigen::Vector2d(200, 190) - shift).norm(), 0.15);
+    }
+  }
+}
+
+TEST(PictureStandard, EdgesThatLieElsewhereOrTellOneDirectionProveNothing) {
+  PlainShot higher;
+  higher.turn_deg = 40;
+  higher.flatness = 0.56;
+  higher.seed = 2;
+  EXPECT_NE(ComparePlain({}, higher).verdict, Verdict::kStill);
+  PlainShot shelf;
+  shelf.has_shelf = true;
+  PlainShot along = shelf;
+  along.turn_deg = 40;
+  along.shift = {9, 0};
+  along.seed = 2;
+  const PictureComparison comparison = ComparePlain(shelf, along);
+  EXPECT_GT(comparison.num_edges, 10);
+  EXPECT_NE(comparison.verdict, Verdict::kStill);
 }
 
 TEST(PictureStandard, TellsOtherPlacesAndNothingFromFlatPictures) {
