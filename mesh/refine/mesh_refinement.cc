@@ -91,17 +91,25 @@ class Refiner {
                                        [i](const VertexFlags& flags) { return flags.Get(i); });
       is_unseen[i] = count < needed ? 1 : 0;
     }
-    return Drop(is_unseen);
+    // On rough even faces many vertices are turned away from all photos, which see the triangles there all
+    // the same. They stay where there is no other surface for what the photos show.
+    std::vector<bool> keep = TrianglesWithout(is_unseen);
+    const std::vector<bool> is_closing = photos_.FindClosing(mesh_, keep, needed);
+    for (size_t i = 0; i < keep.size(); ++i) keep[i] = keep[i] || is_closing[i];
+    return Keep(keep);
   }
 
   // \return  how many triangles.
   int64_t DropSeenThrough() {
     if (!photos_.ShowPlane()) return 0;
-    return Drop(photos_.FindSeenThrough(mesh_, photos_.FindVisible(mesh_, {kMinSeenCosine, 0})));
+    return Keep(
+        TrianglesWithout(photos_.FindSeenThrough(mesh_, photos_.FindVisible(mesh_, {kMinSeenCosine, 0}))));
   }
 
   // \return  how many triangles.
-  int64_t DropRefuted() { return Drop(FindRefuted(photos_, VertexGraph(mesh_), mesh_, num_threads_)); }
+  int64_t DropRefuted() {
+    return Keep(TrianglesWithout(FindRefuted(photos_, VertexGraph(mesh_), mesh_, num_threads_)));
+  }
 
   // The mesh keeps its vertices and triangles from here on.
   void BeginPasses() {
@@ -219,13 +227,18 @@ class Refiner {
     if (count > 0) course_.push_back({SteadySeconds() - started_, 1 - sum / static_cast<double>(count)});
   }
 
-  // Triangles with such a corner. \return  how many.
-  int64_t Drop(const std::vector<uint8_t>& vertices) {
+  // Those that have none of the vertices for a corner.
+  std::vector<bool> TrianglesWithout(const std::vector<uint8_t>& vertices) const {
     std::vector<bool> keep;
     keep.reserve(mesh_.triangles.size());
     for (const auto& triangle : mesh_.triangles) {
       keep.push_back(vertices[triangle[0]] == 0 && vertices[triangle[1]] == 0 && vertices[triangle[2]] == 0);
     }
+    return keep;
+  }
+
+  // \return  how many triangles are dropped.
+  int64_t Keep(const std::vector<bool>& keep) {
     const int64_t dropped = std::count(keep.begin(), keep.end(), false);
     // A mesh that the photos do not show at all is not for them to judge.
     if (dropped == 0 || dropped == static_cast<int64_t>(keep.size())) return 0;

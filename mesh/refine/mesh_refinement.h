@@ -31,7 +31,7 @@ struct MeshRefinementOptions {
   /// Where fewer vertices have a clear peak, all of these may be chance: then none moves [%]. 0: they move.
   double least_clear_pct = 5;
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
-  /// fewer than 30 photos; 0: all stay.
+  /// fewer than 30 photos; 0: all stay. So does one without which as many would see no surface there.
   double min_seen_pct = 3;
   bool carve = true;              ///< open hollows that photos contradict (surface_carving.h).
   bool drop_refuted = true;       ///< parts where hardly two photos show the same (refuted_surface.h).

@@ -39,6 +39,12 @@ class RefinementPhotos {
   /// For each photo, which vertices it sees. Throws Interrupted.
   std::vector<VertexFlags> FindVisible(const TriangleMesh& mesh, const VisibilityRule& rule) const;
 
+  /// Of the triangles that are not to be kept, those that close the mesh: most of the photos that see the
+  /// front of one, and at least `least_photos`, would look past the rest of the mesh there, or at its inside,
+  /// and not at another surface. \param keep  by triangle. Throws Interrupted.
+  std::vector<bool> FindClosing(const TriangleMesh& mesh, const std::vector<bool>& keep,
+                                int least_photos) const;
+
   /// The surface at a vertex with the photos that are compared there, not laid out yet.
   /// \param visible  of FindVisible.
   SurfacePatch PatchAt(const TriangleMesh& mesh, size_t vertex, const std::vector<VertexFlags>& visible,

@@ -53,8 +53,9 @@ struct PixelRange {
   int last;
 };
 
-void DrawTriangle(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c, int width,
-                  int height, std::vector<float>* depths) {
+// \param triangle_at  may be null.
+void DrawTriangle(int32_t id, const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c,
+                  int width, int height, std::vector<float>* depths, std::vector<int32_t>* triangle_at) {
   const float area = Cross(a, b, c);
   if (!(std::abs(area) > std::numeric_limits<float>::min())) return;
   const auto [min_x, max_x] = std::minmax({a.x(), b.x(), c.x()});
@@ -72,16 +73,21 @@ void DrawTriangle(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eige
       const float v = Cross(pixel, c, a) / area;
       const float w = 1 - u - v;
       if (u < -kEdgeTolerance || v < -kEdgeTolerance || w < -kEdgeTolerance) continue;
-      float& depth = (*depths)[static_cast<size_t>(row) * width + column];
-      depth = std::min(depth, u * a.z() + v * b.z() + w * c.z());
+      const size_t at = static_cast<size_t>(row) * width + column;
+      const float depth = u * a.z() + v * b.z() + w * c.z();
+      if (!(depth < (*depths)[at])) continue;
+      (*depths)[at] = depth;
+      if (triangle_at != nullptr) (*triangle_at)[at] = id;
     }
   }
 }
 
 }  // namespace
 
-std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& view) {
+std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& view,
+                                   std::vector<int32_t>* triangle_at) {
   const FloatView camera(view);
+  if (triangle_at != nullptr) triangle_at->assign(static_cast<size_t>(view.width) * view.height, -1);
   std::vector<float> depths(static_cast<size_t>(view.width) * view.height,
                             std::numeric_limits<float>::infinity());
   // Column and row of each vertex, counted from the centre of the first pixel, and its depth.
@@ -92,12 +98,13 @@ std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& v
     const Eigen::Vector2f p = camera.Project(x);
     projected.emplace_back(p.x() - 0.5F, p.y() - 0.5F, x.z());
   }
-  for (const auto& triangle : mesh.triangles) {
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const auto& triangle = mesh.triangles[i];
     const Eigen::Vector3f& a = projected[triangle[0]];
     const Eigen::Vector3f& b = projected[triangle[1]];
     const Eigen::Vector3f& c = projected[triangle[2]];
     if (!(a.z() > 0 && b.z() > 0 && c.z() > 0)) continue;
-    DrawTriangle(a, b, c, view.width, view.height, &depths);
+    DrawTriangle(static_cast<int32_t>(i), a, b, c, view.width, view.height, &depths, triangle_at);
   }
   return depths;
 }

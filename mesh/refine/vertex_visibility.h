@@ -31,7 +31,9 @@ class VertexFlags {
 
 /// Depths of the mesh's nearest surface at the pixels' centres, infinite where there is none. Triangles that
 /// reach behind the camera are left out.
-std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& view);
+/// \param triangle_at  may be null; which triangle it is at each pixel, -1 where there is none.
+std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& view,
+                                   std::vector<int32_t>* triangle_at = nullptr);
 
 /// Which vertices the view sees: those within the image that the mesh itself does not hide.
 /// \param mesh  with normals.

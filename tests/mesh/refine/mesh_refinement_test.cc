@@ -141,6 +141,68 @@ TEST(MeshRefinement, SameBitsForAnyNumberOfThreads) {
   EXPECT_EQ(one.triangles, four.triangles);
 }
 
+// Vertices of a sphere's outside, before those of a smaller one in its middle.
+TEST(MeshRefinement, FindsWhatClosesTheMesh) {
+  constexpr double kInner = 0.5;
+  const SpherePhotos photos(1, {0}, Plain);
+  const Eigen::Vector3d center = CameraCentre(photos.Camera(0).cam_from_object);
+  const TriangleMesh outer = Sphere(1, 60);
+  TriangleMesh both = outer;
+  for (const auto& triangle : Sphere(kInner, 60).triangles) {
+    both.triangles.emplace_back(triangle.array() + static_cast<uint32_t>(outer.vertices.size()));
+  }
+  for (const Eigen::Vector3f& vertex : Sphere(kInner, 60).vertices) both.vertices.push_back(vertex);
+  std::vector<bool> keep(both.triangles.size(), true);
+  std::fill_n(keep.begin(), outer.triangles.size(), false);
+  Reporter silent;
+  RefinementPhotos loaded(2, silent);
+  loaded.Load(photos, both, 1);
+  const std::vector<bool> is_closing = loaded.FindClosing(both, keep, 1);
+  ASSERT_EQ(is_closing.size(), keep.size());
+  constexpr double kTriangle = 0.06;  // a little more than an edge
+  int num_open = 0;
+  int num_covered = 0;
+  for (size_t i = 0; i < keep.size(); ++i) {
+    const auto& t = both.triangles[i];
+    const Eigen::Vector3d middle =
+        ((both.vertices[t[0]] + both.vertices[t[1]] + both.vertices[t[2]]) / 3).cast<double>();
+    const Eigen::Vector3d to_camera = center - middle;
+    // Of the line of sight from the spheres' middle.
+    const double off = middle.cross(to_camera.normalized()).norm();
+    if (keep[i] || middle.dot(to_camera) < -kTriangle) {
+      EXPECT_FALSE(is_closing[i]);
+    } else if (off < kInner - kTriangle) {
+      EXPECT_FALSE(is_closing[i]) << off;
+      ++num_covered;
+    } else if (off > kInner + kTriangle && off < 1 - kTriangle) {
+      EXPECT_TRUE(is_closing[i]) << off;
+      ++num_open;
+    }
+  }
+  EXPECT_GT(num_covered, 100);
+  EXPECT_GT(num_open, 100);
+  const std::vector<bool> by_two = loaded.FindClosing(both, keep, 2);
+  EXPECT_EQ(std::count(by_two.begin(), by_two.end(), true), 0);
+}
+
+// Level cameras see a sphere up to where its normal is at right angles to the line of sight, though from
+// elsewhere on at cosines that say nothing of its place.
+TEST(MeshRefinement, KeepsWhatPhotosSeeAtASlantWhereNothingIsBehind) {
+  const SpherePhotos photos(18, {0}, Waves);
+  TriangleMesh mesh = Sphere(1, 60);
+  Refine(photos, &mesh);
+  const double horizon = std::acos(1 / kDistance);                    // 78.5 degrees
+  const double judged = horizon - std::asin(double{kMinSeenCosine});  // of the angle at the middle, about
+  int num_slanted = 0;
+  for (const Eigen::Vector3f& vertex : mesh.vertices) {
+    const double elevation = std::asin(std::min(1.0, std::abs(double{vertex.z()}) / vertex.norm()));
+    EXPECT_LT(elevation, horizon + kPi / 60);
+    num_slanted += elevation > judged + kPi / 60 ? 1 : 0;
+  }
+  // Two rings of 120 vertices at each pole and no hole in them.
+  EXPECT_GE(num_slanted, 4 * 120);
+}
+
 TEST(MeshRefinement, DropsWhatNoPhotoSees) {
   const SpherePhotos photos(14, kThreeRings, Waves);
   const TriangleMesh outer = Sphere(1, 60);
