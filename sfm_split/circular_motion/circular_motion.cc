@@ -127,14 +127,17 @@ void FillChance(double extent, CircularMatches* data) {
   std::stable_sort(pairs.begin(), pairs.end(), [&](const auto* a, const auto* b) {
     return StepsBetween(*a, data->num_photos) > StepsBetween(*b, data->num_photos);
   });
-  std::vector<Vector2d> moves;
+  const auto move_of = [&](const CircularMatches::Pair& pair, const CircularMatch& match) {
+    return MatchMove{match.second - match.first, TurnBetween(pair.photo1, pair.photo2, data->num_photos)};
+  };
+  std::vector<MatchMove> moves;
   for (const CircularMatches::Pair* pair : pairs) {
     if (static_cast<double>(moves.size()) > kFarShare * static_cast<double>(total)) break;
-    for (const CircularMatch& match : pair->matches) moves.emplace_back(match.second - match.first);
+    for (const CircularMatch& match : pair->matches) moves.push_back(move_of(*pair, match));
   }
   const WrongMatches wrong(moves, extent);
   for (CircularMatches::Pair& pair : data->pairs) {
-    for (CircularMatch& match : pair.matches) match.chance = wrong.Chance(match.second - match.first);
+    for (CircularMatch& match : pair.matches) match.chance = wrong.Chance(move_of(pair, match));
   }
 }
 

@@ -55,10 +55,13 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
   std::map<int, int> size_of_station;
   std::vector<int> place;
   for (const ScanImage& image : features.images) place.push_back(size_of_station[image.station]++);
-  const auto displacement = [&](const PossiblePair& pair, const FeatureMatch& match) -> Eigen::Vector2d {
-    return (features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2] -
-            features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1])
-        .cast<double>();
+  const auto move_of = [&](const PossiblePair& pair, const FeatureMatch& match) {
+    const auto i = static_cast<size_t>(pair.image1);
+    const auto j = static_cast<size_t>(pair.image2);
+    const Eigen::Vector2f px =
+        features.images[j].keypoints[match.point2D_idx2] - features.images[i].keypoints[match.point2D_idx1];
+    return MatchMove{px.cast<double>(),
+                     TurnBetween(place[i], place[j], size_of_station.at(features.images[i].station))};
   };
   std::map<int, std::vector<StepsApart>> pairs_of;  // by station; -1: of two stations
   KeypointExtent extent;
@@ -83,16 +86,16 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
     for (const StepsApart& apart : pairs) total += apart.pair.matches.size();
     std::stable_sort(pairs.begin(), pairs.end(),
                      [](const StepsApart& a, const StepsApart& b) { return a.steps > b.steps; });
-    std::vector<Eigen::Vector2d> moves;
+    std::vector<MatchMove> moves;
     for (const StepsApart& apart : pairs) {
       if (station < 0 || static_cast<double>(moves.size()) > kFarShare * static_cast<double>(total)) break;
-      for (const FeatureMatch& match : apart.pair.matches) moves.push_back(displacement(apart.pair, match));
+      for (const FeatureMatch& match : apart.pair.matches) moves.push_back(move_of(apart.pair, match));
     }
     const WrongMatches wrong(moves, extent.Px());
     const double reach_px = station < 0 ? 0 : kMagnification * Swept(features, pairs);
     for (StepsApart& apart : pairs) {
       for (const FeatureMatch& match : apart.pair.matches)
-        apart.pair.chance.push_back(wrong.Chance(displacement(apart.pair, match)));
+        apart.pair.chance.push_back(wrong.Chance(move_of(apart.pair, match)));
       apart.pair.reach_px = reach_px;
       result.push_back(std::move(apart.pair));
     }

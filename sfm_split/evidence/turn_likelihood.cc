@@ -36,10 +36,13 @@ std::vector<double> OverChance(const TurnPair& pair, const PosedImage& first, co
   return over;
 }
 
-Eigen::Vector2d Move(const ScanFeatures& features, const ImagePairMatches& pair, const FeatureMatch& match) {
-  return (features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2] -
-          features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1])
-      .cast<double>();
+// \param place_of  in its station, of each of its images.
+MatchMove Move(const ScanFeatures& features, const std::map<int, int>& place_of, const ImagePairMatches& pair,
+               const FeatureMatch& match) {
+  const Eigen::Vector2f px = features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2] -
+                             features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1];
+  return {px.cast<double>(),
+          TurnBetween(place_of.at(pair.image1), place_of.at(pair.image2), static_cast<int>(place_of.size()))};
 }
 
 // Those that may be the object's, without `others`.
@@ -77,10 +80,10 @@ WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>
   }
   std::stable_sort(pairs.begin(), pairs.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
-  std::vector<Eigen::Vector2d> moves;
+  std::vector<MatchMove> moves;
   for (const auto& [steps, pair] : pairs) {
     if (static_cast<double>(moves.size()) > kFarShare * static_cast<double>(all)) break;
-    for (const FeatureMatch& match : pair.matches) moves.push_back(Move(features, pair, match));
+    for (const FeatureMatch& match : pair.matches) moves.push_back(Move(features, place, pair, match));
   }
   return {moves, extent.Px()};
 }
@@ -115,7 +118,7 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
       const FeatureMatch& match = own.matches[static_cast<size_t>(details[d])];
       pairs.back().matches.push_back({keypoints1[match.point2D_idx1].cast<double>(),
                                       keypoints2[match.point2D_idx2].cast<double>(),
-                                      wrong.Chance(Move(features, own, match))});
+                                      wrong.Chance(Move(features, places[0], own, match))});
     }
   }
   return pairs;
