@@ -87,7 +87,7 @@ PictureStandard::PictureStandard(const GreyPicture& picture, double max_shake_px
 
 // Of the fine tiles.
 void PictureStandard::FindUniqueTiles() {
-  constexpr int kSide = 2 * kSearchRadius + 1;  // of the square that is searched  // of the square that is searched
+  constexpr int kSide = 2 * kSearchRadius + 1;  // of the square that is searched
   std::vector<double> surface;
   for (Tile& tile : tiles_) {
     double correlation = 0;
