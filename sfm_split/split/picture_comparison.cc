@@ -371,6 +371,10 @@ PictureComparison PictureStandard::CompareWith(const GreyPicture& other,
   const Eigen::Vector2i shift = CoarseShift(MakeLevel(other, kCoarseFactor));
   if (shift.isZero()) return unshifted;
   PictureComparison shifted = CompareAt(fine, shift, is_passing);
+  const auto is_still = [](const PictureComparison& c) {
+    return c.verdict == PictureComparison::Verdict::kStill;
+  };
+  if (is_still(shifted) != is_still(unshifted)) return is_still(shifted) ? shifted : unshifted;
   return shifted.num_agreeing > unshifted.num_agreeing ? shifted : unshifted;
 }
 

@@ -57,9 +57,8 @@ class PictureStandard {
   PictureStandard(const GreyPicture& picture, double max_shake_px, double min_share, int min_cells);
 
   /// Pictures of another size are kMoved.
-  /// \param is_passing  per tile: whether other pictures show that it does not stay, so that it tells nothing
-  /// of
-  ///                    the camera's own motion; empty: nothing is known.
+  /// \param is_passing  per tile: whether other pictures show that it does not stay, so that it is not asked;
+  ///                    empty: nothing is known.
   PictureComparison CompareWith(const GreyPicture& other, const std::vector<char>& is_passing = {}) const;
 
  private:
