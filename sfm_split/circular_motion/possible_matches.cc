@@ -7,7 +7,6 @@
 
 #include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/circular_motion/turn_reach.h"
-#include "sfm_split/circular_motion/wrong_matches.h"
 
 namespace s2gs {
 namespace {
@@ -51,17 +50,22 @@ double Swept(const ScanFeatures& features, const std::vector<StepsApart>& pairs)
 
 }  // namespace
 
+MatchMove MoveOf(const ScanFeatures& features, int image1, int image2, const FeatureMatch& match,
+                 const Eigen::Vector2d& turn) {
+  const Eigen::Vector2f px = features.images[static_cast<size_t>(image2)].keypoints[match.point2D_idx2] -
+                             features.images[static_cast<size_t>(image1)].keypoints[match.point2D_idx1];
+  return {px.cast<double>(), turn};
+}
+
 std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool within_stations) {
   std::map<int, int> size_of_station;
   std::vector<int> place;
   for (const ScanImage& image : features.images) place.push_back(size_of_station[image.station]++);
   const auto move_of = [&](const PossiblePair& pair, const FeatureMatch& match) {
     const auto i = static_cast<size_t>(pair.image1);
-    const auto j = static_cast<size_t>(pair.image2);
-    const Eigen::Vector2f px =
-        features.images[j].keypoints[match.point2D_idx2] - features.images[i].keypoints[match.point2D_idx1];
-    return MatchMove{px.cast<double>(),
-                     TurnBetween(place[i], place[j], size_of_station.at(features.images[i].station))};
+    const int num_photos = size_of_station.at(features.images[i].station);
+    return MoveOf(features, pair.image1, pair.image2, match,
+                  TurnBetween(place[i], place[static_cast<size_t>(pair.image2)], num_photos));
   };
   std::map<int, std::vector<StepsApart>> pairs_of;  // by station; -1: of two stations
   KeypointExtent extent;

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "sfm_split/circular_motion/wrong_matches.h"
 #include "sfm_split/scene/scan_features.h"
 
 namespace s2gs {
@@ -18,6 +19,10 @@ struct PossiblePair {
   double reach_px = 0;
   std::vector<double> weight;  ///< how much each counts for MatchAscent; empty: once.
 };
+
+/// How a match of two photos moved. \param turn  TurnBetween() of their places.
+MatchMove MoveOf(const ScanFeatures& features, int image1, int image2, const FeatureMatch& match,
+                 const Eigen::Vector2d& turn);
 
 /// Of all pairs of photos, placed or not: what wrong matches look like is then the same for every scene. In
 /// one station that is WrongMatches, between two stations they lie anywhere along the object.

@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/circular_motion/match_mixture.h"
+#include "sfm_split/circular_motion/possible_matches.h"
 #include "sfm_split/circular_motion/wrong_matches.h"
 #include "sfm_split/evidence/pair_proof.h"
 #include "sfm_split/scene/axis_turn.h"
@@ -39,10 +40,9 @@ std::vector<double> OverChance(const TurnPair& pair, const PosedImage& first, co
 // \param place_of  in its station, of each of its images.
 MatchMove Move(const ScanFeatures& features, const std::map<int, int>& place_of, const ImagePairMatches& pair,
                const FeatureMatch& match) {
-  const Eigen::Vector2f px = features.images[static_cast<size_t>(pair.image2)].keypoints[match.point2D_idx2] -
-                             features.images[static_cast<size_t>(pair.image1)].keypoints[match.point2D_idx1];
-  return {px.cast<double>(),
-          TurnBetween(place_of.at(pair.image1), place_of.at(pair.image2), static_cast<int>(place_of.size()))};
+  return MoveOf(
+      features, pair.image1, pair.image2, match,
+      TurnBetween(place_of.at(pair.image1), place_of.at(pair.image2), static_cast<int>(place_of.size())));
 }
 
 // Those that may be the object's, without `others`.

@@ -54,15 +54,15 @@ bool Summit(const std::vector<double>& surface, int radius, double* correlation,
   return true;
 }
 
-bool SummitAlong(const std::vector<double>& surface, int radius, const Eigen::Vector2d& from,
-                 const Eigen::Vector2d& normal, double* correlation, double* curvature, double* at) {
+bool SummitAlong(const std::vector<double>& surface, int radius, const Eigen::Vector2d& normal,
+                 double* correlation, double* curvature, double* at) {
   const int side = 2 * radius + 1;
   const double kReachPx = std::sqrt(0.5);  // every line passes a pixel's middle by no more
   *correlation = -1;
   Eigen::Vector2i best = Eigen::Vector2i::Zero();
   for (int y = 0; y < side; ++y) {
     for (int x = 0; x < side; ++x) {
-      const Eigen::Vector2d beside = Eigen::Vector2d(x - radius, y - radius) - from;
+      const Eigen::Vector2d beside(x - radius, y - radius);
       const double here = surface[static_cast<size_t>(y) * side + x];
       if (std::abs(beside.x() * normal.y() - beside.y() * normal.x()) > kReachPx || here <= *correlation)
         continue;

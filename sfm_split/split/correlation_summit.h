@@ -13,11 +13,11 @@ namespace s2gs {
 bool Summit(const std::vector<double>& surface, int radius, double* correlation, double* curvature,
             Eigen::Vector2d* at);
 
-/// The largest correlation along the line through `from` along `normal`, and its place there, by a paraboloid
+/// The largest correlation along `normal` from the search's centre, and its place there, by a paraboloid
 /// through the 3 x 3 correlations around it; false at the search's border.
 /// \param curvature  there, along the normal [1/px^2].
 /// \param at         from the search's centre, along the normal [px].
-bool SummitAlong(const std::vector<double>& surface, int radius, const Eigen::Vector2d& from,
-                 const Eigen::Vector2d& normal, double* correlation, double* curvature, double* at);
+bool SummitAlong(const std::vector<double>& surface, int radius, const Eigen::Vector2d& normal,
+                 double* correlation, double* curvature, double* at);
 
 }  // namespace s2gs

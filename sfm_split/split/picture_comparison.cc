@@ -121,8 +121,7 @@ void PictureStandard::FindEdges() {
     double curvature = 0;
     if (tile.least_texture >= least || tile.most_texture < least ||
         !Correlate(fine_, tile, fine_, {tile.x, tile.y}, kTileSide, kSearchRadius, &surface) ||
-        !SummitAlong(surface, kSearchRadius, Eigen::Vector2d::Zero(), tile.normal, &correlation, &curvature,
-                     &tile.own_place))
+        !SummitAlong(surface, kSearchRadius, tile.normal, &correlation, &curvature, &tile.own_place))
       continue;
     tile.is_edge = true;
     // Stripes and the two sides of a line look alike a few pixels beside.
@@ -299,8 +298,7 @@ void PictureStandard::MatchEdges(const Level& other, const Eigen::Vector2i& shif
     ++comparison->num_edges;
     double curvature = 0;
     double place = 0;
-    const Eigen::Vector2d from = Moved(comparison->second_from_first, match) - shift.cast<double>();
-    if (!SummitAlong(surface, kSearchRadius, from, tile.normal, &match.correlation, &curvature, &place) ||
+    if (!SummitAlong(surface, kSearchRadius, tile.normal, &match.correlation, &curvature, &place) ||
         match.correlation < kLeastCorrelation)
       continue;
     match.displacement = (tile.normal.dot(shift.cast<double>()) + place - tile.own_place) * tile.normal;

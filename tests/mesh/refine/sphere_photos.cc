@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "sfm_split/base/angles.h"
+#include "tests/support/camera_towards_origin.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {
@@ -56,14 +57,7 @@ ObjectView LookAtMiddle(double azimuth, double elevation, double distance) {
   const Eigen::Vector3d center =
       distance * Eigen::Vector3d(std::cos(azimuth) * std::cos(elevation),
                                  std::sin(azimuth) * std::cos(elevation), std::sin(elevation));
-  Eigen::Matrix3d rotation;  // cam_from_object
-  rotation.row(2) = -center.normalized();
-  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(center).normalized();
-  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
-  Rigid3 cam_from_object;
-  cam_from_object.rotation = Eigen::Quaterniond(rotation);
-  cam_from_object.translation = -(rotation * center);
-  return {kSide, kSide, kFocal, kFocal, kSide / 2.0 + 3.3, kSide / 2.0 - 2.6, cam_from_object};
+  return {kSide, kSide, kFocal, kFocal, kSide / 2.0 + 3.3, kSide / 2.0 - 2.6, CameraTowardsOrigin(center)};
 }
 
 SpherePhotos::SpherePhotos(int num_around, const std::vector<double>& elevations, const Texture& texture,

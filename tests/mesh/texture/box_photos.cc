@@ -6,6 +6,8 @@
 #include <limits>
 #include <utility>
 
+#include "tests/support/camera_towards_origin.h"
+
 namespace s2gs {
 namespace {
 
@@ -45,14 +47,7 @@ TriangleMesh MeshOf(const std::vector<PaintedBox>& boxes) {
 }
 
 ObjectView LookAtOrigin(const Eigen::Vector3d& center, int side, double focal) {
-  Eigen::Matrix3d rotation;  // cam_from_object
-  rotation.row(2) = -center.normalized();
-  rotation.row(0) = Eigen::Vector3d::UnitZ().cross(center).normalized();
-  rotation.row(1) = rotation.row(2).cross(rotation.row(0));
-  Rigid3 cam_from_object;
-  cam_from_object.rotation = Eigen::Quaterniond(rotation);
-  cam_from_object.translation = -(rotation * center);
-  return {side, side, focal, focal, side / 2.0 + 1.7, side / 2.0 - 2.3, cam_from_object};
+  return {side, side, focal, focal, side / 2.0 + 1.7, side / 2.0 - 2.3, CameraTowardsOrigin(center)};
 }
 
 BoxPhotos::BoxPhotos(std::vector<PaintedBox> boxes, std::vector<ObjectView> views)

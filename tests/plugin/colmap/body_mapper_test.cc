@@ -12,29 +12,13 @@
 #include "sfm_split/scene/io/colmap_database.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "tests/support/bad_input.h"
+#include "tests/support/model_without_points.h"
 #include "tests/support/temporary_folder.h"
 
 namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
-
-ColmapModel ModelOf(int num_images) {
-  ColmapModel model;
-  Camera& camera = model.cameras[1];
-  camera.camera_id = 1;
-  camera.model = CameraModelId::kPinhole;
-  camera.width = 40;
-  camera.height = 30;
-  camera.params = {50, 50, 20, 15};
-  for (int i = 1; i <= num_images; ++i) {
-    ColmapImage& image = model.images[static_cast<uint32_t>(i)];
-    image.image_id = static_cast<uint32_t>(i);
-    image.camera_id = 1;
-    image.name = std::to_string(i) + ".jpg";
-  }
-  return model;
-}
 
 class BodyMapper : public ::testing::Test {
  protected:
@@ -73,7 +57,7 @@ class BodyMapper : public ::testing::Test {
 
 TEST_F(BodyMapper, ModelsAreReadLargestFirstWithoutDamagedOnes) {
   for (const auto& [name, num_images] : {std::pair("0", 3), std::pair("1", 7), std::pair("2", 5)})
-    WriteColmapModel(folder_ / "found" / name, ModelOf(num_images), ColmapFormat::kBinary);
+    WriteColmapModel(folder_ / "found" / name, ModelWithoutPoints(num_images), ColmapFormat::kBinary);
   fs::create_directories(folder_ / "found" / "3");
   WriteAll(folder_ / "found" / "notes.txt", "no model");
   std::vector<size_t> sizes;
@@ -89,7 +73,7 @@ TEST_F(BodyMapper, TriesOtherSettingsWhileTooFewPhotosAreRegistered) {
   for (const auto& [mapping, enough] : {std::pair(ObjectMapping(), 5), std::pair(BackgroundMapping(), 9)}) {
     for (const int num_found : {enough - 1, enough}) {
       fs::remove_all(folder_ / "found");
-      WriteColmapModel(folder_ / "found" / "0", ModelOf(num_found), ColmapFormat::kBinary);
+      WriteColmapModel(folder_ / "found" / "0", ModelWithoutPoints(num_found), ColmapFormat::kBinary);
       const std::vector<MappingAttempt> attempts = Map(mapping, 10);
       EXPECT_EQ(attempts.size(), num_found < enough ? 3U : 1U) << mapping.body << num_found;
       ASSERT_FALSE(attempts.empty());

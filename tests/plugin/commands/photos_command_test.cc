@@ -14,6 +14,7 @@
 #include "plugin/stage/workspace.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "tests/support/bad_input.h"
+#include "tests/support/model_without_points.h"
 #include "tests/support/temporary_folder.h"
 
 namespace s2gs {
@@ -32,21 +33,9 @@ void RunCommand(const char* name, void (*command)(CommandContext&), std::vector<
 TEST(ModelExporter, NeedsThePhotosThatItNames) {
   const TemporaryFolder folder;
   const Workspace workspace{folder / "scan"};
-  ColmapModel model;
-  Camera& camera = model.cameras[1];
-  camera.camera_id = 1;
-  camera.model = CameraModelId::kPinhole;
-  camera.width = 40;
-  camera.height = 30;
-  camera.params = {50, 50, 20, 15};
-  for (const uint32_t id : {1U, 2U}) {
-    ColmapImage& image = model.images[id];
-    image.image_id = id;
-    image.camera_id = 1;
-    image.name = std::to_string(id) + ".jpg";
-    fs::create_directories(workspace.Images());
-    WriteAll(workspace.Images() / image.name, "a photo");
-  }
+  const ColmapModel model = ModelWithoutPoints(2);
+  fs::create_directories(workspace.Images());
+  for (const auto& [id, image] : model.images) WriteAll(workspace.Images() / image.name, "a photo");
   WriteColmapModel(workspace.ObjectModel(), model, ColmapFormat::kBinary);
   const auto write = [&](const char* output) {
     RunCommand("model_exporter", RunModelExporter,
