@@ -45,54 +45,98 @@ constexpr int kFiner = 4;  // parts of a pixel in which an edge is placed.
 constexpr int kPlaceRounds = 5;
 constexpr double kLeastTold = 1e-6;  // of radius and height by themselves.
 
-// Of the most different channel.
-float MostDifferent(const Image8& image, const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
-  const std::array<float, 3> of_a = BilinearColor(image, a);
-  const std::array<float, 3> of_b = BilinearColor(image, b);
-  float most = 0;
-  for (int c = 0; c < 3; ++c) most = std::max(most, std::abs(of_a[c] - of_b[c]));
-  return most;
-}
-
-// The change of colour across a place, along a direction on its surface; nothing beyond the picture.
-struct Crossing {
-  float change = 0;
-  double pitch = 0;  // [px] of the direction's length
-};
-
-std::optional<Crossing> CrossingAt(const StillPicture& picture, const Eigen::Vector3d& x,
-                                   const Eigen::Vector3d& along) {
-  const PinholeView& view = picture.view;
-  const std::optional<Eigen::Vector2d> here = PixelOf(view, view.cam_from_world * x);
-  const std::optional<Eigen::Vector2d> there = PixelOf(view, view.cam_from_world * (x + along));
-  if (!here || !there) return std::nullopt;
-  const Eigen::Vector2d& at = *here;
-  const double margin = kApart + 1;
-  if (!(at.x() > margin && at.y() > margin && at.x() < view.width - margin && at.y() < view.height - margin))
-    return std::nullopt;
-  const Eigen::Vector2d step = *there - at;
-  const double pitch = step.norm();
-  if (!(pitch > kLeastPitch)) return std::nullopt;
-  const Eigen::Vector2d apart = kApart / pitch * step;
-  return Crossing{MostDifferent(picture.image, at + apart, at - apart), pitch};
-}
-
-int LevelOf(float change) { return std::min(kLevels - 1, static_cast<int>(change * kLevelsPerGrey)); }
+constexpr double kArc = 2 * kPi / kDirections;  // of one direction
+// What a direction's arc shows in the mean: an edge along it is in all of it, and grain is not.
+constexpr int kOfArc = 5;
 
 // A straight line on a surface, from `start` in equal steps.
 struct SurfaceLine {
   Eigen::Vector3d start;
   Eigen::Vector3d step;
-  Eigen::Vector3d At(double s) const { return start + s * step; }
 };
+// The lines of one direction's arc.
+using LineBundle = std::array<SurfaceLine, kOfArc>;
+
+// A line as a picture shows it.
+class SeenLine {
+ public:
+  SeenLine(const PinholeView& view, const SurfaceLine& line)
+      : view_(view),
+        start_(view.cam_from_world * line.start),
+        step_(view.cam_from_world.rotation * line.step) {}
+
+  struct Place {
+    Eigen::Vector2d pixel;
+    Eigen::Vector2d step;  // [px] that one more moves it
+  };
+  // Nothing near the picture's border, and where a step is hardly seen.
+  std::optional<Place> At(double s) const {
+    const Eigen::Vector3d x = start_ + s * step_;
+    const std::optional<Eigen::Vector2d> pixel = PixelOf(view_, x);
+    constexpr double kMargin = kApart + 1;
+    if (!pixel || !(pixel->x() > kMargin && pixel->y() > kMargin && pixel->x() < view_.width - kMargin &&
+                    pixel->y() < view_.height - kMargin)) {
+      return std::nullopt;
+    }
+    const Eigen::Vector2d slope = (step_.head<2>() - step_.z() / x.z() * x.head<2>()) / x.z();
+    const Place place{*pixel, {view_.fx * slope.x(), view_.fy * slope.y()}};
+    return place.step.norm() > kLeastPitch ? std::optional<Place>(place) : std::nullopt;
+  }
+
+ private:
+  const PinholeView& view_;
+  Eigen::Vector3d start_, step_;  // in the camera
+};
+
+// What an arc's lines show of a surface.
+class SeenArc {
+ public:
+  SeenArc(const StillPicture& picture, const LineBundle& lines) : image_(picture.image) {
+    lines_.reserve(lines.size());
+    for (const SurfaceLine& line : lines) lines_.emplace_back(picture.view, line);
+  }
+
+  // The change of colour across a place of the lines.
+  struct Crossing {
+    float change = 0;  // of the most different channel
+    double pitch = 0;  // [px] of a step
+  };
+  // Nothing where less than half of the arc is in the picture.
+  std::optional<Crossing> At(double s) const {
+    std::array<float, 3> change = {};
+    double pitch = 0;
+    int seen = 0;
+    for (const SeenLine& line : lines_) {
+      const std::optional<SeenLine::Place> place = line.At(s);
+      if (!place) continue;
+      const double of_line = place->step.norm();
+      const Eigen::Vector2d apart = kApart / of_line * place->step;
+      const std::array<float, 3> beyond = BilinearColor(image_, place->pixel + apart);
+      const std::array<float, 3> before = BilinearColor(image_, place->pixel - apart);
+      for (int c = 0; c < 3; ++c) change[c] += beyond[c] - before[c];
+      pitch += of_line;
+      ++seen;
+    }
+    if (2 * seen < kOfArc) return std::nullopt;
+    float most = 0;
+    for (const float of_channel : change) most = std::max(most, std::abs(of_channel));
+    return Crossing{most / static_cast<float>(seen), pitch / seen};
+  }
+
+ private:
+  const Image8& image_;
+  std::vector<SeenLine> lines_;
+};
+
+int LevelOf(float change) { return std::min(kLevels - 1, static_cast<int>(change * kLevelsPerGrey)); }
 
 // What a picture shows along lines that lead across circles about the axis, one step on each line a circle.
 class PictureRings {
  public:
-  PictureRings(const StillPicture& picture, const std::vector<SurfaceLine>& lines, int num_steps)
+  PictureRings(const StillPicture& picture, const std::vector<LineBundle>& lines, int num_steps)
       : num_lines_(lines.size()), num_steps_(num_steps) {
     nearest_.reserve(lines.size() * num_steps);
-    for (const SurfaceLine& line : lines) AddLine(picture, line);
+    for (const LineBundle& of_arc : lines) AddLine(picture, of_arc);
     FindThresholds();
   }
 
@@ -141,11 +185,12 @@ class PictureRings {
 
  private:
   // The change at each step, and the clearest edge within kNear of it.
-  void AddLine(const StillPicture& picture, const SurfaceLine& line) {
+  void AddLine(const StillPicture& picture, const LineBundle& lines) {
     std::vector<float> changes(num_steps_, -1);  // not seen
     std::vector<double> pitches(num_steps_, 1);
+    const SeenArc arc(picture, lines);
     for (int s = 0; s < num_steps_; ++s) {
-      const std::optional<Crossing> crossing = CrossingAt(picture, line.At(s + 0.5), line.step);
+      const std::optional<SeenArc::Crossing> crossing = arc.At(s + 0.5);
       if (!crossing) continue;
       changes[s] = crossing->change;
       pitches[s] = crossing->pitch;
@@ -170,22 +215,28 @@ class PictureRings {
     edges_.insert(edges_.end(), edges.begin(), edges.end());
   }
 
-  // Most of what lies within a circle is even: half of its changes are its own.
+  // Most of what lies just within a circle is even, whatever stands further in: half of its changes are its
+  // own.
   void FindThresholds() {
     std::vector<int64_t> within(kLevels, 0);
     int64_t num_within = 0;
+    const auto count = [&](int s, int sign) {
+      for (size_t d = 0; d < num_lines_; ++d) {
+        const float change = changes_[d * num_steps_ + s];
+        if (!(change >= 0)) continue;
+        within[LevelOf(change)] += sign;
+        num_within += sign;
+      }
+    };
+    int first = 0;
     for (int s = 0; s < num_steps_; ++s) {
       int median = 0;
       for (int64_t below = within[0]; median + 1 < kLevels && 2 * below < num_within;)
         below += within[++median];
       const double threshold = kDeviations * kSigmaOfMad * (median + 1) / kLevelsPerGrey;
       thresholds_.push_back(static_cast<float>(threshold));
-      for (size_t d = 0; d < num_lines_; ++d) {
-        const float change = changes_[d * num_steps_ + s];
-        if (!(change >= 0)) continue;
-        ++within[LevelOf(change)];
-        ++num_within;
-      }
+      count(s, 1);
+      for (; kBeyond * (first + 1) < s; ++first) count(first, -1);
     }
   }
 
@@ -235,8 +286,9 @@ struct AxisFrame {
     x = up.cross(Eigen::Vector3d::Unit(least)).normalized();
     y = up.cross(x);
   }
-  Eigen::Vector3d Outwards(int direction) const {
-    const double angle = 2 * kPi * direction / kDirections;
+  // \param direction  of kDirections, or between two.
+  Eigen::Vector3d Outwards(double direction) const {
+    const double angle = kArc * direction;
     return std::cos(angle) * x + std::sin(angle) * y;
   }
   Eigen::Vector3d point, up, x, y;
@@ -299,16 +351,31 @@ class CircleFinder {
   static int FirstStep() { return static_cast<int>(kFirst / kStep); }
   double HeightAt(int h) const { return search_.low + h * climb_; }
 
-  std::vector<std::vector<SurfaceLine>> TopLines(double height) const {
-    std::vector<SurfaceLine> lines;
+  // The lines of a direction's arc. \param line  (outwards), the line of one place of it.
+  template <typename LineOf>
+  LineBundle Bundle(double direction, const LineOf& line) const {
+    LineBundle lines;
+    for (int i = 0; i < kOfArc; ++i)
+      lines[i] = line(frame_.Outwards(direction + (i - (kOfArc - 1) / 2.0) / kOfArc));
+    return lines;
+  }
+
+  // \param height  along the axis. \param radius  from where on.
+  LineBundle TopLine(double direction, double height, double radius) const {
+    return Bundle(direction, [&](const Eigen::Vector3d& outwards) {
+      return SurfaceLine{frame_.point + height * frame_.up + radius * outwards, step_ * outwards};
+    });
+  }
+
+  std::vector<std::vector<LineBundle>> TopLines(double height) const {
+    std::vector<LineBundle> lines;
     lines.reserve(kDirections);
-    for (int d = 0; d < kDirections; ++d)
-      lines.push_back({frame_.point + height * frame_.up, step_ * frame_.Outwards(d)});
-    return std::vector<std::vector<SurfaceLine>>(pictures_.size(), lines);
+    for (int d = 0; d < kDirections; ++d) lines.push_back(TopLine(d, height, 0));
+    return std::vector<std::vector<LineBundle>>(pictures_.size(), lines);
   }
 
   // \param lines  by picture.
-  std::vector<PictureRings> Look(const std::vector<std::vector<SurfaceLine>>& lines) const {
+  std::vector<PictureRings> Look(const std::vector<std::vector<LineBundle>>& lines) const {
     std::vector<PictureRings> rings;
     for (size_t i = 0; i < pictures_.size(); ++i) rings.emplace_back(pictures_[i], lines[i], num_steps_);
     return rings;
@@ -319,14 +386,19 @@ class CircleFinder {
   void Place(double height, double radius, TableCircle* circle) const {
     circle->height = height;
     circle->radius = radius;
+    const std::vector<PictureRings> rings = Look(TopLines(height));
+    const int ring = std::min(num_steps_ - 1, static_cast<int>(radius / step_));
     for (int round = 0; round < kPlaceRounds; ++round) {
       Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
       Eigen::Vector2d right = Eigen::Vector2d::Zero();
-      for (const StillPicture& picture : pictures_) {
+      for (size_t i = 0; i < pictures_.size(); ++i) {
+        const StillPicture& picture = pictures_[i];
+        const float threshold = rings[i].Threshold(ring);
         for (int d = 0; d < kDirections; ++d) {
           const Eigen::Vector3d outwards = frame_.Outwards(d);
           const Eigen::Vector3d x = frame_.point + circle->height * frame_.up + circle->radius * outwards;
-          const std::optional<double> offset = EdgeOffset(picture, x, outwards);
+          const std::optional<double> offset =
+              EdgeOffset(picture, TopLine(d, circle->height, circle->radius), threshold);
           if (!offset) continue;
           const Eigen::Vector2d row(1, RiseAlong(picture, x, outwards));
           normal += row * row.transpose();
@@ -342,15 +414,16 @@ class CircleFinder {
 
   // How far outwards the edge next to a place lies: the middle between where it falls to half on either side.
   // Nothing where there is none within kAlone.
-  std::optional<double> EdgeOffset(const StillPicture& picture, const Eigen::Vector3d& x,
-                                   const Eigen::Vector3d& outwards) const {
-    const std::optional<Crossing> here = CrossingAt(picture, x, step_ * outwards);
+  std::optional<double> EdgeOffset(const StillPicture& picture, const LineBundle& lines,
+                                   float threshold) const {
+    const SeenArc arc(picture, lines);
+    const std::optional<SeenArc::Crossing> here = arc.At(0);
     if (!here) return std::nullopt;
-    const double unit = step_ / here->pitch / kFiner;  // a part of a pixel
+    const double unit = 1 / here->pitch / kFiner;  // [steps], a part of a pixel
     const int reach = static_cast<int>(2 * kAlone * kFiner);
     std::vector<float> changes;
     for (int i = -reach; i <= reach; ++i) {
-      const std::optional<Crossing> crossing = CrossingAt(picture, x + i * unit * outwards, step_ * outwards);
+      const std::optional<SeenArc::Crossing> crossing = arc.At(i * unit);
       if (!crossing) return std::nullopt;
       changes.push_back(crossing->change);
     }
@@ -360,8 +433,8 @@ class CircleFinder {
     int last = best;
     while (first > 0 && 2 * changes[first] > changes[best]) --first;
     while (last < 2 * reach && 2 * changes[last] > changes[best]) ++last;
-    if (first == 0 || last == 2 * reach) return std::nullopt;
-    return ((first + last) / 2.0 - reach) * unit;
+    if (!(changes[best] > threshold) || first == 0 || last == 2 * reach) return std::nullopt;
+    return ((first + last) / 2.0 - reach) * unit * step_;
   }
 
   // How far outwards the circle's picture moves for a unit of height.
@@ -389,12 +462,13 @@ class CircleFinder {
     for (const StillPicture& picture : pictures_) {
       const Eigen::Vector3d to_camera = picture.view.cam_from_world.Inverse().translation - middle;
       const Eigen::Vector3d level = to_camera - to_camera.dot(frame_.up) * frame_.up;
-      std::vector<SurfaceLine> lines;
+      std::vector<LineBundle> lines;
       lines.reserve(kDirections);
       for (int d = 0; d < kDirections; ++d) {
-        const Eigen::Vector3d outwards = frame_.Outwards(d);
-        if (!(outwards.dot(level) > kMinFacing * level.norm())) continue;
-        lines.push_back({middle + circle.radius * outwards, -step_ * frame_.up});
+        if (!(frame_.Outwards(d).dot(level) > kMinFacing * level.norm())) continue;
+        lines.push_back(Bundle(d, [&](const Eigen::Vector3d& outwards) {
+          return SurfaceLine{middle + circle.radius * outwards, -step_ * frame_.up};
+        }));
       }
       rings.emplace_back(picture, lines, num_steps);
     }
