@@ -142,6 +142,26 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
   return shape;
 }
 
+std::vector<uint32_t> FindReachingOut(const RotatingRegion& region, const Gaussians& gaussians) {
+  const auto is_out = [&](const Eigen::Vector3d& x) {
+    return (x - region.axis.point).cross(region.axis.direction).norm() > region.radius;
+  };
+  std::vector<uint32_t> reaching;
+  for (size_t i = 0; i < gaussians.size(); ++i) {
+    if (!IsForeground(gaussians.foreground_logit[i])) continue;
+    const float* x = gaussians.centre.data() + 3 * i;
+    const float* q = gaussians.rotation.data() + 4 * i;
+    const Eigen::Vector3d centre(x[0], x[1], x[2]);
+    const Eigen::Matrix3d axes = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
+    const auto leads_out = [&](int axis) {
+      const Eigen::Vector3d tip = std::exp(double{gaussians.log_scale[2 * i + axis]}) * axes.col(axis);
+      return is_out(centre + tip) || is_out(centre - tip);
+    };
+    if (leads_out(0) || leads_out(1)) reaching.push_back(static_cast<uint32_t>(i));
+  }
+  return reaching;
+}
+
 void CountTableAsRotating(const TableRim& table, RotatingShape* shape) {
   shape->side.emplace();
   shape->side->region = table.region;

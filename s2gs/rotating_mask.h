@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <vector>
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/gaussians.h"
@@ -19,6 +21,10 @@ struct RotatingShape {
 /// Nothing when the scene has no region. When few rotating Gaussians lie below the widest part's lower end
 /// (as with a disc), that end bounds `swept`, else the scene's region does.
 std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const Gaussians& gaussians);
+
+/// Rotating Gaussians that a standard deviation along one of their axes leads farther from the axis than
+/// anything turns: of a plain ground, about which photos do not tell whether it does. In ascending order.
+std::vector<uint32_t> FindReachingOut(const RotatingRegion& region, const Gaussians& gaussians);
 
 /// Static Gaussians of the table's top and side count as rotating from here on, whatever their colour.
 void CountTableAsRotating(const TableRim& table, RotatingShape* shape);

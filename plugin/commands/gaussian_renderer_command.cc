@@ -217,6 +217,10 @@ class Renderer {
         writers_(ThreadsThatFit(kWritingBytesPerPixel * LargestView(scene_))) {
     if (scene_.mode == TrainMode::kS2gs) {
       if (a_.cut_at_table) DropBesideTable();
+      if (scene_.region) {
+        LeaveOut(FindReachingOut(*scene_.region, backend_->GetGaussians()),
+                 "that reach farther from the axis than anything turns");
+      }
       shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
       FindTable();
     }

@@ -90,6 +90,22 @@ void AddShadow(double z, std::vector<ReferenceGaussian>* splats) {
   }
 }
 
+// One that is long and lies along x, and across it.
+TEST(RotatingMask, WhatReachesOutOfTheRegionShowsTheGround) {
+  const RotatingRegion region{TurntableAxis(), 1, -0.1, 0.1};
+  ReferenceGaussian inwards = Splat(0.9, 0, 0, 0.05, true);
+  inwards[kRefLogScale + 1] = std::log(0.4);  // to .98 from the axis
+  ReferenceGaussian outwards = inwards;
+  outwards[kRefRotation] = outwards[kRefRotation + 3] = std::sqrt(0.5);  // a quarter turn about z: to 1.3
+  ReferenceGaussian stands = outwards;
+  stands[kRefForeground] = -10;
+  const ReferenceGaussian high = Splat(0, 0, 0.5, 0.4, true);
+  ReferenceGaussian to_minus_x = outwards;
+  to_minus_x[kRefCentre] = -0.9;
+  const Gaussians gaussians = FromReference({inwards, outwards, stands, high, to_minus_x}, 0);
+  EXPECT_EQ(FindReachingOut(region, gaussians), (std::vector<uint32_t>{1, 4}));
+}
+
 TEST(RotatingMask, IsTheDisc) {
   const PixelMask mask = MaskOf(DiscOnGround(), TurntableScene(2));
   EXPECT_TRUE(IsInside(mask, 30, 30));
