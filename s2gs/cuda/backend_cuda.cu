@@ -182,10 +182,11 @@ class CudaBackend : public Backend {
     options.selection = SelectionOf(request);
     options.hard_map = request.hard_foreground;
     options.sh_degree = sh_degree_;
-    const RenderChannels channels = {request.geometry, request.foreground || request.hard_foreground};
+    const RenderChannels channels = {request.geometry, request.foreground || request.hard_foreground,
+                                     request.geometry};
     const RenderInput input = PrepareToDraw(options);
     const Maps maps = maps_.Reserve(request.view.width, request.view.height, channels);
-    RenderForward(input, channels, maps, stream_);
+    RenderForward(input, channels, maps, {}, stream_);
 
     const size_t size = static_cast<size_t>(request.view.width) * request.view.height;
     RenderedView view;
@@ -230,7 +231,8 @@ class CudaBackend : public Backend {
     const bool learns_foreground = optimise.view.rule == ForegroundRule::kSoft;
     const bool has_mask_loss = weights.mask != 0 && photo.device.mask != nullptr;
     const RenderChannels channels = {weights.normal != 0 || weights.distortion != 0,
-                                     learns_foreground && (weights.entropy_2d != 0 || has_mask_loss)};
+                                     learns_foreground && (weights.entropy_2d != 0 || has_mask_loss),
+                                     weights.distortion != 0};
 
     reports_.Read(&sorter_);
     sorter_.Reserve(count_, photo.view.width, photo.view.height);
@@ -249,7 +251,8 @@ class CudaBackend : public Backend {
     reports_.Send(stream_);
 
     const Maps maps = maps_.Reserve(photo.view.width, photo.view.height, channels);
-    RenderForward(input, channels, maps, stream_);
+    const HitLists hit_lists = ReserveHits(photo.view.width, photo.view.height);
+    RenderForward(input, channels, maps, hit_lists, stream_);
 
     ImageLossInput loss;
     loss.photo = photo.device;
@@ -265,8 +268,8 @@ class CudaBackend : public Backend {
     const MapGradients d_maps = maps_.ReserveGradients(photo.view.width, photo.view.height, channels);
     ColorLoss(loss, maps, d_maps, maps_.partials(), sums_.get(), stream_);
     MapLoss(loss, channels.geometry, channels.foreground, maps, d_maps, sums_.get(), stream_);
-    RenderBackward(input, channels, maps, d_maps, loss.background, d_splats_.get(), d_normal_z_.get(),
-                   stream_);
+    RenderBackward(input, channels, maps, hit_lists, d_maps, loss.background, d_splats_.get(),
+                   d_normal_z_.get(), stream_);
 
     const bool has_neighbours = num_neighbours_ > 0 && weights.local_consistency != 0;
     if (learns_foreground && (has_neighbours || weights.entropy_3d != 0)) {
@@ -470,6 +473,14 @@ class CudaBackend : public Backend {
             width, height, options.camera.near_depth};
   }
 
+  // For as many pairs of a splat and a tile as there is room for.
+  HitLists ReserveHits(int width, int height) {
+    const size_t num_tiles = static_cast<size_t>(NumTiles(width)) * static_cast<size_t>(NumTiles(height));
+    hits_.Reserve(kTileWarps * static_cast<size_t>(reports_.reserved_room()));
+    hit_counts_.Reserve(kTileWarps * num_tiles);
+    return {hits_.get(), hit_counts_.get()};
+  }
+
   // --- Transfers ---
   std::vector<float> Chosen(const float* data, const std::vector<uint32_t>& indices) const {
     const std::vector<float> all = DownloadArray(data, static_cast<size_t>(count_), stream_);
@@ -522,6 +533,8 @@ class CudaBackend : public Backend {
   DensifyPlan densify_{&memory_};
   NeighbourFinder finder_{&memory_};
   ViewMaps maps_{&memory_};
+  DeviceBuffer<WarpHit> hits_{&memory_};
+  DeviceBuffer<uint32_t> hit_counts_{&memory_};
   DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, gradients_{&memory_},
       peak_weights_{&memory_};
   DeviceBuffer<uint8_t> is_seen_{&memory_};

@@ -156,7 +156,7 @@ TileSorter::TileSorter(DeviceMemoryCount* memory)
       depth_keys_(memory),
       ids_(memory),
       tile_counts_(memory),
-      tile_rects_(memory),
+      rects_(memory),
       sorted_depth_keys_(memory),
       sorted_ids_(memory),
       offsets_(memory),
@@ -177,7 +177,7 @@ void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
   depth_keys_.Reserve(n);
   ids_.Reserve(n);
   tile_counts_.Reserve(n);
-  tile_rects_.Reserve(n);
+  rects_.Reserve(n);
   sorted_depth_keys_.Reserve(n);
   sorted_ids_.Reserve(n);
   offsets_.Reserve(n);

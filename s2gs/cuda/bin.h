@@ -16,8 +16,7 @@ class TileSorter {
   void ReserveIntersections(int64_t num_intersections);
 
   ProjectedSplats splats() const {
-    return {splats_.get(), normal_z_.get(),    depth_keys_.get(),
-            ids_.get(),    tile_counts_.get(), tile_rects_.get()};
+    return {splats_.get(), normal_z_.get(), depth_keys_.get(), ids_.get(), tile_counts_.get(), rects_.get()};
   }
 
   /// After the projection, before the sorts: only tiles that splats of the rotating part reach are listed,
@@ -37,7 +36,7 @@ class TileSorter {
   DeviceBuffer<PackedSplat> splats_;
   DeviceBuffer<float> normal_z_;
   DeviceBuffer<uint32_t> depth_keys_, ids_, tile_counts_;
-  DeviceBuffer<ushort4> tile_rects_;
+  DeviceBuffer<ushort4> rects_;
   DeviceBuffer<uint32_t> sorted_depth_keys_, sorted_ids_;
   DeviceBuffer<uint64_t> offsets_;
   DeviceBuffer<uint32_t> tile_keys_, sorted_tile_keys_;  ///< of 16 bits where these suffice.

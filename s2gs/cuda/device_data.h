@@ -81,7 +81,10 @@ __device__ inline Splat<float> Unpack(const float4& a, const float4& b, const fl
 /// Side of a tile [px].
 constexpr int kTile = 16;
 constexpr int kTileThreads = kTile * kTile;
-/// Threads of a block that draws; a warp draws 8 x 4 pixels. Several small blocks share a tile, because a
+/// What a warp draws [px].
+constexpr int kWarpWidth = 8, kWarpHeight = 4;
+constexpr int kTileWarps = kTileThreads / 32;
+/// Threads of a block that draws. Several small blocks share a tile, because a
 /// block's place is free again only when the slowest of its warps has ended.
 constexpr int kDrawThreads = 64;
 constexpr int kDrawBlocks = kTileThreads / kDrawThreads;
@@ -95,14 +98,13 @@ struct ProjectedSplats {
   uint32_t* depth_keys;   ///< ordered as the depths; the largest for splats that are not drawn.
   uint32_t* ids;          ///< 0, 1, 2, ...
   uint32_t* tile_counts;  ///< 0 for splats that are not drawn.
-  ushort4* tile_rects;    ///< candidates: x begin, y begin, x end, y end [tiles].
+  ushort4* rects;         ///< what it may reach: x begin, y begin, x end, y end [warps' rectangles].
 };
 
 /// Maps of one view in planes of width * height pixels. Pointers of channels that are off are null.
 struct Maps {
   float* color;          ///< 3 planes, without background.
   float* transmittance;  ///< final.
-  uint32_t* last;        ///< one past the last contributor, counted within the tile's list.
   float* foreground;
   float* weight;  ///< sum of w.
   float* depth;   ///< sum of w z.
@@ -131,6 +133,19 @@ struct TileLists {
   const uint32_t* end;
   const uint32_t* ids;
   const uint32_t* order;  ///< all tiles, those with long lists first.
+};
+
+/// A splat that was added to pixels of a warp, a bit each.
+struct alignas(8) WarpHit {
+  uint32_t id;
+  uint32_t pixels;
+};
+
+/// What each warp's pixels are made of, from front to back: the hits of warp w of tile t begin at
+/// kTileWarps begin[t] + w (end[t] - begin[t]), and there are counts[kTileWarps t + w].
+struct HitLists {
+  WarpHit* hits;
+  uint32_t* counts;
 };
 
 /// Sums over the steps since the losses were last taken.

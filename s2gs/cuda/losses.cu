@@ -192,8 +192,10 @@ __global__ __launch_bounds__(kThreads) void MapLossKernel(ImageLossInput in, Map
       d_maps.foreground[i] = share * d;
     }
     if constexpr (kGeometry) {
-      distortion = maps.distortion[i];
-      d_maps.distortion[i] = share * in.weights.distortion;
+      if (in.weights.distortion != 0) {
+        distortion = maps.distortion[i];
+        d_maps.distortion[i] = share * in.weights.distortion;
+      }
       const int x = i % width, y = i / width;
       Vec3<float> d_normal = {0, 0, 0};
       float d_alpha = 0;

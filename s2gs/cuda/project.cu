@@ -36,10 +36,15 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
   Splat<float> splat{};
   TileReach reach{};
   PixelRect rect;
+  ushort4 warps{};
   if (i < count && ProjectOne(parameters, i, options, &splat, &rect)) {
     reach.footprint = splat.footprint;
     reach.cutoff2 = CutoffSquaredRadius(splat.opacity);
-    reach.tiles = {rect.x_begin / kTile, rect.y_begin / kTile, NumTiles(rect.x_end), NumTiles(rect.y_end)};
+    warps = {static_cast<uint16_t>(rect.x_begin / kWarpWidth),
+             static_cast<uint16_t>(rect.y_begin / kWarpHeight),
+             static_cast<uint16_t>((rect.x_end + kWarpWidth - 1) / kWarpWidth),
+             static_cast<uint16_t>((rect.y_end + kWarpHeight - 1) / kWarpHeight)};
+    reach.tiles = TilesOf(warps);
   }
   const int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr,
                                 [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
@@ -50,9 +55,7 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
   if (tiles > 0) {
     out.splats[i] = Pack(splat);
     out.normal_z[i] = splat.footprint.normal.z;
-    out.tile_rects[i] = {static_cast<uint16_t>(reach.tiles.x_begin),
-                         static_cast<uint16_t>(reach.tiles.y_begin), static_cast<uint16_t>(reach.tiles.x_end),
-                         static_cast<uint16_t>(reach.tiles.y_end)};
+    out.rects[i] = warps;
   }
 }
 

@@ -5,158 +5,248 @@
 namespace s2gs::cuda {
 namespace {
 
-// Every hit writes the loss by its splat to a row of shared memory; then the rows of each splat are summed,
-// and only the sums go to global memory.
-constexpr int kRows = 64;  // of one warp.
-static_assert(kRows >= 32, "one splat may hit all pixels of a warp");
+// A warp goes through its list of hits from the back, in groups of 32 splats:
+//   1. the pairs of a splat and a pixel are dealt out to the lanes, which work out alpha and dL/dw of each;
+//   2. every lane goes through its own pixel's pairs in their order, which is all that needs one;
+//   3. every lane goes through its own splat's pairs and sums up the loss by that splat.
+// The second step is short, the first has no lane idle, and no lane waits for another's sums in the third.
 
-struct HitRow {
-  float4 values[kPackedFloats / 4];
-  float4 normal_z;  // in x alone; a whole one keeps rows aligned and spreads them over the banks.
-};
-constexpr int kRowFloats = sizeof(HitRow) / sizeof(float);
+// Pairs of a group that fit at a time.
+constexpr int kMaxPairs = 384;
+static_assert(kMaxPairs >= 32, "one splat may hit all pixels of a warp");
+// Of a splat's sums in shared memory; not 16, so that rows spread over the banks.
+constexpr int kSumsStride = kPackedFloats + 4;
 
-__device__ void StoreRow(const Splat<float>& d, bool with_geometry, HitRow* row) {
-  const PackedSplat packed = Pack(d);
-  row->values[0] = packed.a;
-  row->values[1] = packed.b;
-  row->values[2] = packed.c;
-  row->values[3] = packed.d;
-  if (with_geometry) row->normal_z.x = d.footprint.normal.z;
-}
-
-struct BackwardScratch {
-  SplatGroup group;
-  HitRow rows[kRows];
+// Places of what a pixel has to say to the splats that hit it.
+template <typename C>
+struct PixelRow {
+  static constexpr int kColor = 0;
+  static constexpr int kForeground = 3;
+  static constexpr int kNormal = kForeground + (C::kForeground ? 1 : 0);
+  static constexpr int kByDepthSum = kNormal + 3;
+  static constexpr int kDepth = kByDepthSum + 1;
+  static constexpr int kDistortion = kDepth + 1;  // the loss by it, then weight, m1 and m2
+  static constexpr int kCount = C::kDistortion ? kDistortion + 4 : C::kGeometry ? kDistortion : kNormal;
 };
 
 template <typename C>
+struct BackwardScratch {
+  SplatGroup group;
+  uint32_t first_pair[kGroup], pixels[kGroup];  // of each splat
+  float rows[PixelRow<C>::kCount][32];          // what each pixel has to say
+  union {
+    float2 pairs[kMaxPairs];  // alpha and dL/dw, then weight and dL/dalpha, by splat
+    float sums[kGroup][kSumsStride];
+  };
+  uint16_t splat_and_pixel[kMaxPairs];
+};
+
+template <typename C>
+__device__ PixelAdjoint<float> LoadPixel(const RenderInput& in, const Maps& maps, const MapGradients& d_maps,
+                                         const Vec3<float>& background, size_t at, PixelGradient<float>* d) {
+  const size_t size = static_cast<size_t>(in.width) * in.height;
+  Pixel<float> pixel = EmptyPixel<float>();
+  pixel.transmittance = maps.transmittance[at];
+  d->color = {d_maps.color[at], d_maps.color[size + at], d_maps.color[2 * size + at]};
+  if constexpr (C::kForeground) d->foreground = d_maps.foreground[at];
+  if constexpr (C::kGeometry) {
+    d->alpha = d_maps.alpha[at];
+    d->normal = {d_maps.normal[at], d_maps.normal[size + at], d_maps.normal[2 * size + at]};
+    d->expected_depth = d_maps.expected_depth[at];
+    pixel.weight = maps.weight[at];
+    pixel.depth = maps.depth[at];
+  }
+  if constexpr (C::kDistortion) {
+    d->distortion = d_maps.distortion[at];
+    pixel.m1 = maps.m1[at];
+    pixel.m2 = maps.m2[at];
+  }
+  return BeginPixelAdjoint<C>(pixel, *d, background);
+}
+
+template <typename C>
+__device__ void StoreRow(const PixelGradient<float>& d, const PixelTotals<float>& totals, unsigned pixel,
+                         float (*rows)[32]) {
+  using Row = PixelRow<C>;
+  rows[Row::kColor][pixel] = d.color.x;
+  rows[Row::kColor + 1][pixel] = d.color.y;
+  rows[Row::kColor + 2][pixel] = d.color.z;
+  if constexpr (C::kForeground) rows[Row::kForeground][pixel] = d.foreground;
+  if constexpr (C::kGeometry) {
+    rows[Row::kNormal][pixel] = d.normal.x;
+    rows[Row::kNormal + 1][pixel] = d.normal.y;
+    rows[Row::kNormal + 2][pixel] = d.normal.z;
+    rows[Row::kByDepthSum][pixel] = totals.by_depth_sum;
+    rows[Row::kDepth][pixel] = totals.depth;
+  }
+  if constexpr (C::kDistortion) {
+    rows[Row::kDistortion][pixel] = d.distortion;
+    rows[Row::kDistortion + 1][pixel] = totals.weight;
+    rows[Row::kDistortion + 2][pixel] = totals.m1;
+    rows[Row::kDistortion + 3][pixel] = totals.m2;
+  }
+}
+
+template <typename C>
+__device__ void ReadRow(const float (*rows)[32], unsigned pixel, PixelGradient<float>* d,
+                        PixelTotals<float>* totals) {
+  using Row = PixelRow<C>;
+  d->color = {rows[Row::kColor][pixel], rows[Row::kColor + 1][pixel], rows[Row::kColor + 2][pixel]};
+  if constexpr (C::kForeground) d->foreground = rows[Row::kForeground][pixel];
+  if constexpr (C::kGeometry) {
+    d->normal = {rows[Row::kNormal][pixel], rows[Row::kNormal + 1][pixel], rows[Row::kNormal + 2][pixel]};
+    totals->by_depth_sum = rows[Row::kByDepthSum][pixel];
+    totals->depth = rows[Row::kDepth][pixel];
+  }
+  if constexpr (C::kDistortion) {
+    d->distortion = rows[Row::kDistortion][pixel];
+    totals->weight = rows[Row::kDistortion + 1][pixel];
+    totals->m1 = rows[Row::kDistortion + 2][pixel];
+    totals->m2 = rows[Row::kDistortion + 3][pixel];
+  }
+}
+
+// How a warp's pixel is hit by a splat that was added to it.
+__device__ PixelHit<float> HitOf(const Splat<float>& splat, const WarpPixel& where, unsigned pixel,
+                                 float near_depth) {
+  PixelHit<float> hit;
+  HitSplat(splat.footprint, splat.opacity, where.x_begin + static_cast<float>(pixel % kWarpWidth),
+           where.y_begin + static_cast<float>(pixel / kWarpWidth), near_depth, &hit);
+  return hit;
+}
+
+// Adds each splat's sums to global memory: half a warp a splat, a lane a value. Two that are four apart have
+// their rows in different banks.
+template <typename C>
+__device__ void FlushSums(const float (*sums)[kSumsStride], unsigned summed, uint32_t id, float* d_splats) {
+  constexpr unsigned kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;
+  const unsigned lane = threadIdx.x % 32;
+  const unsigned value = lane % kPackedFloats, half = lane / kPackedFloats;
+#pragma unroll 4
+  for (unsigned i = 0; i < kGroup / 2; ++i) {
+    const unsigned slot = i / 4 * 8 + i % 4 + 4 * half;
+    const uint32_t its_id = __shfl_sync(kAllLanes, id, slot);
+    if ((summed >> slot & 1U) != 0 && value < kUsed) {
+      atomicAdd(d_splats + static_cast<size_t>(its_id) * kPackedFloats + value, sums[slot][value]);
+    }
+  }
+}
+
+template <typename C>
 __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput in, Maps maps,
-                                                                     MapGradients d_maps,
+                                                                     HitLists lists, MapGradients d_maps,
                                                                      Vec3<float> background, float* d_splats,
                                                                      float* d_normal_z) {
-  __shared__ BackwardScratch scratches[kDrawThreads / 32];
-  SplatGroup& group = scratches[threadIdx.x / 32].group;
-  HitRow* const rows = scratches[threadIdx.x / 32].rows;
+  __shared__ BackwardScratch<C> scratches[kDrawThreads / 32];
+  BackwardScratch<C>& scratch = scratches[threadIdx.x / 32];
   const WarpPixel where = FindWarpPixel(in);
-  const float pixel_x = static_cast<float>(where.x) + 0.5F, pixel_y = static_cast<float>(where.y) + 0.5F;
-  const uint32_t begin = in.tiles.begin[where.tile];
-  const size_t size = static_cast<size_t>(in.width) * in.height;
-  const size_t at = static_cast<size_t>(where.y) * in.width + where.x;
-  const int lane = static_cast<int>(threadIdx.x) % 32;
+  const unsigned lane = threadIdx.x % 32;
   const unsigned lanes_before = (1U << lane) - 1;
+  const WarpHit* const all_hits = HitsOf(in, lists, where);
+  uint32_t left = HitCountOf(lists, where);
 
-  PixelGradient<float> d{};
   PixelAdjoint<float> state{};
-  uint32_t last = 0;
-  if (where.is_inside) {
-    last = maps.last[at];
-    Pixel<float> pixel = EmptyPixel<float>();
-    pixel.transmittance = maps.transmittance[at];
-    d.color = {d_maps.color[at], d_maps.color[size + at], d_maps.color[2 * size + at]};
-    if constexpr (C::kForeground) d.foreground = d_maps.foreground[at];
-    if constexpr (C::kGeometry) {
-      d.alpha = d_maps.alpha[at];
-      d.normal = {d_maps.normal[at], d_maps.normal[size + at], d_maps.normal[2 * size + at]};
-      d.expected_depth = d_maps.expected_depth[at];
-      d.distortion = d_maps.distortion[at];
-      pixel.weight = maps.weight[at];
-      pixel.depth = maps.depth[at];
-      pixel.m1 = maps.m1[at];
-      pixel.m2 = maps.m2[at];
+  {
+    PixelGradient<float> d{};
+    if (where.is_inside && left > 0) {
+      const size_t at = static_cast<size_t>(where.y) * in.width + where.x;
+      state = LoadPixel<C>(in, maps, d_maps, background, at, &d);
     }
-    state = BeginPixelAdjoint<C>(pixel, d, background);
+    StoreRow<C>(d, state.totals, lane, scratch.rows);
   }
 
-  // Groups from the back; lane 0 takes the hindmost splat.
-  const uint32_t warp_last = __reduce_max_sync(kAllLanes, last);
-  const auto load_id = [&](uint32_t left) {
-    return static_cast<uint32_t>(lane) < left ? in.tiles.ids[begin + left - 1 - lane] : 0;
-  };
-  uint32_t next_id = load_id(warp_last);
-  for (uint32_t left = warp_last; left > 0;) {
-    const uint32_t rest = left > kGroup ? left - kGroup : 0;
-    const uint32_t id = next_id;
-    next_id = load_id(rest);
-    const int count = group.Keep(in, where, static_cast<uint32_t>(lane) < left, id,
-                                 left - 1 - static_cast<uint32_t>(lane), C::kGeometry);
-    left = rest;
-    for (int first = 0, end = 0; first < count; first = end) {
-      // As many splats as there are rows for.
-      unsigned hits = 0;           // slots that this lane's pixel may be hit by.
-      unsigned lanes_of_slot = 0;  // of the slot that has this lane's number: lanes that it may hit,
-      int row_of_slot = 0;         // and its first row.
-      int num_rows = 0;
-      for (end = first; end < count && num_rows <= kRows - 32; ++end) {
-        const bool may_hit = group.number[end] < last && group.MayHit(end, pixel_x, pixel_y);
-        const unsigned lanes = __ballot_sync(kAllLanes, may_hit);
-        if (may_hit) hits |= 1U << end;
-        if (lane == end) {
-          lanes_of_slot = lanes;
-          row_of_slot = num_rows;
-        }
-        num_rows += __popc(lanes);
+  while (left > 0) {
+    // Lane 0 takes the hindmost splat.
+    const bool has_splat = lane < left;
+    WarpHit own{};
+    if (has_splat) {
+      own = all_hits[left - 1 - lane];
+      scratch.group.Load(in.splats, own.id, lane, C::kGeometry);
+    }
+    left -= min(left, kGroup);
+    const auto num_pairs = static_cast<unsigned>(__popc(own.pixels));
+    unsigned end = num_pairs;  // of the splat's pairs within the group
+    for (unsigned step = 1; step < 32; step *= 2) {
+      const unsigned before = __shfl_up_sync(kAllLanes, end, step);
+      if (lane >= step) end += before;
+    }
+    // As many splats at a time as their pairs fit.
+    for (unsigned base = 0, next = 0; base < __shfl_sync(kAllLanes, end, 31); base = next) {
+      const bool is_summed = num_pairs > 0 && end > base && end - base <= kMaxPairs;
+      const unsigned summed = __ballot_sync(kAllLanes, is_summed);
+      next = __shfl_sync(kAllLanes, end, 31 - __clz(static_cast<int>(summed)));
+      const unsigned pixels = is_summed ? own.pixels : 0;
+      const unsigned first_pair = end - num_pairs - base;
+      scratch.first_pair[lane] = first_pair;
+      scratch.pixels[lane] = pixels;
+      unsigned place = first_pair;
+      for (unsigned rest = pixels; rest != 0; rest &= rest - 1) {
+        const unsigned pixel = __ffs(static_cast<int>(rest)) - 1;
+        scratch.splat_and_pixel[place++] = static_cast<uint16_t>(lane * 32 + pixel);
       }
-      if (num_rows == 0) continue;
-      while (__any_sync(kAllLanes, hits != 0)) {
-        const int slot = hits != 0 ? __ffs(static_cast<int>(hits)) - 1 : first;
-        const unsigned lanes = __shfl_sync(kAllLanes, lanes_of_slot, slot);
-        const int row = __shfl_sync(kAllLanes, row_of_slot, slot) + __popc(lanes & lanes_before);
-        if (hits != 0) {
-          hits &= hits - 1;
-          const Splat<float> splat = group.At<C>(slot);
-          Splat<float> d_splat{};
-          PixelHit<float> hit;
-          if (HitSplat(splat.footprint, splat.opacity, pixel_x, pixel_y, in.near_depth, &hit)) {
-            UndoHit<C>(splat, hit, d, in.near_depth, &state, &d_splat);
-          }
-          StoreRow(d_splat, C::kGeometry, rows + row);
+      __syncwarp();
+
+      for (unsigned i = lane; i < next - base; i += 32) {
+        const unsigned slot = scratch.splat_and_pixel[i] / 32U, pixel = scratch.splat_and_pixel[i] % 32U;
+        const Splat<float> splat = scratch.group.template At<C>(slot);
+        const PixelHit<float> hit = HitOf(splat, where, pixel, in.near_depth);
+        PixelGradient<float> d;
+        PixelTotals<float> totals;
+        ReadRow<C>(scratch.rows, pixel, &d, &totals);
+        scratch.pairs[i] = {hit.alpha, LossByWeight<C>(splat, hit.depth, d, totals, in.near_depth)};
+      }
+      unsigned hits = Transpose(pixels);
+      __syncwarp();
+
+      for (; hits != 0; hits &= hits - 1) {
+        const unsigned slot = __ffs(static_cast<int>(hits)) - 1;
+        float2* const pair =
+            scratch.pairs + scratch.first_pair[slot] + __popc(scratch.pixels[slot] & lanes_before);
+        const HitAdjoint<float> by_hit = UndoWeight(pair->x, pair->y, &state);
+        *pair = {by_hit.weight, by_hit.d_alpha};
+      }
+      __syncwarp();
+
+      Splat<float> sum{};
+      if (is_summed) {
+        const Splat<float> splat = scratch.group.template At<C>(lane);
+        const float2* pair = scratch.pairs + first_pair;
+        for (unsigned rest = pixels; rest != 0; rest &= rest - 1, ++pair) {
+          const unsigned pixel = __ffs(static_cast<int>(rest)) - 1;
+          const PixelHit<float> hit = HitOf(splat, where, pixel, in.near_depth);
+          PixelGradient<float> d;
+          PixelTotals<float> totals;
+          ReadRow<C>(scratch.rows, pixel, &d, &totals);
+          AddSplatAdjoint<C>(splat, hit, {pair->x, pair->y}, d, totals, in.near_depth, &sum);
         }
       }
       __syncwarp();
-      // Each half of the warp sums the rows of one splat, each lane one of the 16 values.
-      const int value = lane % kPackedFloats;
-      for (int pair = first; pair < end; pair += 2) {
-        const int slot = min(pair + lane / kPackedFloats, kGroup - 1);
-        const int num_hits = __popc(__shfl_sync(kAllLanes, lanes_of_slot, slot));
-        const int row = __shfl_sync(kAllLanes, row_of_slot, slot);
-        if (slot >= end || num_hits == 0 || pair + lane / kPackedFloats != slot) continue;
-        const float* source = reinterpret_cast<const float*>(rows + row) + value;
-        float sum = 0;
-        for (int i = 0; i < num_hits; ++i) sum += source[i * kRowFloats];
-        constexpr int kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;
-        if (value < kUsed) {
-          atomicAdd(d_splats + static_cast<size_t>(group.id[slot]) * kPackedFloats + value, sum);
-        }
-      }
+      const PackedSplat packed = Pack(sum);
+      float4* const row = reinterpret_cast<float4*>(scratch.sums[lane]);
+      row[0] = packed.a;
+      row[1] = packed.b;
+      row[2] = packed.c;
+      row[3] = packed.d;
+      __syncwarp();
+      FlushSums<C>(scratch.sums, summed, own.id, d_splats);
       if constexpr (C::kGeometry) {
-        // Lanes whose number is no slot of this round have no lanes noted.
-        const int num_hits = __popc(lanes_of_slot);
-        float sum = 0;
-        for (int i = 0; i < num_hits; ++i) sum += rows[row_of_slot + i].normal_z.x;
-        if (num_hits > 0) atomicAdd(d_normal_z + group.id[lane], sum);
+        if (is_summed) atomicAdd(d_normal_z + own.id, sum.footprint.normal.z);
       }
       __syncwarp();
     }
-    __syncwarp();
   }
 }
 
 }  // namespace
 
 void RenderBackward(const RenderInput& input, RenderChannels channels, const Maps& maps,
-                    const MapGradients& gradients, const Vec3<float>& background, float* d_splats,
-                    float* d_normal_z, cudaStream_t stream) {
+                    const HitLists& lists, const MapGradients& gradients, const Vec3<float>& background,
+                    float* d_splats, float* d_normal_z, cudaStream_t stream) {
   const auto grid = static_cast<unsigned>(NumTiles(input.width) * NumTiles(input.height) * kDrawBlocks);
-  const auto run = [&](auto of) {
+  WithChannels(channels, [&](auto of) {
     RenderBackwardKernel<decltype(of)>
-        <<<grid, kDrawThreads, 0, stream>>>(input, maps, gradients, background, d_splats, d_normal_z);
-  };
-  if (channels.geometry) {
-    channels.foreground ? run(Channels<true, true>()) : run(Channels<true, false>());
-  } else {
-    channels.foreground ? run(Channels<false, true>()) : run(Channels<false, false>());
-  }
+        <<<grid, kDrawThreads, 0, stream>>>(input, maps, lists, gradients, background, d_splats, d_normal_z);
+  });
   CheckCuda(cudaGetLastError(), "differentiating");
 }
 

@@ -22,6 +22,8 @@ class StepReports {
   StepReport* report() const { return report_.get(); }
   /// Pairs that a step sorts; 0: not known yet.
   int64_t room() const { return room_; }
+  /// Pairs that there is memory for, room() or more: what is sized by it grows as seldom.
+  int64_t reserved_room() const { return reserved_room_; }
 
   /// Pairs of the step at hand. Waits for the GPU. Throws UserError when they cannot be counted in 63 bits.
   int64_t Count(cudaStream_t stream) const;
@@ -47,7 +49,7 @@ class StepReports {
   int64_t num_sent_ = 0, num_read_ = 0;
   double peak_ = 0;
   int64_t room_ = 0;
-  int64_t reserved_room_ = 0;  ///< pairs that there is memory for.
+  int64_t reserved_room_ = 0;
 };
 
 }  // namespace s2gs::cuda

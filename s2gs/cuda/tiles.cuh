@@ -14,17 +14,24 @@ struct TileReach {
   uint64_t end;     ///< and one past its last.
 };
 
+/// The tiles that hold some of the warps' rectangles [x, z) x [y, w).
+__device__ inline PixelRect TilesOf(const ushort4& rect) {
+  constexpr int kColumns = kTile / kWarpWidth, kRows = kTile / kWarpHeight;
+  return {rect.x / kColumns, rect.y / kRows, (rect.z + kColumns - 1) / kColumns,
+          (rect.w + kRows - 1) / kRows};
+}
+
 /// Of a splat that was projected and is drawn.
 __device__ inline TileReach ReachOf(const ProjectedSplats& splats, uint32_t id) {
   const float4 a = splats.splats[id].a, b = splats.splats[id].b;
-  const ushort4 rect = splats.tile_rects[id];
+  const ushort4 rect = splats.rects[id];
   TileReach reach{};
   reach.footprint.centre = {a.x, a.y};
   reach.footprint.u = {a.z, a.w};
   reach.footprint.v = {b.x, b.y};
   reach.footprint.w = {b.z, b.w};
   reach.cutoff2 = CutoffSquaredRadius(splats.splats[id].c.x);
-  reach.tiles = {rect.x, rect.y, rect.z, rect.w};
+  reach.tiles = TilesOf(rect);
   reach.id = id;
   return reach;
 }

@@ -6,7 +6,6 @@ ViewMaps::ViewMaps(DeviceMemoryCount* memory)
     : color_(memory),
       foreground_(memory),
       geometry_(memory),
-      last_(memory),
       partials_(memory),
       d_color_(memory),
       d_foreground_(memory),
@@ -15,11 +14,9 @@ ViewMaps::ViewMaps(DeviceMemoryCount* memory)
 Maps ViewMaps::Reserve(int width, int height, RenderChannels channels) {
   const size_t size = static_cast<size_t>(width) * height;
   color_.Reserve(4 * size);
-  last_.Reserve(size);
   Maps maps{};
   maps.color = color_.get();
   maps.transmittance = color_.get() + 3 * size;
-  maps.last = last_.get();
   if (channels.foreground) {
     foreground_.Reserve(size);
     maps.foreground = foreground_.get();
@@ -29,10 +26,12 @@ Maps ViewMaps::Reserve(int width, int height, RenderChannels channels) {
     maps.depth = geometry_.get();
     maps.normal = geometry_.get() + size;
     maps.median_depth = geometry_.get() + 4 * size;
-    maps.distortion = geometry_.get() + 5 * size;
-    maps.m1 = geometry_.get() + 6 * size;
-    maps.m2 = geometry_.get() + 7 * size;
-    maps.weight = geometry_.get() + 8 * size;
+    maps.weight = geometry_.get() + 5 * size;
+  }
+  if (channels.distortion) {
+    maps.distortion = geometry_.get() + 6 * size;
+    maps.m1 = geometry_.get() + 7 * size;
+    maps.m2 = geometry_.get() + 8 * size;
   }
   return maps;
 }

@@ -18,7 +18,6 @@ class ViewMaps {
 
  private:
   DeviceBuffer<float> color_, foreground_, geometry_;
-  DeviceBuffer<uint32_t> last_;
   DeviceBuffer<float> partials_, d_color_, d_foreground_, d_geometry_;
 };
 

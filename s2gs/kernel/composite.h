@@ -17,10 +17,12 @@ struct Splat {
 };
 
 /// Which maps are wanted. Compile-time, so that what is off costs nothing.
-template <bool kWithGeometry, bool kWithForeground>
+template <bool kWithGeometry, bool kWithForeground, bool kWithDistortion = kWithGeometry>
 struct Channels {
-  static constexpr bool kGeometry = kWithGeometry;      ///< depth, normal, distortion.
+  static constexpr bool kGeometry = kWithGeometry;      ///< depth and normal.
   static constexpr bool kForeground = kWithForeground;  ///< map of p.
+  static constexpr bool kDistortion = kWithDistortion;  ///< with geometry alone.
+  static_assert(kWithGeometry || !kWithDistortion);
 };
 
 /// One pixel while splats are composited into it from front to back (3). All sums have weights
@@ -61,11 +63,13 @@ S2GS_HD inline bool AddHit(const Splat<T>& s, const PixelHit<T>& hit, T near_dep
   pixel->color += weight * s.color;
   if constexpr (C::kForeground) pixel->foreground += weight * s.foreground;
   if constexpr (C::kGeometry) {
-    const T m = MappedDepth(hit.depth, near_depth);
-    pixel->distortion += weight * (m * (m * pixel->weight - T(2) * pixel->m1) + pixel->m2);
+    if constexpr (C::kDistortion) {
+      const T m = MappedDepth(hit.depth, near_depth);
+      pixel->distortion += weight * (m * (m * pixel->weight - T(2) * pixel->m1) + pixel->m2);
+      pixel->m1 += weight * m;
+      pixel->m2 += weight * m * m;
+    }
     pixel->weight += weight;
-    pixel->m1 += weight * m;
-    pixel->m2 += weight * m * m;
     pixel->depth += weight * hit.depth;
     pixel->normal += weight * s.footprint.normal;
     if (pixel->transmittance > T(0.5) && left <= T(0.5)) pixel->median_depth = hit.depth;
@@ -91,14 +95,20 @@ struct PixelGradient {
   T distortion;
 };
 
+/// What the backward pass of one pixel needs to know of all its hits.
+template <typename T>
+struct PixelTotals {
+  T by_depth_sum;    ///< the loss by sum of w z.
+  T depth;           ///< the pixel's expected depth.
+  T weight, m1, m2;  ///< as in Pixel.
+};
+
 /// State of the backward pass of one pixel, which goes from back to front.
 template <typename T>
 struct PixelAdjoint {
-  T transmittance;   ///< in front of the hits already gone through; the final one at first.
-  T behind;          ///< sum over the hits gone through of w_i dL/dw_i, and the background's share.
-  T inverse_weight;  ///< of the whole pixel.
-  T depth;           ///< the pixel's expected depth.
-  T weight, m1, m2;  ///< totals of the whole pixel.
+  T transmittance;  ///< in front of the hits already gone through; the final one at first.
+  T behind;         ///< sum over the hits gone through of w_i dL/dw_i, and the background's share.
+  PixelTotals<T> totals;
 };
 
 /// \param background  the colour behind everything.
@@ -109,45 +119,79 @@ S2GS_HD inline PixelAdjoint<T> BeginPixelAdjoint(const Pixel<T>& pixel, const Pi
   state.transmittance = pixel.transmittance;
   state.behind = pixel.transmittance * (Dot(d.color, background) - d.alpha);
   if constexpr (C::kGeometry) {
-    state.weight = pixel.weight;
-    state.inverse_weight = state.weight > T(0) ? T(1) / state.weight : T(0);
-    state.depth = pixel.depth * state.inverse_weight;
-    state.m1 = pixel.m1;
-    state.m2 = pixel.m2;
+    const T inverse_weight = pixel.weight > T(0) ? T(1) / pixel.weight : T(0);
+    state.totals.by_depth_sum = d.expected_depth * inverse_weight;
+    state.totals.depth = pixel.depth * inverse_weight;
+    state.totals.weight = pixel.weight;
+    state.totals.m1 = pixel.m1;
+    state.totals.m2 = pixel.m2;
   }
   return state;
 }
 
-/// Undoes the next hit from the back and adds to the loss by its splat. Every w_i enters the loss by its own
-/// dL/dw_i = g_i; alpha_i scales w_i and damps all behind: dL/dalpha_i = T_i g_i - sum_{j>i} w_j g_j / (1 -
-/// alpha_i).
+/// dL/dw_i = g_i of a hit of weight w_i: each enters the loss by its own.
+/// \param depth  the hit's.
+template <typename C, typename T>
+S2GS_HD inline T LossByWeight(const Splat<T>& s, T depth, const PixelGradient<T>& d,
+                              const PixelTotals<T>& totals, T near_depth) {
+  T by_weight = Dot(d.color, s.color);
+  if constexpr (C::kForeground) by_weight += d.foreground * s.foreground;
+  if constexpr (C::kGeometry) {
+    by_weight += Dot(d.normal, s.footprint.normal) + totals.by_depth_sum * (depth - totals.depth);
+    if constexpr (C::kDistortion) {
+      const T m = MappedDepth(depth, near_depth);
+      by_weight += d.distortion * (m * (m * totals.weight - T(2) * totals.m1) + totals.m2);
+    }
+  }
+  return by_weight;
+}
+
+/// A hit's weight, and the loss by its alpha.
+template <typename T>
+struct HitAdjoint {
+  T weight, d_alpha;
+};
+
+/// Undoes the next hit from the back. alpha_i scales w_i and damps all behind: dL/dalpha_i = T_i g_i -
+/// sum_{j>i} w_j g_j / (1 - alpha_i).
+template <typename T>
+S2GS_HD inline HitAdjoint<T> UndoWeight(T alpha, T by_weight, PixelAdjoint<T>* state) {
+  const T inverse_left = FastReciprocal(T(1) - alpha);
+  state->transmittance = state->transmittance * inverse_left;
+  const T weight = alpha * state->transmittance;
+  const T d_alpha = state->transmittance * by_weight - state->behind * inverse_left;
+  state->behind += weight * by_weight;
+  return {weight, d_alpha};
+}
+
+/// Adds to the loss by a hit's splat.
+template <typename C, typename T>
+S2GS_HD inline void AddSplatAdjoint(const Splat<T>& s, const PixelHit<T>& hit, const HitAdjoint<T>& by_hit,
+                                    const PixelGradient<T>& d, const PixelTotals<T>& totals, T near_depth,
+                                    Splat<T>* d_splat) {
+  T d_depth(0);
+  d_splat->color += by_hit.weight * d.color;
+  if constexpr (C::kForeground) d_splat->foreground += by_hit.weight * d.foreground;
+  if constexpr (C::kGeometry) {
+    d_splat->footprint.normal += by_hit.weight * d.normal;
+    T by_depth = totals.by_depth_sum;
+    if constexpr (C::kDistortion) {
+      // dm/dz = near / z^2 = -m / z
+      const T m = MappedDepth(hit.depth, near_depth);
+      by_depth -= d.distortion * T(2) * (m * totals.weight - totals.m1) * m * FastReciprocal(hit.depth);
+    }
+    d_depth = by_hit.weight * by_depth;
+  }
+  HitSplatAdjoint(s.footprint, hit, by_hit.d_alpha, d_depth, &d_splat->footprint, &d_splat->opacity);
+}
+
+/// Undoes the next hit from the back and adds to the loss by its splat.
 template <typename C, typename T>
 S2GS_HD inline void UndoHit(const Splat<T>& s, const PixelHit<T>& hit, const PixelGradient<T>& d,
                             T near_depth, PixelAdjoint<T>* state, Splat<T>* d_splat) {
-  const T inverse_left = FastReciprocal(T(1) - hit.alpha);
-  state->transmittance = state->transmittance * inverse_left;
-  const T weight = hit.alpha * state->transmittance;
-  T by_weight = Dot(d.color, s.color);
-  T d_depth(0);
-  d_splat->color += weight * d.color;
-  if constexpr (C::kForeground) {
-    by_weight += d.foreground * s.foreground;
-    d_splat->foreground += weight * d.foreground;
-  }
-  if constexpr (C::kGeometry) {
-    const T m = MappedDepth(hit.depth, near_depth);
-    by_weight += Dot(d.normal, s.footprint.normal) +
-                 d.expected_depth * (hit.depth - state->depth) * state->inverse_weight +
-                 d.distortion * (m * (m * state->weight - T(2) * state->m1) + state->m2);
-    d_splat->footprint.normal += weight * d.normal;
-    // dm/dz = near / z^2 = -m / z
-    d_depth =
-        weight * (d.expected_depth * state->inverse_weight -
-                  d.distortion * T(2) * (m * state->weight - state->m1) * m * FastReciprocal(hit.depth));
-  }
-  const T d_alpha = state->transmittance * by_weight - state->behind * inverse_left;
-  state->behind += weight * by_weight;
-  HitSplatAdjoint(s.footprint, hit, d_alpha, d_depth, &d_splat->footprint, &d_splat->opacity);
+  const T by_weight = LossByWeight<C>(s, hit.depth, d, state->totals, near_depth);
+  const HitAdjoint<T> by_hit = UndoWeight(hit.alpha, by_weight, state);
+  AddSplatAdjoint<C>(s, hit, by_hit, d, state->totals, near_depth, d_splat);
 }
 
 }  // namespace s2gs

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstdint>
 
 #include "s2gs/core/fast_math.h"
 #include "s2gs/core/vec.h"
@@ -301,16 +302,66 @@ S2GS_HD inline bool BoundSplat(const Surfel<T>& s, const Footprint<T>& footprint
   return rect->x_begin < rect->x_end && rect->y_begin < rect->y_end;
 }
 
-/// A quick test before HitSplat: never false where HitSplat is true. Lets a few pixels beyond the cut
-/// through. \param cutoff2  CutoffSquaredRadius(opacity).
+/// Pixels of a rectangle of 8 x 4 that a splat may hit: bit 8 y + x is that of the pixel whose centre is
+/// (x0 + x, y0 + y). In each row they are those between two bounds, which hold what the disc and its low-pass
+/// dot reach, widened by what rounding may move them by; rows that a disc's horizon crosses count as a whole.
+/// \param cutoff2  CutoffSquaredRadius(opacity).
 template <typename T>
-S2GS_HD inline bool MayHitSplat(const Footprint<T>& s, T cutoff2, T pixel_x, T pixel_y) {
-  const Vec2<T> offset = {pixel_x - s.centre.x, pixel_y - s.centre.y};
-  const T bound = cutoff2 + T(1e-3) * (T(1) + cutoff2);
-  const T q = T(1) + Dot(s.w, offset);
-  const T a = Dot(s.u, offset), b = Dot(s.v, offset);
-  return T(kLowPassInverseVariance) * Dot(offset, offset) <= bound ||
-         (q > T(0) && a * a + b * b <= bound * (q * q));
+S2GS_HD inline uint32_t PixelsMayHit(const Footprint<T>& s, T cutoff2, T x0, T y0) {
+  using std::abs;
+  using std::ceil;
+  using std::floor;
+  using std::sqrt;
+  constexpr double kSlack = 1e-3;   // of r^2
+  constexpr double kMargin = 0.01;  // [px]
+  const T bound = cutoff2 + T(kSlack) * (T(1) + cutoff2);
+  const T dot2 = bound * T(kLowPassSigma * kLowPassSigma);
+  // With d = (x, y) from the centre and a = (u.x, v.x, w.x), b = (u.y y, v.y y, 1 + w.y y), the disc is where
+  // <a x + b, a x + b> <= 0 by <p, q> = p1 q1 + p2 q2 - bound p3 q3: m x^2 + 2 n x + k <= 0.
+  const T m = s.u.x * s.u.x + s.v.x * s.v.x - bound * s.w.x * s.w.x;
+  const T inverse_m = T(1) / m;
+  // What is left of m has five digits then.
+  const bool is_bounded = m > T(0.01) * (bound * s.w.x * s.w.x);
+  const T left = x0 - s.centre.x;
+  uint32_t pixels = 0;
+  for (int row = 0; row < 4; ++row) {
+    const T y = y0 + T(row) - s.centre.y;
+    T lower = T(0), upper = T(-1);
+    const T dot_left = dot2 - y * y;
+    if (dot_left >= T(0)) {
+      upper = sqrt(dot_left);
+      lower = -upper;
+    }
+    const T b1 = s.u.y * y, b2 = s.v.y * y, b3 = T(1) + s.w.y * y;
+    // n^2 - m k = bound (e2^2 + e3^2) - e1^2 by the components of a x b: no large numbers cancel but in e1.
+    const T p = s.u.x * b2, q = s.v.x * b1;
+    T e1 = abs(p - q) - T(4 * 1.2e-7) * (abs(p) + abs(q));
+    if (!(e1 > T(0))) e1 = T(0);
+    const T e2 = s.u.x * b3 - s.w.x * b1, e3 = s.v.x * b3 - s.w.x * b2;
+    const T root2 = bound * (e2 * e2 + e3 * e3) - e1 * e1;
+    bool is_whole = !is_bounded;
+    if (is_bounded && root2 >= T(0)) {
+      const T middle = -(s.u.x * b1 + s.v.x * b2 - bound * s.w.x * b3) * inverse_m;
+      const T half = sqrt(root2) * inverse_m;
+      const T margin = T(4e-5) * (abs(middle) + half);
+      const T disc_lower = middle - half - margin, disc_upper = middle + half + margin;
+      if (upper < lower) {
+        lower = disc_lower;
+        upper = disc_upper;
+      }
+      lower = disc_lower < lower ? disc_lower : lower;
+      upper = disc_upper > upper ? disc_upper : upper;
+      is_whole = !(lower <= upper);  // no numbers
+    }
+    int begin = 0, end = 8;
+    if (!is_whole) {
+      const T first = ceil(lower - left - T(kMargin)), last = floor(upper - left + T(kMargin));
+      begin = first > T(0) ? (first < T(8) ? static_cast<int>(first) : 8) : 0;
+      end = last < T(7) ? (last >= T(0) ? static_cast<int>(last) + 1 : 0) : 8;
+    }
+    if (begin < end) pixels |= ((1U << end) - (1U << begin)) << (8 * row);
+  }
+  return pixels;
 }
 
 /// Whether a splat reaches alpha 1/255 anywhere in a rectangle of pixel centres [x0, x1] x [y0, y1]: exact up
