@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "s2gs/kernel/sh.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

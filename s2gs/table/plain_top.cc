@@ -12,6 +12,7 @@
 #include "s2gs/image/srgb.h"
 #include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

@@ -12,6 +12,7 @@
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "sfm_split/solvers/eigen_solvers.h"
+
 namespace s2gs {
 namespace {
 

@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/scene/projection_jacobians.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

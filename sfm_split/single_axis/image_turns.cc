@@ -8,6 +8,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/single_axis/turn_epipolar.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/scene/camera_model.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

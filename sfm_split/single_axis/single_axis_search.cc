@@ -11,6 +11,7 @@
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/single_axis/turn_epipolar.h"
 #include "sfm_split/single_axis/turn_vote.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sfm_split/solvers/eigen_solvers.h"
+
 namespace s2gs {
 namespace {
 

@@ -12,6 +12,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/picture_noise.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 #include "sfm_split/split/correlation_summit.h"
 
 namespace s2gs {

@@ -7,6 +7,8 @@
 #include <array>
 #include <cmath>
 
+#include "sfm_split/solvers/eigen_solvers.h"
+
 namespace s2gs {
 
 Eigen::Vector2d Moved(const Eigen::Matrix3d& H, const TileMatch& tile) {

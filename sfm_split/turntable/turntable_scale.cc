@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/tukey_reweighting.h"
+#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {
