@@ -77,6 +77,20 @@ TEST(MeshFiles, ObjRoundTrip) {
   }
 }
 
+// Where other programs look for them: after the place, from 0 to 1.
+TEST(MeshFiles, ObjHasColorsFromNullToOne) {
+  TriangleMesh mesh = Tetrahedron();
+  mesh.colors.assign(mesh.vertices.size(), {255, 0, 51});
+  std::ostringstream stream;
+  WriteObjMesh(stream, mesh);
+  std::istringstream line(stream.str());
+  std::string word;
+  Eigen::Vector3d place, color;
+  line >> word >> place.x() >> place.y() >> place.z() >> color.x() >> color.y() >> color.z();
+  EXPECT_EQ(word, "v");
+  EXPECT_LT((color - Eigen::Vector3d(1, 0, 0.2)).norm(), 1e-6);  // of a float's digits
+}
+
 uint32_t WordAt(const std::string& bytes, size_t offset) {
   uint32_t word = 0;
   std::memcpy(&word, bytes.data() + offset, sizeof(word));

@@ -1,6 +1,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <sstream>
@@ -9,9 +12,12 @@
 #include <vector>
 
 #include "plugin/cli/command.h"
+#include "plugin/cli/interrupt.h"
 #include "plugin/commands/model_exporter_command.h"
 #include "plugin/commands/photo_importer_command.h"
+#include "plugin/commands/work_precision_command.h"
 #include "plugin/stage/workspace.h"
+#include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/model_without_points.h"
@@ -22,6 +28,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 void RunCommand(const char* name, void (*command)(CommandContext&), std::vector<std::string> arguments) {
   std::ostringstream out;
@@ -66,6 +73,49 @@ TEST(PhotoImporter, TakesUpTo8000FramesOfAVideo) {
   EXPECT_THAT(fault("8001"), HasSubstr("video_frames = 8001 violates <= 8000"));
   EXPECT_THAT(fault("3"), HasSubstr("neither a folder of photos nor a video file"));
   EXPECT_THAT(fault("2"), HasSubstr("video_frames = 2 violates >= 3"));
+}
+
+// Ctrl-C ends it between two photos. In a process of its own, since a request to stop stays.
+TEST(ModelExporterDeathTest, StopsBetweenPhotosWhenItIsAskedTo) {
+  testing::FLAGS_gtest_death_test_style = "threadsafe";
+  const TemporaryFolder folder;
+  const Workspace workspace{folder / "scan"};
+  const ColmapModel model = ModelWithoutPoints(2);
+  WriteColmapModel(workspace.ObjectModel(), model, ColmapFormat::kBinary);
+  const auto stopped = [&] {
+    InstallSignalHandlers();
+    std::raise(SIGINT);
+    try {
+      RunCommand("model_exporter", RunModelExporter,
+                 {"--workspace_path", workspace.root.string(), "--output_path", (folder / "out").string(),
+                  "--output_type", "masks_colmap"});
+    } catch (const Interrupted&) {
+      std::_Exit(7);
+    } catch (const std::exception& error) {
+      std::fprintf(stderr, "%s\n", error.what());
+    }
+    std::_Exit(8);
+  };
+  EXPECT_EXIT(stopped(), testing::ExitedWithCode(7), "");
+}
+
+TEST(WorkPrecision, WantsOneFolderOfPhotosForEachWorkspace) {
+  const TemporaryFolder folder;
+  const auto fault = [&](const std::string& images) -> std::string {
+    try {
+      RunCommand("work_precision", RunWorkPrecision,
+                 {"--workspace_path", (folder / "a").string() + "," + (folder / "b").string(), "--image_path",
+                  images, "--output_path", (folder / "curve").string(), "--knob", "num_iterations",
+                  "--values", "100,200"});
+    } catch (const std::exception& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(fault((folder / "c").string()),
+              HasSubstr("--image_path has 1 folders, --workspace_path has 2"));
+  EXPECT_THAT(fault((folder / "c").string() + "," + (folder / "d").string()),
+              Not(HasSubstr("folders, --workspace_path has")));
 }
 
 }  // namespace

@@ -151,6 +151,13 @@ TEST_F(SweepTest, FeaturesOfTheScanAreKept) {
   RunSweep(options_, silent_);
   EXPECT_THAT(folder_.Read("calls"), testing::HasSubstr("--SiftExtraction.max_num_features 99"));
   EXPECT_THAT(folder_.Read("calls"), testing::Not(testing::HasSubstr("1234")));
+  // Other stages have no such options.
+  folder_.Write("calls", "");
+  options_.arguments.clear();
+  options_.knob = FindKnob("tsdf_mesher.knob");
+  RunSweep(options_, silent_);
+  EXPECT_THAT(folder_.Read("calls"), testing::HasSubstr("tsdf_mesher"));
+  EXPECT_THAT(folder_.Read("calls"), testing::Not(testing::HasSubstr("SiftExtraction")));
 }
 
 TEST_F(SweepTest, RefusesWhatCannotBeSwept) {

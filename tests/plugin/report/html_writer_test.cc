@@ -208,5 +208,18 @@ TEST(Plot, ErrorBarsStayInside) {
   EXPECT_GT(number("y1") - number("y2"), 100);  // nearly the drawing's height
 }
 
+// All of one value: a tenth of it is room on either side, from 36 to 44.
+TEST(Plot, AValueThatDoesNotChangeHasRoomAroundIt) {
+  Plot plot{"t", {"x", false}, {"y", false}, {}, false};
+  PlotSeries series;
+  series.mark = PlotMark::kDots;
+  series.points = {{1, 40}, {2, 40}};
+  plot.series = {series};
+  HtmlWriter out;
+  WritePlot(plot, &out);
+  EXPECT_NE(out.html().find(">38<"), std::string::npos);
+  EXPECT_NE(out.html().find(">42<"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace s2gs

@@ -225,6 +225,23 @@ TEST(Verdict, AnglesAreGoodToADegreeButForOneScanInFourHundred) {
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
 }
 
+// A guessed length is no matter where the angles are known for all that.
+TEST(Verdict, AGuessedFocalLengthMattersWhereAnglesAreLoose) {
+  const auto names_guess = [](double angle_sigma_max_deg) {
+    ScanEvidence evidence = GoodEvidence();
+    evidence.focal_prior_share = 0.99;
+    evidence.focal_sigma_rel = 0.1;
+    evidence.angle_sigma_max_deg = angle_sigma_max_deg;
+    for (const std::string& reason : JudgeScan(evidence).reasons) {
+      if (reason.find("most of what is known of the focal length is a guess") != std::string::npos)
+        return true;
+    }
+    return false;
+  };
+  EXPECT_FALSE(names_guess(0.3));
+  EXPECT_TRUE(names_guess(0.4));
+}
+
 // Which all photos of a station are wrong by.
 TEST(Verdict, TheAxisIsAskedForAsTheAnglesAre) {
   ScanEvidence evidence = GoodEvidence();
