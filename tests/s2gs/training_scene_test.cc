@@ -281,6 +281,33 @@ TEST_F(TrainingSceneFiles, PhotosThatTheTableDoesNotKnowAreLeftOutWithAWarning) 
       << recorder.log;
 }
 
+TEST_F(TrainingSceneFiles, NoPhotoAtAllIsRefused) {
+  TurntableFile table = ReadTurntableFile(paths_.turntable);
+  for (TurntableImage& image : table.images) image.name = "other_" + image.name;
+  WriteTurntableFile(paths_.turntable, table);
+  ExpectUserError([&] { ReadTrainingScene(paths_, {}, silent_); },
+                  {paths_.object_model.string(), "has no images to train on"});
+}
+
+// A background's pose that says otherwise than the table's, by a tenth of a turn, is told.
+TEST_F(TrainingSceneFiles, PosesThatContradictTheBackgroundsAreTold) {
+  class Recorder : public Reporter {
+   public:
+    void Log(LogLevel /*level*/, std::string_view message) override { log += message; }
+    std::string log;
+  } recorder;
+  ReadTrainingScene(paths_, {}, recorder);
+  EXPECT_EQ(recorder.log.find("have another pose"), std::string::npos) << recorder.log;
+  ColmapModel background = ReadColmapModel(paths_.static_model);
+  Rigid3& pose = background.images.begin()->second.cam_from_world;
+  pose.rotation = Eigen::AngleAxisd(0.2 * kPi, Eigen::Vector3d::UnitY()) * pose.rotation;
+  WriteColmapModel(paths_.static_model, background, ColmapFormat::kBinary);
+  EXPECT_EQ(ReadTrainingScene(paths_, {}, recorder).photos.size(), 6U);
+  EXPECT_NE(recorder.log.find("1 images have another pose in " + paths_.static_model.string()),
+            std::string::npos)
+      << recorder.log;
+}
+
 TEST(TrainingSceneFocus, IsWhereThePhotosLook) {
   const Eigen::Vector3d place(3, -2, 1);
   TrainingScene scene;

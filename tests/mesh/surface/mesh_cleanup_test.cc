@@ -233,6 +233,16 @@ TEST(MeshCleanup, DecimationKeepsShapeAndTopology) {
   for (const auto& color : mesh.colors) EXPECT_EQ(color, (Eigen::Matrix<uint8_t, 3, 1>(10, 20, 30)));
 }
 
+// Nothing smaller encloses a volume.
+TEST(MeshCleanup, DecimationLeavesATetrahedron) {
+  TriangleMesh mesh;
+  mesh.vertices = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  mesh.triangles = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+  DecimateMesh(1, &mesh);
+  EXPECT_EQ(mesh.triangles.size(), 4u);
+  EXPECT_NEAR(TopologyOf(mesh).volume, 1.0 / 6, 1e-6);
+}
+
 // A plane needs few triangles, and its outline stays.
 TEST(MeshCleanup, DecimationKeepsOutlines) {
   TriangleMesh mesh = Plate(1, 0.5, 0.1);
@@ -384,6 +394,16 @@ TEST(MeshCleanup, FindsTheDiscUnderTheObject) {
   }
   // A cap is missing: the mesh ends in one outline.
   EXPECT_EQ(TopologyOf(mesh).euler_characteristic, 1);
+}
+
+// A scrap that hangs below the disc is level, too, but small.
+TEST(MeshCleanup, AScrapBelowTheDiscIsNoDisc) {
+  TriangleMesh mesh = Plate(2, -0.3, 0.1);
+  Append(Ball(4, 0.8, {0.1, 0.2, 0.45}), &mesh);
+  Append(Plate(0.3, -1, 0.1), &mesh);
+  const std::optional<DiscSurface> disc = FindDisc(mesh);
+  ASSERT_TRUE(disc.has_value());
+  EXPECT_NEAR(disc->height, -0.3, 1e-3);
 }
 
 TEST(MeshCleanup, NoDiscNoCut) {

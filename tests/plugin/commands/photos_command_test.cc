@@ -105,7 +105,7 @@ TEST(WorkPrecision, WantsOneFolderOfPhotosForEachWorkspace) {
     try {
       RunCommand("work_precision", RunWorkPrecision,
                  {"--workspace_path", (folder / "a").string() + "," + (folder / "b").string(), "--image_path",
-                  images, "--output_path", (folder / "curve").string(), "--knob", "num_iterations",
+                  images, "--output_path", (folder / "curve").string(), "--knob", "train_iterations",
                   "--values", "100,200"});
     } catch (const std::exception& error) {
       return error.what();
