@@ -14,6 +14,8 @@
 #include <vector>
 
 #include "plugin/cli/command.h"
+#include "s2gs/image/exif.h"
+#include "s2gs/image/image_codec.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/scene/io/colmap_database.h"
@@ -212,6 +214,22 @@ TEST_F(ExtractFeaturesTest, OneCameraForWhatIsOfOneSize) {
   ExpectUserError([&] { ReadPhotoSet(folder_ / "none"); }, {(folder_ / "none").string()});
   folder_.Write("photos/z.jpg", "not a JPEG");
   ExpectUserError([&] { ReadPhotoSet(extraction_.image_path); }, {"z.jpg"});
+}
+
+// Photos whose EXIF names another focal length are another camera's; those without go with any.
+TEST_F(ExtractFeaturesTest, OneCameraForWhatIsOfOneLens) {
+  const auto add = [&](const char* name, double focal_mm) {
+    ExifTags tags;
+    tags.focal_mm = focal_mm;
+    const std::filesystem::path path = folder_ / "photos" / name;
+    WriteAll(path,
+             EncodePng(Image8{16, 12, 1, std::vector<uint8_t>(size_t{16} * 12, 90)}, path, MakeExif(tags)));
+  };
+  add("d.png", 35);
+  add("e.png", 35);
+  EXPECT_EQ(ReadPhotoSet(extraction_.image_path).sharing, CameraSharing::kOne);
+  add("f.png", 50);
+  EXPECT_NE(ReadPhotoSet(extraction_.image_path).sharing, CameraSharing::kOne);
 }
 
 TEST_F(ExtractFeaturesTest, FeaturesFromElsewhereStay) {

@@ -111,6 +111,13 @@ TEST_F(PhotoImportTest, SoundPhotosStayWhereTheyAre) {
   EXPECT_FALSE(PlanImport(photos_.path()).is_needed);
 }
 
+// One photo is enough, wherever it stands among those that could stay.
+TEST_F(PhotoImportTest, OnePhotoThatNeedsItIsEnough) {
+  Write16("a.png", Noise());
+  WriteImage(photos_ / "b.jpg", Noise());
+  EXPECT_TRUE(PlanImport(photos_.path()).is_needed);
+}
+
 TEST_F(PhotoImportTest, EveryFormatGivesTheSamePixels) {
   const Image8 image = Noise();
   Write8("sub/a.TIF", image);
