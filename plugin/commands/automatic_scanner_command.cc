@@ -320,7 +320,8 @@ Options& DeclareOptions(CommandContext& context, Settings* settings) {
   options.Add("ffmpeg_path", &settings->ffmpeg_path,
               "the ffmpeg executable or its folder, for videos; empty: searched for on PATH");
   options.Add("mask_path", &settings->mask_path,
-              "masks of the rotating part, if there are any (COLMAP's: a.jpg.png for a.jpg); empty: none");
+              "masks of the rotating part, if there are any: a.jpg.png for a.jpg (COLMAP), a.jpg.mask.png "
+              "(RealityScan), a.png (LichtFeld, or the cut-out photo with alpha); empty: none");
   options.AddEnum("quality", &settings->quality, kQualityNames,
                   "how much time to spend; auto: high on a GPU, low without one");
   options.AddEnum("until", &settings->until,

@@ -55,8 +55,10 @@ void AddOptions(Options& options, Settings* settings) {
               "the colmap executable or its folder; empty: searched for on PATH");
   options.Add("max_overlays", &settings->max_overlays,
               "photos, spread evenly, whose keypoints are drawn by label in overlays/, given --image_path");
-  options.Add("mask_path", &settings->mask_path,
-              "masks of the rotating part, COLMAP's names (a.jpg.png); empty: it is found by its motion");
+  options.Add(
+      "mask_path", &settings->mask_path,
+      "masks of the rotating part, named as automatic_scanner has it (a.jpg.png for a.jpg); empty: it is "
+      "found by its motion");
   options.Add(
       "use_matches", &settings->use_matches,
       "take the raw matches that the database has already (of colmap exhaustive_matcher, say), of all "

@@ -309,9 +309,9 @@ class Preflight {
     }
     if (num_missing > 0) {
       Fault(fmt::format(
-          "{}: {} of {} photos have no mask there, {} for example. COLMAP's convention: the mask of "
-          "sub/a.jpg is sub/a.jpg.png; give one for each photo, or leave --mask_path out",
-          folder.string(), num_missing, photos_.photos.size(), example));
+          "{}: {} of {} photos have no mask there, {} for example. {}; give one for each photo, or leave "
+          "--mask_path out",
+          folder.string(), num_missing, photos_.photos.size(), example, kMaskNames));
     }
   }
 

@@ -162,8 +162,7 @@ void ApplyMasks(const fs::path& mask_path, SplitFeatures* features, Reporter& re
     }
   }
   if (num_without == features->images.size()) {
-    throw UserError(mask_path, "has no mask for any of the photos",
-                    "COLMAP's convention: the mask of sub/a.jpg is sub/a.jpg.png");
+    throw UserError(mask_path, "has no mask for any of the photos", kMaskNames);
   }
   if (num_without > 0) {
     reporter.Warn(std::to_string(num_without) + " photos have no mask in " + mask_path.string() +

@@ -50,4 +50,9 @@ std::string ListFaults(const std::string& heading, const std::vector<std::string
 /// was imported from another format have its former name, "a.heic.png". Empty when there is none.
 std::filesystem::path FindMask(const std::filesystem::path& folder, const std::string& image_name);
 
+/// For messages, how FindMask() expects masks to be called.
+inline constexpr const char* kMaskNames =
+    "The mask of sub/a.jpg is sub/a.jpg.png (COLMAP), sub/a.jpg.mask.png (RealityScan) or sub/a.png "
+    "(LichtFeld; or the cut-out photo, whose alpha channel counts)";
+
 }  // namespace s2gs

@@ -15,6 +15,7 @@
 namespace s2gs {
 namespace {
 
+using testing::AllOf;
 using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -104,7 +105,8 @@ TEST_F(ScanPreflight, EveryPhotoNeedsAMaskOfItsSize) {
   add_mask("photo1.png.png", 31);
   EXPECT_THAT(Check().faults,
               ElementsAre(HasSubstr("31 x 24 pixels, its photo 32 x 24"),
-                          HasSubstr("2 of 4 photos have no mask there, photo2.png for example")));
+                          AllOf(HasSubstr("2 of 4 photos have no mask there, photo2.png for example"),
+                                HasSubstr("sub/a.jpg.mask.png (RealityScan)"), HasSubstr("LichtFeld"))));
   add_mask("photo1.png.png", 32);
   add_mask("photo2.png", 32);  // the shorter name
   add_mask("photo3.png.png", 32);
