@@ -107,13 +107,12 @@ std::string Duration(double seconds) {
 class Trainer {
  public:
   Trainer(const TrainingScene& scene, const TrainOptions& options, uint64_t seed, const TrainFiles& files,
-          Backend* backend, Reporter& reporter, GaussianWitness* witness)
+          Backend* backend, Reporter& reporter)
       : scene_(scene),
         options_(options),
         files_(files),
         backend_(backend),
         reporter_(reporter),
-        witness_(witness),
         resumed_(Begin(seed)),
         log_(files.log, resumed_ ? cursor_.iteration : -1),
         order_(CountTrained(scene), seed),
@@ -141,7 +140,6 @@ class Trainer {
       Grow(moment, before, now);
       Settle(before, now);
       Tidy(before, now);
-      AskWitness(before, now);
       Report(before, now);
       Measure(before, now);
       if (HasStoppedFalling(before, now)) break;
@@ -434,32 +432,22 @@ class Trainer {
                      "no camera stood still for enough photos to show what stands behind the rotating part");
       }
     }
-    Remove(FindStandingGaussians(*evidence_, backend_), "where photos show the background");
-  }
-
-  // What photos refute goes as long as it can be made up for.
-  void AskWitness(double before, double now) {
-    if (witness_ == nullptr || scene_.bodies() != SceneBodies::kBoth) return;
-    if (!Passed(before, now, kTidyEvery) || now > kTidyUntil || now < options_.regularise_from) return;
-    Remove(witness_->FindRefuted(backend_, reporter_), witness_->Reason());
-  }
-
-  // \param rotating  in ascending order.
-  void Remove(const std::vector<uint32_t>& rotating, const std::string& where) {
+    const std::vector<uint32_t> standing = FindStandingGaussians(*evidence_, backend_);
     const int64_t count = backend_->Count();
-    if (rotating.empty() || static_cast<int64_t>(rotating.size()) == count) return;
+    if (standing.empty() || static_cast<int64_t>(standing.size()) == count) return;
     std::vector<uint32_t> kept;
-    kept.reserve(static_cast<size_t>(count) - rotating.size());
+    kept.reserve(static_cast<size_t>(count) - standing.size());
     size_t next = 0;
     for (int64_t i = 0; i < count; ++i) {
-      if (next < rotating.size() && rotating[next] == i) {
+      if (next < standing.size() && standing[next] == i) {
         ++next;
       } else {
         kept.push_back(static_cast<uint32_t>(i));
       }
     }
     backend_->Keep(kept);
-    const std::string note = std::to_string(rotating.size()) + " rotating Gaussians removed " + where;
+    const std::string note =
+        std::to_string(standing.size()) + " rotating Gaussians removed where photos show the background";
     reporter_.Info(note);
     log_.AddNote(Point(), note);
   }
@@ -641,7 +629,6 @@ class Trainer {
   const TrainFiles& files_;
   Backend* backend_;
   Reporter& reporter_;
-  GaussianWitness* witness_;
   TrainCursor cursor_;
   bool resumed_;
   TrainLog log_;
@@ -693,8 +680,8 @@ std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, 
 }
 
 TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed,
-                  const TrainFiles& files, Backend* backend, Reporter& reporter, GaussianWitness* witness) {
-  return Trainer(scene, options, seed, files, backend, reporter, witness).Run();
+                  const TrainFiles& files, Backend* backend, Reporter& reporter) {
+  return Trainer(scene, options, seed, files, backend, reporter).Run();
 }
 
 }  // namespace s2gs

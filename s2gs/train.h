@@ -33,25 +33,12 @@ struct TrainResult {
   std::optional<HeldOutErrors> held_out;  ///< at the end, when photos are held out and it was asked for.
 };
 
-/// Tells from photos, by other means than the losses, which Gaussians are wrong.
-class GaussianWitness {
- public:
-  virtual ~GaussianWitness() = default;
-  /// Rotating Gaussians that it refutes, in ascending order.
-  /// \param backend  with the model to be judged, which is left as it was.
-  virtual std::vector<uint32_t> FindRefuted(Backend* backend, Reporter& reporter) = 0;
-  /// "where photos show ...".
-  virtual std::string Reason() const = 0;
-};
-
 /// Trains a model of the scene. With the CPU backend the result depends on scene, options and seed alone, not
 /// on the number of threads or on having been interrupted (unless `max_seconds` is set).
 /// Throws Interrupted after writing a checkpoint when the reporter asks to stop, and UserError when numbers
 /// stay NaN.
-/// \param witness  asked now and then once surfaces have formed; null: nobody is.
 TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed,
-                  const TrainFiles& files, Backend* backend, Reporter& reporter,
-                  GaussianWitness* witness = nullptr);
+                  const TrainFiles& files, Backend* backend, Reporter& reporter);
 
 /// The training photos (without those held out) at 1 / 2^level of their size.
 std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, int min_size);

@@ -77,7 +77,6 @@ struct TrainOptions {
   double settle_until = 0.6;        ///< and at the latest here. 1: never.
   double settled_share = 0.995;     ///< of the Gaussians' p outside [.1, .9]: settled.
   bool use_rotating_region = true;  ///< nothing outside the rotating points' cylinder rotates.
-  bool use_plain_top = true;        ///< no layers stand before a table's plain top (table/top_witness.h).
   bool use_turn_evidence = true;    ///< nothing rotates where photos show the background (turn_evidence.h).
   double unseen_weight =
       0.02;  ///< frozen foreground that is never blended with more than this goes; 0: stays.

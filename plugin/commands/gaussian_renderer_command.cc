@@ -53,6 +53,8 @@ namespace fs = std::filesystem;
 constexpr char kMapSuffix[] = ".geometric.bin";
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
+// Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and more.
+constexpr double kTexturedTop = 0.5;
 
 enum class DepthKind : uint8_t { kMedian, kExpected };
 const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};

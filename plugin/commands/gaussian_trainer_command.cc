@@ -23,7 +23,6 @@
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/gaussians_ply.h"
-#include "s2gs/table/top_witness.h"
 #include "s2gs/train.h"
 #include "s2gs/training_memory.h"
 #include "s2gs/training_scene.h"
@@ -193,8 +192,6 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
   group.Add("settled_share", &T::settled_share, "share of p outside [.1, .9] that counts as settled");
   group.Add("use_rotating_region", &T::use_rotating_region,
             "nothing rotates outside the cylinder about the axis that holds the rotating points");
-  group.Add("use_plain_top", &T::use_plain_top,
-            "leave nothing that rotates before a table's plain top where photos show it");
   group.Add("use_turn_evidence", &T::use_turn_evidence,
             "nothing rotates where photos of a camera that stands still show the background's texture");
   group.Add(
@@ -396,9 +393,7 @@ void RunGaussianTrainer(CommandContext& context) {
     });
     // As asked for: how much memory is free is no reason to begin anew.
     files.settings = SettingsOf(options, scene);
-    TopWitness top(scene);
-    const TrainResult result = Train(scene, fitted, options.random_seed(), files, backend.get(), reporter,
-                                     fitted.use_plain_top ? &top : nullptr);
+    const TrainResult result = Train(scene, fitted, options.random_seed(), files, backend.get(), reporter);
     WriteGaussianPly(ply, ForFile(result.gaussians, scene), {a.ply_layout, a.foreground_only});
     PrintSummary(result, scene, ply, context.out());
   };

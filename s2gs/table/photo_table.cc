@@ -200,14 +200,10 @@ std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
   return FindTableCircle(pictures, search);
 }
 
-RotatingRegion RegionOfCircle(const TrainingScene& scene, const TableCircle& circle) {
-  return {scene.region->axis, circle.radius, circle.side_end.value_or(circle.height), circle.height};
-}
-
 TableRim RimOfCircle(const TrainingScene& scene, const TableCircle& circle,
                      const std::optional<RotatingShape>& shape, Backend* backend) {
   TableRim rim;
-  rim.region = RegionOfCircle(scene, circle);
+  rim.region = {scene.region->axis, circle.radius, circle.side_end.value_or(circle.height), circle.height};
   rim.share = circle.share;
   rim.false_alarms = circle.false_alarms;
   rim.static_share = StaticShare(scene, rim.region, shape, backend);

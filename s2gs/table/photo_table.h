@@ -38,17 +38,10 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
 std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
                                              const std::vector<StationPhotos>& stations);
 
-/// The table with this top, down to its side's end where that is known.
-RotatingRegion RegionOfCircle(const TrainingScene& scene, const TableCircle& circle);
-
 /// The same as masks need it. \param shape, backend  of the model, which is left as it was: what it takes to
 /// stand still of the top as photos show it.
 TableRim RimOfCircle(const TrainingScene& scene, const TableCircle& circle,
                      const std::optional<RotatingShape>& shape, Backend* backend);
-
-/// Of a top's pixels. Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and
-/// more.
-constexpr double kTexturedTop = 0.5;
 
 /// Of the top's pixels: those that show more texture than noise in most photos of their station. Shadows have
 /// soft borders, which do not count, and what stands on the top moves on. 1 where no photo shows the top.
