@@ -26,6 +26,9 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
 /// anything turns: of a plain ground, about which photos do not tell whether it does. In ascending order.
 std::vector<uint32_t> FindReachingOut(const RotatingRegion& region, const Gaussians& gaussians);
 
+/// Rotating Gaussians whose centres lie in a region. In ascending order.
+std::vector<uint32_t> FindRotatingIn(const RotatingRegion& region, const Placement& gaussians);
+
 /// Static Gaussians of the table's top and side count as rotating from here on, whatever their colour.
 void CountTableAsRotating(const TableRim& table, RotatingShape* shape);
 

@@ -381,6 +381,7 @@ class Renderer {
     // Photos show the shape of a top that has texture and turns.
     if (table_->IsUndecided() || *textured_top_ < kTexturedTop) in_maps_ = table_->region;
     if (a_.clear_plain_top && *textured_top_ < kTexturedTop) ClearPlainTop(stations);
+    if (in_maps_) LeaveTableToItsRegion(stations);
     if (a_.table_seen && *textured_top_ >= kTexturedTop)
       known_texture_ = TexturedTop::Learn(stations, table_->region);
     if (!a_.cut_at_table) return;
@@ -388,6 +389,17 @@ class Renderer {
         FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
     num_around_table_ = standing.size();
     LeaveOut(standing, "around the table, where photos show no change");
+  }
+
+  // Splats of a table that masks and maps show anyway only blur its rim.
+  void LeaveTableToItsRegion(const std::vector<StationPhotos>& stations) {
+    RotatingRegion table = *in_maps_;
+    // The circle is known to a pixel.
+    const double pixel = PixelAtAxis(stations, table.axis);
+    table.radius += pixel;
+    table.low -= pixel;
+    table.high += pixel;
+    LeaveOut(FindRotatingIn(table, backend_->GetPlacement()), "of the table, which is known by its rim");
   }
 
   // Of what training builds over a plain top.

@@ -142,6 +142,15 @@ class StillWitness {
 
 }  // namespace
 
+double PixelAtAxis(const std::vector<StationPhotos>& stations, const TurntableAxis& axis) {
+  double size = 0;
+  for (const StationPhotos& station : stations) {
+    const PinholeView& view = station.views.front();
+    size = std::max(size, (view.cam_from_world * axis.point).z() / view.fx);
+  }
+  return size;
+}
+
 PinholeView StationView(const ScenePhoto& photo) { return Reduced(photo.view); }
 
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,
@@ -247,13 +256,9 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
                                               const RotatingRegion& table, const Placement& gaussians) {
   std::vector<StillWitness> witnesses;
   witnesses.reserve(stations.size());
-  double pixel_size = 0;
-  for (const StationPhotos& station : stations) {
-    witnesses.emplace_back(station, table);
-    const PinholeView& view = station.views.front();
-    pixel_size = std::max(pixel_size, (view.cam_from_world * table.axis.point).z() / view.fx);
-  }
+  for (const StationPhotos& station : stations) witnesses.emplace_back(station, table);
   if (witnesses.empty()) return {};
+  const double pixel_size = PixelAtAxis(stations, table.axis);
   // The circle is known to a pixel.
   RotatingRegion body = table;
   body.radius += pixel_size;

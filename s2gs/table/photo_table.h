@@ -28,6 +28,9 @@ struct StationPhotos {
 /// A photo's view as StationPhotos have it.
 PinholeView StationView(const ScenePhoto& photo);
 
+/// What a pixel of the stations' photos is at the axis, of the coarsest.
+double PixelAtAxis(const std::vector<StationPhotos>& stations, const TurntableAxis& axis);
+
 /// Of the stations with photos enough for a median without the object. Nothing where nothing turns.
 /// Throws what `load` throws, and Interrupted. \param load  a photo without distortion, of its view's size.
 std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const LoadPhoto& load,
