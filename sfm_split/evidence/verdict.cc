@@ -10,6 +10,7 @@ namespace {
 
 // What is asked of a scan: table angles and the axis to a degree, but for one scan in 400, and a place for
 // each photo.
+constexpr double kMaxFocal = 0.01;  // of it: depths are off by as much.
 constexpr double kMaxAngleDeg = 1;
 constexpr double kSigmas = 3;
 // Single photos and pairs may fail where nine in ten do not.
@@ -339,6 +340,13 @@ class Judge {
                                    static_cast<long long>(evidence_.closing.agreeing)));
     }
     add(evidence_.across_stations, "between camera places");
+    // Poses hold all the same: what a focal length does to them, the object's depth makes up for.
+    if (kSigmas * evidence_.focal_sigma_rel.value_or(0) > kMaxFocal) {
+      reasons.push_back(
+          FormatText("the focal length is known to +- %.2g %%, and how deep things are no better; "
+                     "photos with their EXIF data tell it",
+                     100 * *evidence_.focal_sigma_rel));
+    }
     return reasons;
   }
 

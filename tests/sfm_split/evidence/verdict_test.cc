@@ -52,6 +52,19 @@ TEST(Verdict, WhatIsBorneOutIsGoodAndSaysWhy) {
   EXPECT_TRUE(verdict.advice.empty());
 }
 
+// The poses may be good, and what is built on them too deep or too flat.
+TEST(Verdict, AGoodScanSaysHowWellItsFocalLengthIsKnown) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.focal_sigma_rel = 0.003;
+  for (const std::string& reason : JudgeScan(evidence).reasons)
+    EXPECT_EQ(reason.find("focal length"), std::string::npos) << reason;
+  evidence.focal_sigma_rel = 0.043;
+  const ScanVerdict verdict = JudgeScan(evidence);
+  EXPECT_EQ(verdict.verdict, Verdict::kGood);
+  EXPECT_THAT(verdict.reasons.back(), testing::HasSubstr("the focal length is known to +- 4.3 %"));
+  EXPECT_TRUE(verdict.advice.empty());
+}
+
 TEST(Verdict, PosesHoldWhereOnlyAFewPhotosHaveNone) {
   ScanEvidence evidence = GoodEvidence();
   EXPECT_TRUE(JudgeScan(evidence).poses_hold);
