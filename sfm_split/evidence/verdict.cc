@@ -10,9 +10,9 @@ namespace {
 
 // What is asked of a scan: table angles and the axis to a degree, but for one scan in 400, and a place for
 // each photo.
-constexpr double kMaxFocal = 0.01;  // of it: depths are off by as much.
 constexpr double kMaxAngleDeg = 1;
 constexpr double kSigmas = 3;
+constexpr double kMaxFocal = 0.01;  // of the focal length: depths are off by as much; said alone, not judged.
 // Single photos and pairs may fail where nine in ten do not.
 constexpr double kMost = 0.9;
 constexpr size_t kMaxNamed = 5;
