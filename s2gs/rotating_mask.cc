@@ -162,11 +162,12 @@ std::vector<uint32_t> FindReachingOut(const RotatingRegion& region, const Gaussi
   return reaching;
 }
 
-std::vector<uint32_t> FindRotatingIn(const RotatingRegion& region, const Placement& gaussians) {
+std::vector<uint32_t> FindRotatingIn(const RotatingRegion& region, double margin,
+                                     const Placement& gaussians) {
   std::vector<uint32_t> inside;
   for (size_t i = 0; i < gaussians.size(); ++i) {
     const float* x = gaussians.centre.data() + 3 * i;
-    if (IsForeground(gaussians.foreground_logit[i]) && region.Contains({x[0], x[1], x[2]}, 0))
+    if (IsForeground(gaussians.foreground_logit[i]) && region.Contains({x[0], x[1], x[2]}, margin))
       inside.push_back(static_cast<uint32_t>(i));
   }
   return inside;

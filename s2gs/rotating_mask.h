@@ -27,7 +27,8 @@ std::optional<RotatingShape> FindRotatingShape(const TrainingScene& scene, const
 std::vector<uint32_t> FindReachingOut(const RotatingRegion& region, const Gaussians& gaussians);
 
 /// Rotating Gaussians whose centres lie in a region. In ascending order.
-std::vector<uint32_t> FindRotatingIn(const RotatingRegion& region, const Placement& gaussians);
+/// \param margin  beyond the region that is still inside.
+std::vector<uint32_t> FindRotatingIn(const RotatingRegion& region, double margin, const Placement& gaussians);
 
 /// Static Gaussians of the table's top and side count as rotating from here on, whatever their colour.
 void CountTableAsRotating(const TableRim& table, RotatingShape* shape);

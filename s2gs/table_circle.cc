@@ -413,7 +413,7 @@ class CircleFinder {
   }
 
   // How far outwards the edge next to a place lies: the middle between where it falls to half on either side.
-  // Nothing where there is none within kAlone.
+  // Nothing where there is none within kAlone. \param threshold  of the changes that are an edge.
   std::optional<double> EdgeOffset(const StillPicture& picture, const LineBundle& lines,
                                    float threshold) const {
     const SeenArc arc(picture, lines);

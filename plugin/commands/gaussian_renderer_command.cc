@@ -393,13 +393,10 @@ class Renderer {
 
   // Splats of a table that masks and maps show anyway only blur its rim.
   void LeaveTableToItsRegion(const std::vector<StationPhotos>& stations) {
-    RotatingRegion table = *in_maps_;
     // The circle is known to a pixel.
-    const double pixel = PixelAtAxis(stations, table.axis);
-    table.radius += pixel;
-    table.low -= pixel;
-    table.high += pixel;
-    LeaveOut(FindRotatingIn(table, backend_->GetPlacement()), "of the table, which is known by its rim");
+    const double margin = PixelAtAxis(stations, in_maps_->axis);
+    LeaveOut(FindRotatingIn(*in_maps_, margin, backend_->GetPlacement()),
+             "of the table, which is known by its rim");
   }
 
   // Of what training builds over a plain top.

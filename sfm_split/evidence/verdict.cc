@@ -343,8 +343,7 @@ class Judge {
     // Poses hold all the same: what a focal length does to them, the object's depth makes up for.
     if (kSigmas * evidence_.focal_sigma_rel.value_or(0) > kMaxFocal) {
       reasons.push_back(
-          FormatText("the focal length is known to +- %.2g %%, and how deep things are no better; "
-                     "photos with their EXIF data tell it",
+          FormatText("the focal length is known to +- %.2g %%, and how deep things are no better",
                      100 * *evidence_.focal_sigma_rel));
     }
     return reasons;

@@ -94,7 +94,8 @@ TEST(RotatingMask, WhatRotatesInARegionIsFoundByItsCentre) {
   const RotatingRegion region{TurntableAxis(), 1, -0.1, 0.1};
   const Placement gaussians{{0.9F, 0, 0, 0.9F, 0, 0, 0, 0, 0.2F, 0, 1.1F, 0, 0, -0.9F, -0.09F},
                             {5, -5, 5, 5, 5}};
-  EXPECT_EQ(FindRotatingIn(region, gaussians), (std::vector<uint32_t>{0, 4}));
+  EXPECT_EQ(FindRotatingIn(region, 0, gaussians), (std::vector<uint32_t>{0, 4}));
+  EXPECT_EQ(FindRotatingIn(region, 0.11, gaussians), (std::vector<uint32_t>{0, 2, 3, 4}));
 }
 
 // One that is long and lies along x, and across it.
