@@ -10,6 +10,7 @@
 
 #include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/adjust/points_apart.h"
 #include "sfm_split/adjust/principal_point.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
@@ -97,7 +98,18 @@ std::vector<TrackPoint> ScanRefiner::Triangulate(bool of_object, double max_erro
   TrackOptions options;
   options.max_error_px = max_error_px;
   options.min_triangulation_deg = options_.min_triangulation_deg;
-  return TriangulateTracks(Posed(of_object), keypoints_, of_object ? object_pairs_ : static_pairs_, options);
+  const std::vector<PosedImage> posed = Posed(of_object);
+  std::vector<TrackPoint> points =
+      TriangulateTracks(posed, keypoints_, of_object ? object_pairs_ : static_pairs_, options);
+  if (!of_object) return points;
+  // What turns is one thing; the background may be anywhere.
+  const std::vector<bool> apart = PointsApart(posed, points);
+  std::vector<TrackPoint> kept;
+  for (size_t p = 0; p < points.size(); ++p)
+    if (!apart[p]) kept.push_back(std::move(points[p]));
+  reporter_.Debug("left out " + std::to_string(points.size() - kept.size()) + " of " +
+                  std::to_string(points.size()) + " points of the object, which lie apart from it");
+  return kept;
 }
 
 void ScanRefiner::MeasureNoise() {
