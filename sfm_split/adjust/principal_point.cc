@@ -1,5 +1,6 @@
 #include "sfm_split/adjust/principal_point.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -7,6 +8,8 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_model.h"
+#include "sfm_split/adjust/joint_residuals.h"
+#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/infinity.h"
 
 namespace s2gs {
@@ -164,6 +167,40 @@ PrincipalPointPrior CutPhotoPrior(const Camera& camera, const Vector2d& expected
   return {expected_px, kCutSigma * LongerSide(camera)};
 }
 
+std::optional<double> TwiceLogOddsByShift(const JointOptions& options, const JointProblem& freed,
+                                          const JointSolved& solved) {
+  const JointResiduals residuals = MeasureJointResiduals(freed);
+  const double sigma_px = RobustSigmaPx(residuals.coordinates, solved.parameters);
+  const Observability observability = AnalyzeObservability(freed, options, true, sigma_px);
+  if (!observability.computed) return std::nullopt;
+  const JointSystem system(freed, options, true);
+  std::vector<int> places;
+  std::vector<double> shifts;
+  for (size_t c = 0; c < freed.cameras.size(); ++c) {
+    const Camera& camera = freed.cameras[c];
+    const Vector2d shift = PrincipalPoint(camera) - freed.priors.lenses[c].principal->mean_px;
+    for (int xy = 0; xy < 2; ++xy) {
+      const std::pair<int, int> parameter(system.IntrinsicsBlock(static_cast<int>(c)),
+                                          static_cast<int>(InfoOf(camera.model).num_focal_params) + xy);
+      const auto found =
+          std::find(observability.parameters.begin(), observability.parameters.end(), parameter);
+      if (found == observability.parameters.end()) continue;
+      places.push_back(static_cast<int>(found - observability.parameters.begin()));
+      shifts.push_back(shift(xy));
+    }
+  }
+  const auto extra = static_cast<double>(places.size());
+  const Eigen::VectorXd shift = Eigen::VectorXd::Map(shifts.data(), places.size());
+  double squares = kInfinity;
+  for (const Eigen::MatrixXd* covariance :
+       {&observability.covariance, &observability.robust_covariance, &observability.regional_covariance,
+        &observability.ring_covariance}) {
+    const Eigen::MatrixXd of_shift = (*covariance)(places, places);
+    squares = std::min(squares, shift.dot(of_shift.ldlt().solve(shift)));
+  }
+  return squares - extra * std::log(std::max(1, solved.residuals)) - 2 * std::log(kOddsAgainst);
+}
+
 FreedPrincipalPoint FitPrincipalPoint(const JointOptions& options, const JointProblem& held_problem,
                                       const JointSolved& held, Reporter& reporter) {
   FreedPrincipalPoint freed;
@@ -204,6 +241,10 @@ FreedPrincipalPoint FitPrincipalPoint(const JointOptions& options, const JointPr
         TestPinholes(options, held_problem, problem, freed.test.overdispersion, reporter);
     freed.test.gain = std::min(freed.test.gain, pinholes.gain);
     freed.test.accepted = freed.test.gain > 0 && pinholes.shift.norm() > kMostLensShift;
+    if (!freed.test.accepted) return freed;
+    const std::optional<double> of_shift = TwiceLogOddsByShift(options, problem, freed.solved);
+    if (of_shift) freed.test.gain = std::min(freed.test.gain, *of_shift);
+    freed.test.accepted = freed.test.gain > 0;
   }
   return freed;
 }

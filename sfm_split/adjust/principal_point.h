@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/adjust/joint_solve.h"
@@ -24,6 +25,15 @@ struct FreedPrincipalPoint {
 /// Throws Interrupted when the reporter asks to stop.
 FreedPrincipalPoint FitPrincipalPoint(const JointOptions& options, const JointProblem& held_problem,
                                       const JointSolved& held, Reporter& reporter);
+
+/// Twice the logarithm of the odds for free principal points by how far they came from the means of their
+/// priors, against standard deviations as the results state them, the Bayesian information criterion's share
+/// for their number off: errors that the points of one region or ring have in common move what all photos
+/// share, and neither residuals nor the photos' own scores show it. Nothing where deviations are not known.
+/// \param options  those of the adjustment, with its loss' scale.
+/// \param freed  adjusted, with a prior for the principal points. \param solved  what adjusting it gave.
+std::optional<double> TwiceLogOddsByShift(const JointOptions& options, const JointProblem& freed,
+                                          const JointSolved& solved);
 
 /// The prior of a cut photo's principal point, which is free by it.
 PrincipalPointPrior CutPhotoPrior(const Camera& camera, const Eigen::Vector2d& expected_px);

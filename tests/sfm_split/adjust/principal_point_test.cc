@@ -111,6 +111,45 @@ struct CutScan {
   }
 };
 
+// Three stations and few points of an object, principal points free. \param repeats  how often each keypoint
+// of the object is there, with the same error.
+JointProblem SmallScan(uint64_t seed, int repeats) {
+  SyntheticTurntableOptions options;
+  options.seed = seed;
+  options.stations = 3;
+  options.steps = 18;
+  options.step_deg = 20;
+  options.num_object_points = 40;
+  options.num_background_points = 40;
+  options.pixel_noise = 0.4;
+  options.camera_model = CameraModelId::kSimpleRadial;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  AlignedScene aligned;
+  aligned.scene = turntable.scene;
+  aligned.object = SyntheticObjectModel(turntable);
+  aligned.background = SyntheticStaticModel(turntable);
+  JointProblem problem = MakeJointProblem(aligned);
+  const JointBody once = problem.object;
+  for (int k = 1; k < repeats; ++k) {
+    const auto first = static_cast<int>(problem.object.points.size());
+    for (size_t p = 0; p < once.points.size(); ++p) {
+      problem.object.points.push_back(once.points[p]);
+      problem.object.point_ids.push_back(once.point_ids[p] + 1000000 * static_cast<uint64_t>(k));
+    }
+    for (JointObservation observation : once.observations) {
+      observation.point += first;
+      problem.object.observations.push_back(observation);
+    }
+  }
+  const Camera& camera = problem.cameras[0];
+  LensPrior lens;
+  lens.focal = {FocalLengths(camera).x(), 0.44};
+  lens.distortion = 0;
+  lens.principal = CutPhotoPrior(camera, PrincipalPoint(camera));
+  problem.priors.lenses = {lens};
+  return problem;
+}
+
 // Several camera places before a background tell it all. Measured, at most: .7 px (77 to 92 are cut), .1 % of
 // the focal length, k .007.
 TEST(PrincipalPoint, CutPhotosOfSeveralStationsAreFound) {
@@ -178,6 +217,23 @@ TEST(PrincipalPoint, KeypointsThatSlideAreNoCut) {
     EXPECT_EQ(scan.report.model, JointModel::kSharedStations) << seed;
     EXPECT_EQ(scan.problem.cameras[0].params[1], 320) << seed;
     EXPECT_EQ(scan.problem.cameras[0].params[2], 240) << seed;
+  }
+}
+
+// Keypoints that are there eight times tell no more than once: the odds fall by what the criterion takes off
+// for their number, log(8) for each of two parameters. Measured: within .5 of that (thirty times, four
+// scans); were they independent, the odds would rise by seven times the squared shift over its deviation.
+TEST(PrincipalPoint, ErrorsInCommonCountOnce) {
+  for (uint64_t seed = 1; seed <= 2; ++seed) {
+    const auto odds = [&](int repeats) {
+      JointProblem problem = SmallScan(seed, repeats);
+      JointOptions options;
+      options.loss_scale_px = 0.8;
+      Reporter reporter;
+      const JointSolved solved = SolveJointOnce(options, 1e-9, reporter, &problem);
+      return TwiceLogOddsByShift(options, problem, solved).value();
+    };
+    EXPECT_NEAR(odds(8) - odds(1), -2 * std::log(8), 1) << seed;
   }
 }
 
