@@ -165,7 +165,7 @@ ReportSection MeshSection(const ReportInput& input, Reporter& reporter) {
   if (input.IsOneBody()) TurnUpright(input.Up(), &mesh, &cameras);
   const MeshFigures figures = MeasureMesh(mesh);
   reporter.Info(fmt::format("simplifies {} triangles for the report's viewer", figures.num_triangles));
-  if (figures.num_triangles > static_cast<size_t>(kViewerTriangles)) DecimateMesh(kViewerTriangles, &mesh);
+  DecimateMesh(kViewerTriangles, &mesh);
   ComputeNormals(&mesh);
   const std::vector<int> views = CountViewsOfVertices(mesh, cameras);
 
