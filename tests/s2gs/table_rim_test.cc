@@ -69,6 +69,49 @@ TEST(CircularEdge, NoneInASquareOrAnEvenSurface) {
   EXPECT_FALSE(FindCircularEdge(SurfaceOf([](double, double) { return true; }, 0, 0), kMinShare));
 }
 
+// At least so many successes of so many trials.
+double UpperTail(int successes, int trials, double chance) {
+  double sum = 0;
+  for (int k = successes; k <= trials; ++k) {
+    sum += std::exp(std::lgamma(trials + 1.0) - std::lgamma(k + 1.0) - std::lgamma(trials - k + 1.0) +
+                    k * std::log(chance) + (trials - k) * std::log1p(-chance));
+  }
+  return sum;
+}
+
+// An even surface that ends in some of the 36 directions after 100 of 120 steps, by its height or its colour.
+TEST(CircularEdge, ItsShareAndChanceAreThoseOfItsCounts) {
+  for (const int num_ending : {36, 30, 12}) {
+    for (const bool by_height : {true, false}) {
+      LevelSurface surface{36, 120, kStep, 2, 0.005, {}, {}};
+      for (int d = 0; d < 36; ++d) {
+        for (int s = 0; s < 120; ++s) {
+          const bool is_beyond = s >= 100 && d % 36 < num_ending;
+          surface.heights.push_back(is_beyond && by_height ? 1.9F : 2.004F);
+          for (int c = 0; c < 3; ++c)
+            surface.colors.push_back(is_beyond && !by_height && c == 1 ? 0.7F : 0.3F);
+        }
+      }
+      // An edge is looked at two steps before and behind it, so that four rings have it. Rings that the
+      // surface reaches in most directions are counted: those from the third on to the third before the last,
+      // or to where too few are left.
+      const int num_rings = by_height && num_ending > 18 ? 100 : 116;
+      int on = 0;
+      for (int s = 2; s < 2 + num_rings; ++s) on += by_height && s >= 102 ? 36 - num_ending : 36;
+      const double chance = 4.0 * num_ending / on;
+      const double expected = num_rings * UpperTail(num_ending, 36, chance);
+      ASSERT_LT(expected, 1e-3);
+      const double share = num_ending / 36.0;
+      const std::optional<CircularEdge> edge = FindCircularEdge(surface, share);
+      ASSERT_TRUE(edge) << num_ending << by_height;
+      EXPECT_NEAR(edge->distance, 100 * kStep, 1e-9);
+      EXPECT_DOUBLE_EQ(edge->share, share);
+      EXPECT_NEAR(std::log(edge->false_alarms), std::log(expected), 1e-6);
+      EXPECT_FALSE(FindCircularEdge(surface, share + 0.001));
+    }
+  }
+}
+
 TEST(CircularEdge, NoneAboutAnotherAxis) {
   const auto is_inside = [](double direction, double distance) {
     return std::hypot(distance * std::cos(direction) - 0.4, distance * std::sin(direction)) < kRim;

@@ -70,6 +70,15 @@ TEST(TsdfBlockIndex, KeysAndLookUp) {
     ASSERT_NE(place, TsdfBlockIndex::kNone);
     EXPECT_EQ(index.Block(place), block);
   }
+  // The farthest blocks either way.
+  constexpr int kFarthest = TsdfBlockIndex::kMaxCoordinate;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector3i block((corner & 1) != 0 ? kFarthest : -kFarthest,
+                                (corner & 2) != 0 ? kFarthest : -kFarthest,
+                                (corner & 4) != 0 ? kFarthest : -kFarthest);
+    EXPECT_EQ(TsdfBlockIndex::BlockOfKey(TsdfBlockIndex::BlockKey(block)), block);
+    EXPECT_EQ(TsdfBlockIndex({TsdfBlockIndex::BlockKey(block)}).Find(block), 0);
+  }
   EXPECT_EQ(index.Find({100, 100, 100}), TsdfBlockIndex::kNone);
   EXPECT_EQ(index.Find({1 << 30, 0, 0}), TsdfBlockIndex::kNone);
   EXPECT_EQ(TsdfBlockIndex().Find({0, 0, 0}), TsdfBlockIndex::kNone);

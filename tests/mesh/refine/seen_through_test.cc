@@ -95,6 +95,36 @@ TEST(SeenThrough, IsWhatTwoPhotosSeeThePlaneBehind) {
   }
 }
 
+// The mesh reaches beyond the photos on all sides: what they do not show, they do not see through.
+TEST(SeenThrough, EndsAtThePhotosBorders) {
+  const TablePhotos source(kNumPhotos);
+  TriangleMesh web = Level(kTopHeight + 0.3);
+  for (Eigen::Vector3f& vertex : web.vertices) vertex.head<2>() *= 8;
+  Reporter silent;
+  RefinementPhotos photos(2, silent);
+  photos.Load(source, web, 1);
+  const std::vector<VertexFlags> all(kNumPhotos, [&] {
+    VertexFlags flags(web.vertices.size());
+    for (size_t i = 0; i < web.vertices.size(); ++i) flags.Set(i);
+    return flags;
+  }());
+  const std::vector<uint8_t> seen = photos.FindSeenThrough(web, all);
+  size_t inside = 0;
+  for (size_t i = 0; i < web.vertices.size(); ++i) {
+    int count = 0;
+    for (int k = 0; k < kNumPhotos; ++k) {
+      const ObjectView& view = source.Camera(k);
+      const Eigen::Vector3d x = view.cam_from_object * web.vertices[i].cast<double>();
+      const Eigen::Vector2d pixel(view.fx * x.x() / x.z() + view.cx, view.fy * x.y() / x.z() + view.cy);
+      count += pixel.minCoeff() >= 0 && pixel.maxCoeff() < kSide ? 1 : 0;
+    }
+    EXPECT_EQ(seen[i], count >= 2 ? 1 : 0) << web.vertices[i].transpose();
+    inside += seen[i];
+  }
+  EXPECT_GT(inside, 20U);
+  EXPECT_LT(inside, web.vertices.size() - 20);
+}
+
 TEST(SeenThrough, GoesFromTheMeshAndNothingElse) {
   Reporter silent;
   MeshRefinementOptions options;

@@ -274,6 +274,65 @@ TEST(MeshCleanup, DecimationPinchesNoStrip) {
   EXPECT_EQ(topology.euler_characteristic, 1);
 }
 
+// A sheet with two holes, of irregular triangles: none turns over, holes stay, and where nothing but the
+// place tells a colour, it goes on telling it.
+TEST(MeshCleanup, DecimationOfASheetTurnsNoTriangleOver) {
+  constexpr int kSide = 40;
+  RandomNumbers random(3);
+  TriangleMesh mesh;
+  std::map<std::pair<int, int>, uint32_t> numbers;
+  const auto vertex = [&](int i, int j) {
+    const auto [entry, is_new] = numbers.try_emplace({i, j}, static_cast<uint32_t>(mesh.vertices.size()));
+    if (is_new) {
+      const double x = (i + random.Uniform(-0.3, 0.3)) / kSide;
+      mesh.vertices.emplace_back(static_cast<float>(x),
+                                 static_cast<float>((j + random.Uniform(-0.3, 0.3)) / kSide), 2);
+      mesh.colors.push_back({static_cast<uint8_t>(std::lround(20 + 200 * x)), 0, 255});
+    }
+    return entry->second;
+  };
+  const auto is_hole = [](int i, int j) {
+    return std::hypot(i - 12, j - 14) < 6.2 || std::max(std::abs(i - 29), std::abs(j - 26)) < 5;
+  };
+  for (int i = 0; i < kSide; ++i) {
+    for (int j = 0; j < kSide; ++j) {
+      if (is_hole(i, j)) continue;
+      const uint32_t a = vertex(i, j);
+      const uint32_t b = vertex(i + 1, j);
+      const uint32_t c = vertex(i + 1, j + 1);
+      const uint32_t d = vertex(i, j + 1);
+      mesh.triangles.emplace_back(a, b, c);
+      mesh.triangles.emplace_back(a, c, d);
+    }
+  }
+  const double area = TopologyOf(mesh).area;
+  for (const int64_t most : {1000, 300, 150}) {
+    DecimateMesh(most, &mesh);
+    EXPECT_LE(mesh.triangles.size(), static_cast<size_t>(most));
+    const MeshTopology topology = TopologyOf(mesh);
+    EXPECT_EQ(topology.euler_characteristic, -1);  // a disc with two holes
+    EXPECT_EQ(topology.num_bad_edges, 0);
+    double sum = 0;
+    for (const Triangle& t : mesh.triangles) {
+      const Eigen::Vector3d x = mesh.vertices[t[0]].cast<double>();
+      const Eigen::Vector3d cross =
+          (mesh.vertices[t[1]].cast<double>() - x).cross(mesh.vertices[t[2]].cast<double>() - x);
+      EXPECT_GT(cross.z(), 0);
+      sum += cross.z() / 2;
+    }
+    EXPECT_NEAR(sum, area, 0.02 * area);  // outlines become straight
+    ASSERT_EQ(mesh.colors.size(), mesh.vertices.size());
+    double worst = 0;
+    for (size_t v = 0; v < mesh.vertices.size(); ++v) {
+      worst = std::max(worst, std::abs(mesh.colors[v][0] - (20 + 200.0 * mesh.vertices[v].x())));
+      EXPECT_EQ(mesh.vertices[v].z(), 2);
+      EXPECT_EQ(mesh.colors[v][1], 0);
+      EXPECT_EQ(mesh.colors[v][2], 255);
+    }
+    EXPECT_LT(worst, 8) << most;
+  }
+}
+
 // A closed box of unit sides, each a grid of n x n squares.
 TriangleMesh GridBox(int n) {
   TriangleMesh mesh;

@@ -276,6 +276,7 @@ TEST(ScanBatch, NamesWrongRowsByLineAndScansTheOthers) {
   const ProcessResult look = RunProcess({S2GS_PROGRAM, "scan_batch", "--list", list, "--run", "0"});
   EXPECT_EQ(look.exit_code, 0);
   EXPECT_THAT(look.out, AllOf(HasSubstr("3 objects: 1 failed, 2 wrong"), Not(HasSubstr("begins"))));
+  EXPECT_THAT(look.err, AllOf(HasSubstr("line 2: "), HasSubstr("line 4: "), Not(HasSubstr("line 3: "))));
 }
 
 }  // namespace

@@ -1,19 +1,28 @@
+#include <fmt/format.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <vector>
 
+#include "mesh/surface/triangle_mesh.h"
+#include "plugin/cli/options.h"
 #include "plugin/commands/gaussian_renderer_command.h"
 #include "plugin/commands/gaussian_trainer_command.h"
+#include "plugin/commands/mesh_texturer_command.h"
 #include "plugin/commands/tsdf_mesher_command.h"
+#include "plugin/outputs/texture_workspace.h"
 #include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/checkpoint.h"
 #include "s2gs/gaussians_ply.h"
 #include "sfm_split/scene/io/colmap_maps.h"
+#include "sfm_split/scene/io/turntable_file.h"
 #include "tests/s2gs/expect_gaussians.h"
 #include "tests/s2gs/turntable_workspace.h"
 #include "tests/support/synthetic_render.h"
@@ -21,6 +30,9 @@
 
 namespace s2gs {
 namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
 
 // A workspace with rendered photos of 2 stations x 5 steps.
 class GaussianCommands : public testing::Test {
@@ -135,6 +147,170 @@ TEST_F(GaussianCommands, TrainThenRender) {
   EXPECT_TRUE(std::filesystem::exists(workspace_.Own() / "renders" / "frames" / "0001.png"));
 }
 
+// A film by a station's camera shows in turn what that station's photos were to show: its steps are the
+// table's. Each comparison has the photo, the scene, and the mask.
+TEST_F(GaussianCommands, FilmsAndComparisonsShowTheSameScene) {
+  Train({});
+  const std::string figures =
+      Render({"--color", "1", "--comparison", "1", "--num_frames", "5", "--frame_station", "1"});
+  EXPECT_NE(figures.find("photos rendered  10\nframes           5\n"), std::string::npos) << figures;
+  const std::filesystem::path renders = workspace_.Own() / "renders";
+  std::vector<TurntableImage> station;
+  for (const TurntableImage& image : ReadTurntableFile(workspace_.Turntable()).images) {
+    if (image.station == 1) station.push_back(image);
+  }
+  ASSERT_EQ(station.size(), 5U);
+  std::sort(station.begin(), station.end(),
+            [](const TurntableImage& a, const TurntableImage& b) { return a.name < b.name; });
+  for (int frame = 0; frame < 5; ++frame) {
+    const auto same = std::find_if(station.begin(), station.end(), [&](const TurntableImage& image) {
+      const double off = std::remainder(image.angle_deg - station[0].angle_deg - 72.0 * frame, 360);
+      return std::abs(off) < 1;
+    });
+    ASSERT_NE(same, station.end());
+    const Image8 film = ReadImage(renders / "frames" / ("000" + std::to_string(frame) + ".png"), 3);
+    const Image8 color = ReadImage(renders / "color" / (same->name + ".png"), 3);
+    ASSERT_EQ(film.pixels.size(), color.pixels.size());
+    size_t other = 0;
+    for (size_t i = 0; i < film.pixels.size(); ++i)
+      other += std::abs(film.pixels[i] - color.pixels[i]) > 1 ? 1 : 0;
+    EXPECT_LT(other, film.pixels.size() / 200) << frame;
+  }
+  for (const std::string& name : names_) {
+    const Image8 picture = ReadImage(renders / "comparison" / (name + ".png"), 3);
+    const Image8 photo = ReadImage(workspace_.Images() / name, 3);
+    const Image8 color = ReadImage(renders / "color" / (name + ".png"), 3);
+    const Image8 mask = ReadImage(workspace_.Mask(name), 1);
+    ASSERT_EQ(picture.width, 4 * 48);
+    for (int y = 0; y < 36; ++y) {
+      for (int x = 0; x < 48; ++x) {
+        for (int c = 0; c < 3; ++c) {
+          EXPECT_EQ(picture.Pixel(x, y)[c], photo.Pixel(x, y)[c]);
+          EXPECT_EQ(picture.Pixel(48 + x, y)[c], color.Pixel(x, y)[c]);
+          const int real = photo.Pixel(x, y)[c];
+          EXPECT_EQ(picture.Pixel(3 * 48 + x, y)[c], *mask.Pixel(x, y) == 255 ? real : real / 4);
+        }
+      }
+    }
+  }
+  // Four photos below each other.
+  const Image8 overview = ReadImage(workspace_.Overview(), 3);
+  EXPECT_EQ(overview.width, 1600);
+  EXPECT_EQ(overview.height, 4 * (36 * 1600 / (4 * 48)));
+  EXPECT_THROW(Render({"--num_frames", "2", "--frame_station", "7"}), CommandLineError);
+  EXPECT_THROW(Render({"--num_frames", "-1"}), CommandLineError);
+}
+
+TEST_F(GaussianCommands, WhatIsNotAskedForIsNotRendered) {
+  Train({});
+  const std::string nothing = Render({"--masks", "0", "--stereo", "0", "--overview", "0"});
+  EXPECT_NE(nothing.find("photos rendered  0\nframes           0\n"), std::string::npos) << nothing;
+  for (const std::filesystem::path& path : {workspace_.Masks(), workspace_.DepthMaps(), workspace_.Overview(),
+                                            workspace_.MaskLog(), workspace_.Own() / "renders"}) {
+    EXPECT_FALSE(std::filesystem::exists(path)) << path;
+  }
+  folder_.Write("list.txt", names_[3] + "\n" + names_[6] + "\n");
+  const std::string two =
+      Render({"--image_list", folder_ / "list.txt", "--stereo", "0", "--foreground", "1"});
+  EXPECT_NE(two.find("photos rendered  2\n"), std::string::npos) << two;
+  for (size_t i = 0; i < names_.size(); ++i) {
+    EXPECT_EQ(std::filesystem::exists(workspace_.Mask(names_[i])), i == 3 || i == 6) << i;
+    EXPECT_EQ(std::filesystem::exists(workspace_.Own() / "renders" / "foreground" / (names_[i] + ".png")),
+              i == 3 || i == 6)
+        << i;
+  }
+  EXPECT_TRUE(std::filesystem::exists(workspace_.Overview()));
+  EXPECT_FALSE(std::filesystem::exists(workspace_.DepthMaps()));
+  const nlohmann::json log = nlohmann::json::parse(ReadAll(workspace_.MaskLog()));
+  EXPECT_EQ(log["event"], "table");
+  EXPECT_FALSE(std::filesystem::exists(workspace_.Own() / "renders" / "color"));
+}
+
+// Depths of each kind, and of the rotating part or of all.
+TEST_F(GaussianCommands, MapsAreOfWhatIsAskedFor) {
+  Train({});
+  const auto depths = [&](const std::vector<std::string>& more) {
+    Render(more);
+    return ReadColmapMap(workspace_.DepthMap(names_[0]), 1).values;
+  };
+  const auto count = [](const std::vector<float>& values) {
+    return std::count_if(values.begin(), values.end(), [](float value) { return value > 0; });
+  };
+  const std::vector<float> median = depths({});
+  const std::vector<float> expected = depths({"--depth", "expected"});
+  const std::vector<float> all = depths({"--maps_of", "all"});
+  EXPECT_NE(median, expected);
+  double apart = 0;
+  for (size_t i = 0; i < median.size(); ++i) {
+    if (median[i] > 0 && expected[i] > 0) apart = std::max<double>(apart, std::abs(median[i] - expected[i]));
+  }
+  EXPECT_LT(apart, 0.2);  // of the object's own size
+  EXPECT_GT(count(all), 1.5 * static_cast<double>(count(median)));
+}
+
+// What the mesher and the texturer print and log is what they wrote.
+TEST_F(GaussianCommands, SaysWhatWasMeshedAndTextured) {
+  Train({});
+  Render({});
+  const auto last_log = [&] {
+    std::istringstream lines(ReadAll(workspace_.MeshLog()));
+    std::string line, last;
+    while (std::getline(lines, line)) last = line;
+    return nlohmann::json::parse(last);
+  };
+  const auto expect_mesh = [&](const std::string& said) {
+    const TriangleMesh mesh = ReadPlyMesh(workspace_.TsdfMesh());
+    EXPECT_THAT(said, HasSubstr(fmt::format(
+                          "mesh             {} vertices, {} triangles\nwritten          {}\n",
+                          mesh.vertices.size(), mesh.triangles.size(), workspace_.TsdfMesh().string())));
+  };
+  const std::string refined = Mesh({});
+  EXPECT_THAT(refined, HasSubstr("depth maps       10 of 10 images, 10 with masks\nbackend          CPU, "));
+  EXPECT_THAT(refined, HasSubstr("px outwards, "));
+  EXPECT_THAT(refined, Not(HasSubstr("holes closed     ")));
+  expect_mesh(refined);
+  EXPECT_EQ(last_log()["event"], "refined");
+  EXPECT_EQ(last_log()["enabled"], true);
+  EXPECT_EQ(last_log()["photos"], 10);
+  const std::string plain = Mesh({"--Refine.enabled", "0", "--Cleanup.max_hole_edges", "8"});
+  EXPECT_THAT(plain, Not(HasSubstr("px outwards, ")));
+  EXPECT_THAT(plain, HasSubstr("holes closed     "));
+  expect_mesh(plain);
+  EXPECT_EQ(last_log()["enabled"], false);
+  EXPECT_EQ(last_log()["photos"], 0);
+  // No vertex goes where none may.
+  const size_t simplified = ReadPlyMesh(workspace_.TsdfMesh()).vertices.size();
+  expect_mesh(Mesh({"--Refine.enabled", "0", "--max_error_voxels", "0"}));
+  EXPECT_GT(ReadPlyMesh(workspace_.TsdfMesh()).vertices.size(), simplified);
+
+  TextureWorkspaceOptions options;
+  options.output_path = folder_ / "direct";
+  Reporter silent;
+  const TextureWorkspaceSummary summary = TextureWorkspace(workspace_, options, silent);
+  const TextureSummary& texture = summary.texture;
+  const std::string textured =
+      RunCommand(RunMeshTexturer, {"--workspace_path", workspace_.root.string(), "--output_path",
+                                   (folder_ / "line").string(), "--log_level", "error"});
+  EXPECT_THAT(textured, HasSubstr(fmt::format("photos           {}, {} with masks; {:.1f} for each texel\n",
+                                              summary.num_photos, summary.num_masks, texture.mean_photos)));
+  EXPECT_THAT(textured,
+              HasSubstr(fmt::format(
+                  "texels           {}, {:.1f} % of them seen, in {} charts\n", texture.num_texels,
+                  static_cast<double>(texture.num_seen) / (0.01 * static_cast<double>(texture.num_texels)),
+                  texture.num_charts)));
+  EXPECT_THAT(textured, HasSubstr(fmt::format("{} x {}, {:.0f} % of them used\n", summary.pages.back().width,
+                                              summary.pages.back().height, texture.page_use / 0.01)));
+  EXPECT_THAT(textured, HasSubstr(fmt::format("differs by {:.1f} % from photo to photo\n",
+                                              texture.gain_spread / 0.01)));
+  EXPECT_THAT(textured, HasSubstr("written          " + (folder_ / "line").string()));
+  EXPECT_THAT(textured, Not(HasSubstr("held out")));
+
+  std::filesystem::remove(workspace_.DepthMap(names_[0]));
+  EXPECT_THAT(Mesh({}), HasSubstr("depth maps       9 of 10 images, 9 with masks\n"));
+  for (const std::string& name : names_) std::filesystem::remove(workspace_.DepthMap(name));
+  EXPECT_THROW(Mesh({}), UserError);
+}
+
 TEST_F(GaussianCommands, OtherModesWriteTheirBody) {
   // The object, which the photos look at, and what is behind it.
   Train({"--mode", "static"}, "900");
@@ -192,6 +368,9 @@ TEST_F(GaussianCommands, WhatIsDoneIsSkipped) {
   EXPECT_TRUE(std::filesystem::exists(folder_ / "mesh.obj"));
   EXPECT_EQ(Runs(), first);
   EXPECT_EQ(ReadAll(workspace_.PointCloud()), model);
+  // What a quality would say and the line says otherwise counts.
+  Train({"--max_image_size", "40"});
+  EXPECT_NE(RunOf("gaussian_trainer"), first[0]);
 }
 
 TEST_F(GaussianCommands, WhatChangedRunsAgainWithWhatFollows) {

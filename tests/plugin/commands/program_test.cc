@@ -151,6 +151,9 @@ TEST(Program, WorkspaceInfoListsStagesAndFiles) {
   EXPECT_THAT(result.out, ::testing::ContainsRegex("tsdf_mesher +missing\n"));
   EXPECT_THAT(result.out, ::testing::ContainsRegex("images/ +2\\.0 kB +2 files +photos\n"));
   EXPECT_THAT(result.out, ::testing::ContainsRegex("database\\.db +2\\.5 MB +features and matches\n"));
+  // What is not there is not listed.
+  for (const char* missing : {"turntable.json", "point_cloud.ply", "report.html"})
+    EXPECT_THAT(result.out, ::testing::Not(HasSubstr(missing)));
   EXPECT_THAT(result.err,
               AllOf(HasSubstr("warning"), HasSubstr("tsdf_mesher.json"), HasSubstr("counts as not done")));
 }

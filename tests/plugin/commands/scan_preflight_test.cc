@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <string>
@@ -133,6 +134,162 @@ TEST_F(ScanPreflight, CopiesAndFewPhotos) {
   EXPECT_THAT(Check().warnings, ElementsAre(HasSubstr("1 of the photos are copies")));
   for (const char* name : {"photo2.png", "photo3.png"}) std::filesystem::remove(folder_ / "photos" / name);
   EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("2 photos only")));
+}
+
+TEST_F(ScanPreflight, AtLeastThreePhotos) {
+  std::filesystem::remove(folder_ / "photos/photo3.png");
+  EXPECT_THAT(Check().faults, IsEmpty());
+  std::filesystem::remove(folder_ / "photos/photo2.png");
+  EXPECT_THAT(Check().faults,
+              ElementsAre(HasSubstr("photos: has 2 photos only: a scan needs at least 3, and")));
+  std::filesystem::remove(folder_ / "photos/photo1.png");
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("photos: has 1 photo only: ")));
+  std::filesystem::remove(folder_ / "photos/photo0.png");
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("photos: has no photos (.jpg, .jpeg, .png)")));
+}
+
+TEST_F(ScanPreflight, CopiesOfTwoPhotosAreNoScan) {
+  for (int i = 0; i < 4; ++i) AddPhoto("photo" + std::to_string(i) + ".png", i % 2);
+  EXPECT_THAT(Check().faults, ElementsAre(AllOf(HasSubstr("its 4 photos are copies of two (for example "),
+                                                HasSubstr("photo2.png is photo0.png"))));
+}
+
+TEST_F(ScanPreflight, ColmapIsOfVersion3Point8OrNewer) {
+  for (const auto& [version, is_old] :
+       {std::pair("2.9", true), std::pair("3.7", true), std::pair("3.8", false), std::pair("3.10", false),
+        std::pair("4.0", false), std::pair("3", true)}) {
+    InstallColmap(version);
+    const std::vector<std::string> faults = Check().faults;
+    EXPECT_EQ(faults.size(), is_old ? 1U : 0U) << version;
+    if (is_old) {
+      EXPECT_THAT(faults,
+                  ElementsAre(HasSubstr(std::string("colmap is of version ") + version + ", and 3.8")));
+    }
+  }
+}
+
+TEST_F(ScanPreflight, StepsThatThisProgramDoesNotHaveAreNamed) {
+  request_.steps.push_back({"cake_baker", {}});
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("this program was built without cake_baker")));
+}
+
+// Nothing is written through links out of the workspace, wherever results go.
+TEST_F(ScanPreflight, LinksOutOfTheWorkspaceAreFound) {
+  std::filesystem::create_directories(folder_ / "scan");
+  std::filesystem::create_directories(folder_ / "elsewhere");
+  for (const char* place :
+       {"s2gs", "masks", "dense", "split", "sparse", "report.html", "report.json", "turntable.json"}) {
+    std::filesystem::create_symlink(folder_ / "elsewhere", folder_ / "scan" / place);
+    EXPECT_THAT(Check().faults, Contains(AllOf(HasSubstr(place), HasSubstr("is a symbolic link out of"))))
+        << place;
+    std::filesystem::remove(folder_ / "scan" / place);
+  }
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
+// Photos that were cut out are their own masks, each of them.
+TEST_F(ScanPreflight, PhotosAsTheirOwnMasksNeedAnAlphaChannel) {
+  request_.mask_path = request_.image_path;
+  const auto cut_out = [&](int i) {
+    Image8 image{32, 24, 4, std::vector<uint8_t>(32 * 24 * 4, static_cast<uint8_t>(10 + i))};
+    WriteImage(folder_ / "photos" / ("photo" + std::to_string(i) + ".png"), image);
+  };
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("holds the photos, and photo" + std::to_string(i) +
+                                                      ".png has no alpha channel")));
+    cut_out(i);
+  }
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
+// Photos that are imported, as far as their headers tell.
+class ScanOfImportedPhotos : public ScanPreflight {
+ protected:
+  void SetUp() override {
+    ScanPreflight::SetUp();
+    request_.import = ImportPlan();
+    for (int i = 0; i < 3; ++i) {
+      PhotoToImport photo;
+      photo.file.name = "raw" + std::to_string(i) + ".tif";
+      photo.file.path = folder_ / "photos" / photo.file.name;
+      photo.file.size = {1'000'000, 1'000'000};
+      photo.file.num_bytes = 1000 + static_cast<uint64_t>(i);
+      photo.name = "raw" + std::to_string(i) + ".png";
+      photo.is_foreign = true;
+      request_.import->photos.push_back(photo);
+    }
+    request_.trains = request_.meshes = request_.textures = false;
+  }
+  void SetSize(int width, int height) {
+    for (PhotoToImport& photo : request_.import->photos) photo.file.size = {width, height};
+  }
+};
+
+// A million pixels a side: 48 TB of maps, 12 TB in training at that size, 7 TB to decode one.
+TEST_F(ScanOfImportedPhotos, WhatCannotFitIsRefused) {
+  const std::string decoding = "the largest photo needs about 7000.0 GB of memory while it is read";
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr(decoding)));
+  request_.meshes = true;
+  EXPECT_THAT(Check().faults,
+              ElementsAre(HasSubstr("about 48000.0 GB are needed on that disk"), HasSubstr(decoding)));
+  request_.meshes = false;
+  request_.trains = true;
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr(decoding)));
+  request_.max_image_size = 1'000'000;
+  EXPECT_THAT(
+      Check().faults,
+      ElementsAre(HasSubstr(decoding), HasSubstr("the photos need about 12000.0 GB of memory in training")));
+  request_.max_image_size = 500'000;
+  EXPECT_THAT(
+      Check().faults,
+      ElementsAre(HasSubstr(decoding), HasSubstr("the photos need about 3000.0 GB of memory in training")));
+  SetSize(32, 24);
+  EXPECT_THAT(Check().faults, IsEmpty());
+  SetSize(0, 0);  // unknown
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
+// 8,192 features of 152 bytes of each photo that has room for them, one on 80 pixels.
+TEST_F(ScanOfImportedPhotos, FeaturesNeedFilesThatMayBeWritten) {
+  rlimit before = {};
+  ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
+  const auto faults_with = [&](rlim_t bytes) {
+    rlimit limit = before;
+    limit.rlim_cur = bytes;
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    const std::vector<std::string> faults = Check().faults;
+    ::setrlimit(RLIMIT_FSIZE, &before);
+    return faults;
+  };
+  SetSize(1000, 1000);
+  constexpr rlim_t kAll = 3 * 8192 * 152;
+  EXPECT_THAT(
+      faults_with(kAll - 1),
+      ElementsAre(HasSubstr("files may have 4 MB at most here (`ulimit -f`), the photos' features need "
+                            "about 4 MB")));
+  EXPECT_THAT(faults_with(kAll), IsEmpty());
+  SetSize(400, 400);  // 2,000 features each
+  EXPECT_THAT(faults_with(3 * 2000 * 152 - 1), ElementsAre(HasSubstr("files may have 1 MB at most")));
+  EXPECT_THAT(faults_with(3 * 2000 * 152), IsEmpty());
+}
+
+TEST_F(ScanOfImportedPhotos, MirroredPhotosHaveNoMasksBeside) {
+  SetSize(32, 24);
+  request_.mask_path = folder_ / "masks";
+  std::filesystem::create_directories(request_.mask_path);
+  for (int i = 0; i < 3; ++i) {
+    WriteImage(request_.mask_path / ("raw" + std::to_string(i) + ".png.png"),
+               Image8{32, 24, 1, std::vector<uint8_t>(32 * 24, 255)});
+  }
+  EXPECT_THAT(Check().faults, IsEmpty());
+  request_.import->photos[1].is_mirrored = true;
+  EXPECT_THAT(Check().faults,
+              ElementsAre(HasSubstr("raw1.tif: is mirrored by its EXIF, and its mask would not fit")));
+  // Their own alpha channel is mirrored along.
+  request_.mask_path = request_.image_path;
+  EXPECT_THAT(Check().faults, IsEmpty());
+  request_.import->photos[2].is_foreign = false;
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("raw2.png has no alpha channel")));
 }
 
 TEST_F(ScanPreflight, WorkspaceAndPhotosStayApart) {

@@ -6,9 +6,11 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <string>
 
 #include "mesh/surface/triangle_mesh.h"
+#include "plugin/curves/point_errors.h"
 #include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
 #include "tests/support/bad_input.h"
@@ -25,6 +27,22 @@ TriangleMesh Square(float height) {
   mesh.vertices = {{0, 0, height}, {1, 0, height}, {1, 1, height}, {0, 1, height}};
   mesh.triangles = {{0, 1, 2}, {0, 2, 3}};
   return mesh;
+}
+
+// The last measurement counts, whatever else the log says after it.
+TEST(TrainingFigures, AreThoseOfTheLastMeasurement) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder / "scan"};
+  EXPECT_TRUE(TrainingFigures(workspace).empty());
+  WriteAll(workspace.Log(), R"({"event": "held_out", "psnr_db": 20, "count": 5, "mask_iou": 0.5}
+{"event": "held_out", "psnr_db": 40, "ssim": 0.75, "count": 7, "iteration": 9, "object_psnr_db": null}
+{"event": "loss", "psnr_db": 1, "count": 8}
+[1, 2]
+"text"
+{"event": "held_o)");
+  EXPECT_EQ(TrainingFigures(workspace),
+            (std::map<std::string, double>{
+                {"psnr_db", 40}, {"ssim", 0.75}, {"count", 7}, {"iteration", 9}, {"held_out_rmse", 0.01}}));
 }
 
 // A scan with a mesh, a database and a stage that counts as done; and a program that stands for s2gs: its

@@ -172,6 +172,25 @@ TEST(WorkCurve, PageShowsEveryRun) {
   ExpectText(files.str(), "plugin/curves/expected/curve.txt");
 }
 
+// Over many decades powers of ten alone; over few of them 2 and 5 as well.
+TEST(WorkCurve, PageHasFewMarksOnLongAxes) {
+  WorkCurve curve = Curve();
+  curve.scenes = {"first"};
+  curve.points = {Point(0, "a", 1, 0.003, 0.3), Point(0, "b", 1, 300, 0.2)};
+  std::ostringstream page;
+  WriteCurvePage(curve, page);
+  const std::string svg = page.str();
+  for (const char* mark : {">0.01<", ">0.1<", ">1<", ">10<", ">100<", ">0.2<"})
+    EXPECT_THAT(svg, testing::HasSubstr(mark));
+  for (const char* mark : {">0.02<", ">0.05<", ">2<", ">20<", ">50<"})
+    EXPECT_THAT(svg, testing::Not(testing::HasSubstr(mark)));
+  curve.points[1].cpu_seconds = 0.03;
+  std::ostringstream shorter;
+  WriteCurvePage(curve, shorter);
+  for (const char* mark : {">0.005<", ">0.01<", ">0.02<"})
+    EXPECT_THAT(shorter.str(), testing::HasSubstr(mark));
+}
+
 TEST(WorkCurve, PointsComeBackForTheSameSettingsAlone) {
   const TemporaryFolder folder;
   WorkPoint point = Point(1, "a", 7, 2.5, 0.25);

@@ -426,7 +426,7 @@ TEST_F(PhotoImportTest, EveryCutOfRawFilesIsFound) {
     ASSERT_EQ(bytes.size(), 300U) << name;
     photos_.Write(name, bytes);
     EXPECT_FALSE(EndsTooEarly(photos_ / name)) << name;
-    for (size_t length = 20; length < bytes.size(); length += 9) {
+    for (size_t length = 20; length < bytes.size(); ++length) {
       photos_.Write(name, bytes.substr(0, length));
       EXPECT_TRUE(EndsTooEarly(photos_ / name)) << name << " of " << length << " bytes";
     }

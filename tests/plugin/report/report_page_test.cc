@@ -2,8 +2,13 @@
 // them, and which words it uses. That its figures are right is what the other tests of this folder show.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <regex>
+#include <set>
 #include <sstream>
 
 #include "mesh/surface/triangle_mesh.h"
@@ -12,6 +17,8 @@
 #include "plugin/report/scan_summary.h"
 #include "plugin/stage/stage_stamp.h"
 #include "s2gs/image/image_file.h"
+#include "sfm_split/scene/io/colmap_model.h"
+#include "sfm_split/scene/io/turntable_file.h"
 #include "tests/support/expected_text.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/temporary_folder.h"
@@ -263,6 +270,108 @@ TEST(ReportPage, SaysWhatTheScanHolds) {
   ExpectText(Stable(numbers.dump(1) + "\n", workspace), "plugin/report/expected/report.json");
   ExpectText(OneTagALine(Stable(Body(ReadAll(workspace.ReportHtml())), workspace)),
              "plugin/report/expected/report.html");
+}
+
+// The picture that follows these words in the page.
+Image8 PictureAfter(const std::string& page, const std::string& words, const TemporaryFolder& folder) {
+  const std::string begin = "base64,";
+  const size_t at = page.find(begin, page.find(words)) + begin.size();
+  std::string bytes;
+  uint32_t bits = 0;
+  int num_bits = 0;
+  const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  for (size_t i = at; digits.find(page[i]) != std::string::npos; ++i) {
+    bits = (bits << 6U) | static_cast<uint32_t>(digits.find(page[i]));
+    num_bits += 6;
+    if (num_bits < 8) continue;
+    num_bits -= 8;
+    bytes += static_cast<char>((bits >> static_cast<unsigned>(num_bits)) & 0xFFU);
+  }
+  WriteAll(folder / "picture", bytes);
+  return ReadImage(folder / "picture", 3);
+}
+
+// One photo of the object shares no point with the others: its row and column stay black.
+TEST(ReportPage, ShowsHowManyPointsPairsOfPhotosShare) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder / "made_up_scan"};
+  WriteScan(workspace);
+  ColmapModel object = ReadColmapModel(workspace.ObjectModel());
+  const std::string alone = Table().scene.views[4].name;
+  for (auto& [id, image] : object.images) {
+    if (image.name != alone) continue;
+    for (ColmapPoint2D& keypoint : image.points2D) keypoint.point3D_id = kInvalidPoint3DId;
+    for (auto& [point_id, point] : object.points3D) {
+      point.track.erase(std::remove_if(point.track.begin(), point.track.end(),
+                                       [&, own = id](const auto& seen) { return seen.image_id == own; }),
+                        point.track.end());
+    }
+  }
+  WriteColmapModel(workspace.ObjectModel(), object, ColmapFormat::kBinary);
+  Reporter reporter;
+  WriteScanReport(workspace, "", reporter);
+  const Image8 picture =
+      PictureAfter(ReadAll(workspace.ReportHtml()), "Which photos see the same points", folder);
+  // By station and table angle.
+  const TurntableFile table = ReadTurntableFile(workspace.Turntable());
+  std::vector<TurntableImage> order = table.images;
+  std::sort(order.begin(), order.end(), [](const TurntableImage& a, const TurntableImage& b) {
+    const auto angle = [](const TurntableImage& image) {
+      return image.angle_deg < 0 ? image.angle_deg + 360 : image.angle_deg;
+    };
+    return std::pair(a.station, angle(a)) < std::pair(b.station, angle(b));
+  });
+  const size_t n = order.size();
+  ASSERT_EQ(picture.width, static_cast<int>(n));
+  ASSERT_EQ(picture.height, static_cast<int>(n));
+  const auto shared = [&](const ColmapModel& model) {
+    std::map<uint32_t, size_t> place;
+    for (const auto& [id, image] : model.images) {
+      for (size_t i = 0; i < n; ++i) {
+        if (order[i].name == image.name) place[id] = i;
+      }
+    }
+    std::vector<std::vector<double>> counts(n, std::vector<double>(n, 0));
+    for (const auto& [id, point] : model.points3D) {
+      std::set<size_t> seen;
+      for (const auto& element : point.track) seen.insert(place.at(element.image_id));
+      for (const size_t a : seen) {
+        for (const size_t b : seen) counts[a][b] += a != b ? 1 : 0;
+      }
+    }
+    return counts;
+  };
+  const auto object_counts = shared(object);
+  const auto background_counts = shared(ReadColmapModel(workspace.StaticModel()));
+  const auto most_of = [](const std::vector<std::vector<double>>& counts) {
+    double most = 1;
+    for (const std::vector<double>& row : counts)
+      most = std::max(most, *std::max_element(row.begin(), row.end()));
+    return most;
+  };
+  int black = 0;
+  for (size_t y = 0; y < n; ++y) {
+    for (size_t x = 0; x < n; ++x) {
+      const auto& counts = x < y ? object_counts : background_counts;
+      std::array<double, 3> expected = {20, 20, 20};
+      if (x != y && counts[x][y] > 0) {
+        const std::array<std::array<double, 3>, 5> stops = {
+            {{38, 32, 80}, {48, 86, 132}, {34, 140, 130}, {112, 194, 96}, {250, 230, 60}}};
+        const double at = 4 * std::log(1 + counts[x][y]) / std::log(1 + most_of(counts));
+        const auto first = static_cast<size_t>(std::min(at, 3.0));
+        for (size_t c = 0; c < 3; ++c)
+          expected[c] =
+              stops[first][c] + (at - static_cast<double>(first)) * (stops[first + 1][c] - stops[first][c]);
+      }
+      black += expected[0] == 20 ? 1 : 0;
+      for (size_t c = 0; c < 3; ++c)
+        EXPECT_NEAR(picture.Pixel(static_cast<int>(x), static_cast<int>(y))[c], expected[c], 0.51)
+            << x << " " << y;
+    }
+  }
+  EXPECT_GE(black, static_cast<int>(2 * n - 1));  // the diagonal, and one photo with the others
+  const json numbers = json::parse(ReadAll(workspace.ReportJson()));
+  EXPECT_EQ(numbers["report"]["residuals"]["object"]["photos_without_shared_points"], 1);
 }
 
 // What the plan would leave out, but was asked for, has run.

@@ -71,6 +71,30 @@ TEST(Undistort, LeavesPinholesAlone) {
   EXPECT_EQ(UndistortImage(Picture(camera), camera, pinhole, silent).pixels, Picture(camera).pixels);
 }
 
+// A pinhole that sees farther than the photo: its borders go on.
+TEST(Undistort, BeyondThePhotoItsBorderGoesOn) {
+  const Camera camera = Distorted(0);
+  Camera wider = camera;
+  wider.params[0] = 50;
+  Image8 ramps{120, 90, 3, {}};
+  for (int y = 0; y < 90; ++y) {
+    for (int x = 0; x < 120; ++x) {
+      for (const int value : {2 * x, 2 * y, x + y}) ramps.pixels.push_back(static_cast<uint8_t>(value));
+    }
+  }
+  Reporter silent;
+  const Image8 image = UndistortImage(ramps, camera, wider, silent);
+  for (int y = 0; y < 90; ++y) {
+    for (int x = 0; x < 120; ++x) {
+      const double u = std::clamp((x + 0.5 - 61.3) * 2 + 61.3 - 0.5, 0.0, 119.0);
+      const double v = std::clamp((y + 0.5 - 44.2) * 2 + 44.2 - 0.5, 0.0, 89.0);
+      EXPECT_NEAR(image.Pixel(x, y)[0], 2 * u, 0.51) << x << " " << y;
+      EXPECT_NEAR(image.Pixel(x, y)[1], 2 * v, 0.51) << x << " " << y;
+      EXPECT_NEAR(image.Pixel(x, y)[2], u + v, 0.51) << x << " " << y;
+    }
+  }
+}
+
 TEST(Undistort, MovesKeypointsAlong) {
   ColmapModel model;
   model.cameras[3] = Distorted(-0.12);

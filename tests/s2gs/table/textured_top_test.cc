@@ -77,5 +77,16 @@ TEST(TexturedTop, IsUnknownWhereItIsPlain) {
   EXPECT_FALSE(TexturedTop::Learn({}, TableRegion()));
 }
 
+// What photos have beside each other's noise is no texture.
+TEST(TexturedTop, NoiseAgreesOnNothing) {
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TableTop::kPlain));
+  for (size_t i = 0; i < stations[0].images.size(); ++i) {
+    std::vector<uint8_t>& pixels = stations[0].images[i].pixels;
+    for (size_t k = 0; k < pixels.size(); ++k)
+      pixels[k] = static_cast<uint8_t>(118 + RandomBits(60 + i, k / 3, 0).words[0] % 5);
+  }
+  EXPECT_FALSE(TexturedTop::Learn(stations, TableRegion()));
+}
+
 }  // namespace
 }  // namespace s2gs

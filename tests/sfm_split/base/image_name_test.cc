@@ -115,6 +115,9 @@ TEST_F(ImageOutputsTest, PhotosAreNotWrittenOver) {
   const ImageOutputs inside(root_, root_ / "images", {"a.jpg"});
   EXPECT_THAT(ErrorAt(inside, root_ / "images", "c.jpg"), HasSubstr("photos' folder"));
   EXPECT_EQ(ErrorAt(inside, root_ / "images2", "a.jpg"), "");
+  // Names that no photo may have are none of a photo.
+  EXPECT_EQ(ErrorAt(ImageOutputs(root_, photos_, {"../scan/overlays/d.jpg"}), root_ / "overlays", "d.jpg"),
+            "");
   // The photos' folder holds the workspace.
   const ImageOutputs around(root_, folder_.path(), {"scan/overlays/a.jpg", "photos/a.jpg"});
   EXPECT_THAT(ErrorAt(around, root_ / "overlays", "a.jpg"), HasSubstr("is a photo"));

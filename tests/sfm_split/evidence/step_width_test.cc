@@ -10,6 +10,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/evidence/step_evidence.h"
+#include "sfm_split/evidence/turn_likelihood.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "tests/support/synthetic_scan.h"
 
@@ -48,6 +49,18 @@ TEST(NearestEqualSteps, APartOfATurnStaysOne) {
   ASSERT_EQ(steps.places.size(), 24U);
   EXPECT_FALSE(steps.closes);
   EXPECT_NEAR(steps.step_rad, 10 * kDegree, 1e-9);
+}
+
+// Every other photo is late by .6 degrees: most steps of one seem .6 too long, and all of them together are
+// not.
+TEST(NearestEqualSteps, OpenStepsAreThoseOfAllAngles) {
+  std::vector<AngleAtPlace> angles = Steps(24, 10, -40);
+  for (size_t k = 1; k < angles.size(); k += 2)
+    angles[k].angle_rad = WrapAngle(angles[k].angle_rad + 0.6 * kDegree);
+  const EqualStepsPrior steps = NearestEqualSteps(angles, 24);
+  ASSERT_EQ(steps.places.size(), 24U);
+  EXPECT_FALSE(steps.closes);
+  EXPECT_NEAR(steps.step_rad, 10 * kDegree, 0.01 * kDegree);
 }
 
 TEST(NearestEqualSteps, FewAnglesAreNone) {
@@ -132,6 +145,70 @@ TEST_F(StepWidth, EqualStepsAreAsNarrowAsTheMatchesCanTell) {
   EXPECT_TRUE(finding.elsewhere.empty());
   EXPECT_GT(finding.steps[0].sigma_rad, 0);
   EXPECT_LT(finding.steps[0].sigma_rad, 0.3 * kDegree);
+}
+
+// By its definition: of each photo's likelihood over turns from its place, .9 of what it is in the mean about
+// the place by a width, and .1 of its mean over the circle. Each pair counts for two photos, by half.
+TEST_F(StepWidth, IsTheMedianOfWhatAllPhotosSay) {
+  std::vector<double> turns = {0};
+  for (double turn = 0.02; turn <= 60; turn *= 1.4) turns.insert(turns.end(), {turn, -turn});
+  std::sort(turns.begin(), turns.end());
+  const size_t middle = turns.size() / 2;
+  const Posed posed = AllPosed();
+  std::map<size_t, std::vector<double>> logs;  // by photo
+  for (const int station : {0, 1}) {
+    std::vector<int> images;
+    std::vector<const View*> views(posed.views.size(), nullptr);
+    for (size_t i = 0; i < views.size(); ++i) {
+      if (features_.images[i].station != station) continue;
+      images.push_back(static_cast<int>(i));
+      views[i] = posed.views[i];
+      logs[i].assign(turns.size(), 0);
+    }
+    const TurnLikelihood likelihood(posed.cameras, views, turntable_.scene.axis);
+    const std::vector<TurnPair> pairs = NearPairs(features_, images, images, {});
+    const double noise = likelihood.Noise(pairs);
+    for (const TurnPair& pair : pairs) {
+      const std::vector<double> gains = likelihood.OfTurns(pair, turns, noise);
+      for (size_t t = 0; t < turns.size(); ++t) {
+        logs[pair.image2][t] += gains[t] - gains[middle];
+        logs[pair.image1][turns.size() - 1 - t] += gains[t] - gains[middle];
+      }
+    }
+  }
+  const auto below = [](double turn, double width) {
+    return 0.5 * (1 + std::erf(turn / width / std::sqrt(2.0)));
+  };
+  std::vector<double> widths, posterior;
+  for (double width = 0.01; width <= 1; width *= 1.1) {
+    double sum = 0;
+    for (const auto& [image, log] : logs) {
+      const double highest = std::max(0.0, *std::max_element(log.begin(), log.end()));
+      double about = 0;
+      double anywhere = (360 - 2 * turns.back()) * std::exp(-highest);
+      for (size_t t = 0; t < turns.size(); ++t) {
+        const double value = std::exp(log[t] - highest);
+        const double from = t == 0 ? 0 : below((turns[t - 1] + turns[t]) / 2, width);
+        const double to = t + 1 == turns.size() ? 1 : below((turns[t] + turns[t + 1]) / 2, width);
+        about += (to - from) * value;
+        if (t > 0) anywhere += (turns[t] - turns[t - 1]) * (value + std::exp(log[t - 1] - highest)) / 2;
+      }
+      sum += (highest + std::log(0.9 * about + 0.1 * anywhere / 360)) / 2;
+    }
+    widths.push_back(width);
+    posterior.push_back(sum);
+  }
+  const double highest = *std::max_element(posterior.begin(), posterior.end());
+  double all = 0;
+  for (double& value : posterior) all += value = std::exp(value - highest);
+  size_t median = 0;
+  for (double sum = posterior[0]; 2 * sum < all; sum += posterior[++median]) {
+  }
+  const StepsFinding finding = Find();
+  ASSERT_EQ(finding.steps.size(), 2U);
+  EXPECT_NEAR(finding.steps[0].sigma_rad, widths[median] * kDegree, 1e-9);
+  EXPECT_EQ(finding.steps[1].sigma_rad, finding.steps[0].sigma_rad);
+  EXPECT_GT(median, 0U);
 }
 
 // The angles that the views have do not count: three in ten are off by many degrees.

@@ -26,6 +26,8 @@ TEST(FindCameraFault, WhatNoneHas) {
   const double inf = std::numeric_limits<double>::infinity();
   EXPECT_THAT(FindCameraFault(Radial(2'000'000'000, 480, 700)), Optional(HasSubstr("2000000000 x 480")));
   EXPECT_THAT(FindCameraFault(Radial(640, uint64_t{1} << 63U, 700)), Optional(HasSubstr("a side")));
+  EXPECT_THAT(FindCameraFault(Radial(65501, 4000, 5e4)), Optional(HasSubstr("65501 x 4000")));
+  EXPECT_THAT(FindCameraFault(Radial(4000, 65501, 5e4)), Optional(HasSubstr("4000 x 65501")));
   EXPECT_THAT(FindCameraFault(Radial(0, 480, 700)), Optional(HasSubstr("0 x 480")));
   EXPECT_THAT(FindCameraFault(Radial(60000, 60000, 700)), Optional(HasSubstr("in all")));
   for (const double focal : {1e300, 1e-300, 6.5e6, 0.06}) {

@@ -561,6 +561,27 @@ TEST(ColmapDatabase, FailedSafeCopyLeavesTheOldFile) {
                   {"from.db", "is the database to copy from"});
 }
 
+// Pages are copied 4,096 at a time.
+TEST(ColmapDatabase, SafeCopySaysHowFarItIs) {
+  class Listener : public Reporter {
+   public:
+    void Progress(std::string_view task, int64_t done, int64_t total) override {
+      EXPECT_EQ(task, "copy database");
+      EXPECT_GT(total, 16384);  // of 512 bytes
+      EXPECT_LT(total, 16640);
+      told.push_back(done);
+    }
+    std::vector<int64_t> told;
+  };
+  TemporaryFolder folder;
+  const fs::path from = folder / "from.db";
+  { RawDatabase(from).Execute("PRAGMA page_size=512; CREATE TABLE filler(data BLOB)"); }
+  MakeDatabase(from, kColmapSchema38, "INSERT INTO filler VALUES(zeroblob(8388608))");
+  Listener listener;
+  ColmapDatabase::SafeCopy(from, folder / "to.db", listener);
+  EXPECT_THAT(listener.told, ElementsAre(4096, 8192, 12288, 16384));
+}
+
 TEST(ColmapDatabase, WriteAtomicallyShowsFinishedFilesOnly) {
   TemporaryFolder folder;
   const fs::path path = folder / "d.db";
