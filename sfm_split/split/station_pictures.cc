@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -20,6 +21,8 @@ constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
 // Fewer lie elsewhere by chance in a crowd of tiles: a debt, chosen and not derived.
 constexpr int kMinMovedTiles = 4;
+// Of a camera that stands still: of fewer what turns is in their median.
+constexpr size_t kPicturesForMedian = 8;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;
 
@@ -87,6 +90,58 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
   members->erase(std::remove_if(members->begin(), members->end(), has_moved), members->end());
 }
 
+// What a camera that stands still sees, of pictures in which it did: what turns or passes by is not in it,
+// and noise and compression hardly. Photos of other exposures are brought to the first one's light.
+GreyPicture MedianPicture(const std::vector<const GreyPicture*>& pictures) {
+  GreyPicture median = *pictures.front();
+  std::vector<double> gain;
+  const auto sum = [](const GreyPicture& picture) {
+    return std::accumulate(picture.grey.begin(), picture.grey.end(), 1.0);
+  };
+  gain.reserve(pictures.size());
+  for (const GreyPicture* picture : pictures) gain.push_back(sum(median) / sum(*picture));
+  ParallelFor(median.height, 0, [&](int64_t y) {
+    std::vector<double> values(pictures.size());
+    for (size_t i = static_cast<size_t>(y) * median.width; i < (static_cast<size_t>(y) + 1) * median.width;
+         ++i) {
+      for (size_t k = 0; k < pictures.size(); ++k) values[k] = gain[k] * pictures[k]->grey[i];
+      median.grey[i] = static_cast<uint8_t>(std::lround(std::min(255.0, UpperMedian(values))));
+    }
+  });
+  return median;
+}
+
+// Takes photos in that show what the others show without what turns: one of them, which the rest were
+// compared with, has its share of the thing before the wall, and of a plain wall's few tiles that is many.
+// \param first  the station's standard. \param images  those that were compared.
+void TakeInByMedian(const std::vector<GreyPicture>& pictures, int first, const std::vector<int>& images,
+                    const StationOptions& options, std::vector<PictureComparison>* comparisons,
+                    std::vector<int>* members) {
+  std::vector<const GreyPicture*> still = {&pictures[first]};
+  for (const int m : *members) {
+    if ((*comparisons)[m].second_from_first.isIdentity()) still.push_back(&pictures[images[m]]);
+  }
+  if (still.size() < kPicturesForMedian || members->size() == images.size()) return;
+  const PictureStandard median(MedianPicture(still), options.max_shake_px, options.min_unmoved_share,
+                               options.min_cells);
+  std::vector<char> is_taken(images.size(), 0);
+  for (const int m : *members) is_taken[m] = 1;
+  ParallelFor(static_cast<int64_t>(images.size()), 0, [&](int64_t i) {
+    if (is_taken[i] != 0) return;
+    PictureComparison comparison = median.CompareWith(pictures[images[i]]);
+    if (comparison.verdict != Verdict::kStill) return;
+    int num_found = 0;
+    for (const TileMatch& tile : comparison.tiles) num_found += tile.is_found ? 1 : 0;
+    if (num_found - comparison.num_agreeing > kMaxMovedShare * num_found) return;
+    (*comparisons)[i] = std::move(comparison);
+    is_taken[i] = 1;
+  });
+  members->clear();
+  for (size_t i = 0; i < images.size(); ++i) {
+    if (is_taken[i] != 0) members->push_back(static_cast<int>(i));
+  }
+}
+
 Eigen::Matrix3d Translation(const Eigen::Vector2f& shift) {
   Eigen::Matrix3d T = Eigen::Matrix3d::Identity();
   T.topRightCorner<2, 1>() = shift.cast<double>();
@@ -121,6 +176,7 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
       if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));
     }
     LeaveOutMoved(comparisons, &members);
+    TakeInByMedian(pictures, first, left, options, &comparisons, &members);
     result.station_of_image[first] = num_stations;
     const Eigen::Vector2d scale = picture.Scale();
     const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();

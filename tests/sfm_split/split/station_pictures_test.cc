@@ -152,6 +152,7 @@ struct PlainShot {
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();
   double flatness = 0.5;   // of the disc's ellipse: how high the camera stands
   bool has_shelf = false;  // two long edges instead of the disc's rim
+  double hidden = 0;       // share of the picture's width that somebody stands before
   double gain = 1;
   uint64_t seed = 1;
 };
@@ -174,6 +175,7 @@ GreyPicture TakePlain(const PlainShot& shot) {
       if (std::hypot(u, 2 * v) < kObjectRadius)
         grey = texture.at<float>(static_cast<int>(200 + s * u + 2 * c * v),
                                  static_cast<int>(200 + c * u - 2 * s * v));
+      if (x < shot.hidden * picture.cols) grey = 60;
       picture.at<float>(y, x) = static_cast<float>(grey);
     }
   }
@@ -286,6 +288,23 @@ TEST(FindPictureStations, IsOneUnderJumpsOfExposureAndShake) {
     const Eigen::Vector2d shift(0.5 * (i % 4), -0.4 * (i % 3));
     EXPECT_LT((middle.head<2>() / middle.z() - Eigen::Vector2d(200, 150) - shift).norm(), 0.15) << i;
   }
+}
+
+// Half of what stays before a plain wall is hidden in one photo, and the standard's other half turns: against
+// what the station's photos have in common the rest is enough.
+TEST(FindPictureStations, SomebodyBeforeAPlainWallHidesNoStation) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 12; ++i) {
+    PlainShot shot;
+    shot.turn_deg = 30.0 * i;
+    shot.hidden = i == 7 ? 0.45 : 0;
+    shot.gain = i % 2 == 0 ? 1.2 : 0.8;
+    shot.seed = static_cast<uint64_t>(i + 1);
+    pictures.push_back(TakePlain(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  for (int i = 0; i < 12; ++i) EXPECT_EQ(stations.station_of_image[i], 0) << i;
 }
 
 TEST(JoinStations, FeaturesJoinWhatPicturesDoNotTellButNotWhatTheyContradict) {
