@@ -219,14 +219,14 @@ void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStre
   const auto n = static_cast<int>(num_gaussians);
   size_t sort_bytes = 0, scan_bytes = 0;
   CheckCuda(cub::DeviceRadixSort::SortPairs(nullptr, sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
-                                            ids_.get(), sorted_ids_.get(), n, 0, 32, stream),
+                                            ids_.get(), sorted_ids_.get(), n, 0, kDepthBits, stream),
             "sort by depth");
   CheckCuda(cub::DeviceScan::InclusiveSum(nullptr, scan_bytes, offsets_.get(), offsets_.get(), n, stream),
             "scan of tile counts");
   scratch_.Reserve(sort_bytes > scan_bytes ? sort_bytes : scan_bytes);
   CheckCuda(
       cub::DeviceRadixSort::SortPairs(scratch_.get(), sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
-                                      ids_.get(), sorted_ids_.get(), n, 0, 32, stream),
+                                      ids_.get(), sorted_ids_.get(), n, 0, kDepthBits, stream),
       "sort by depth");
   GatherCountsKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(sorted_ids_.get(), tile_counts_.get(),
                                                                       n, offsets_.get());

@@ -6,14 +6,62 @@
 namespace s2gs::cuda {
 namespace {
 
-constexpr int kHalo = kTile + 2 * kSsimRadius;
 constexpr int kThreads = 256;
-static_assert(kThreads == kTileThreads);
 
-// Adds the block's sum of a loss term to the term's own sum and, weighted, to the total. All threads must
-// call it.
+// The block of pixels that the loss of the colours looks at together, and so many of a column a thread, which
+// reads what their windows share once.
+constexpr int kLossWidth = 32, kLossHeight = 16;
+constexpr int kOutputs = 4;
+constexpr int kLossThreads = kLossWidth * kLossHeight / kOutputs;
+constexpr int kHaloWidth = kLossWidth + 2 * kSsimRadius, kHaloHeight = kLossHeight + 2 * kSsimRadius;
+// Rows are padded so that lanes that stand for rows use different banks.
+constexpr int kPaddedHalo = kHaloWidth + 1, kPaddedWidth = kLossWidth + 1;
+static_assert(kPaddedHalo % 2 == 1 && kPaddedWidth % 2 == 1);
+
+// Sums kCount values of neighbouring places with the window's weights, for kOutputs windows, each a place
+// further than the last. value(i, v) gives those at place i.
+template <int kCount, typename Value>
+__device__ void SumWindows(const Value& value, float (&sums)[kOutputs][kCount]) {
+#pragma unroll
+  for (int output = 0; output < kOutputs; ++output) {
+#pragma unroll
+    for (int m = 0; m < kCount; ++m) sums[output][m] = 0;
+  }
+#pragma unroll
+  for (int i = 0; i < kSsimWindow + kOutputs - 1; ++i) {
+    float values[kCount];
+    value(i, values);
+#pragma unroll
+    for (int output = 0; output < kOutputs; ++output) {
+      const int k = i - output;
+      if (k < 0 || k >= kSsimWindow) continue;
+#pragma unroll
+      for (int m = 0; m < kCount; ++m) sums[output][m] += SsimWeight<float>(k) * values[m];
+    }
+  }
+}
+
+// Along the rows of a block with its halo: `rows` gets a plane for each of kCount values that value(row,
+// column, v) gives.
+template <int kCount, typename Value>
+__device__ void SumAlongRows(const Value& value, float (*rows)[kHaloHeight][kPaddedWidth]) {
+  for (int i = static_cast<int>(threadIdx.x); i < kHaloHeight * kLossWidth / kOutputs; i += kLossThreads) {
+    const int row = i % kHaloHeight, column = i / kHaloHeight * kOutputs;
+    float sums[kOutputs][kCount];
+    SumWindows<kCount>([&](int k, float* v) { value(row, column + k, v); }, sums);
+#pragma unroll
+    for (int output = 0; output < kOutputs; ++output) {
+#pragma unroll
+      for (int m = 0; m < kCount; ++m) rows[m][row][column + output] = sums[output][m];
+    }
+  }
+}
+
+// Adds the sum of a loss term over the block's kCount threads to the term's own sum and, weighted, to the
+// total. All threads must call it.
+template <int kCount = kThreads>
 __device__ void AddTerm(float value, float weight, double* term, LossSums* sums) {
-  __shared__ float warp_sums[kThreads / 32];
+  __shared__ float warp_sums[kCount / 32];
   value = WarpSum(value);
   __syncthreads();
   if (threadIdx.x % 32 == 0) warp_sums[threadIdx.x / 32] = value;
@@ -44,128 +92,120 @@ __device__ ColorPair LoadColors(const ImageLossInput& in, const Maps& maps, size
   return {rendered, real};
 }
 
-// Windowed moments of both images, SSIM and its partial derivatives; one tile and channel a block.
-__global__ __launch_bounds__(kTileThreads) void SsimKernel(ImageLossInput in, Maps maps, float* partials,
+// Windowed moments of both images, SSIM and its partial derivatives; one block of pixels and channel a block.
+__global__ __launch_bounds__(kLossThreads) void SsimKernel(ImageLossInput in, Maps maps, float* partials,
                                                            LossSums* sums) {
-  __shared__ float2 pixels[kHalo][kHalo];
-  __shared__ float rows[5][kHalo][kTile];
+  __shared__ float2 pixels[kHaloHeight][kPaddedHalo];
+  __shared__ float rows[5][kHaloHeight][kPaddedWidth];
   const int channel = static_cast<int>(blockIdx.z);
-  const int x0 = static_cast<int>(blockIdx.x) * kTile, y0 = static_cast<int>(blockIdx.y) * kTile;
+  const int x0 = static_cast<int>(blockIdx.x) * kLossWidth, y0 = static_cast<int>(blockIdx.y) * kLossHeight;
   const int thread = static_cast<int>(threadIdx.x);
   const int width = in.photo.width, height = in.photo.height;
   const size_t size = static_cast<size_t>(width) * height;
-  for (int i = thread; i < kHalo * kHalo; i += kTileThreads) {
-    const int x = x0 + i % kHalo - kSsimRadius, y = y0 + i / kHalo - kSsimRadius;
+  for (int i = thread; i < kHaloHeight * kHaloWidth; i += kLossThreads) {
+    const int x = x0 + i % kHaloWidth - kSsimRadius, y = y0 + i / kHaloWidth - kSsimRadius;
     float2 pair = {0, 0};
     if (x >= 0 && x < width && y >= 0 && y < height) {
       const ColorPair colors = LoadColors(in, maps, size, x, y, channel);
       pair = {colors.rendered, colors.real};
     }
-    pixels[i / kHalo][i % kHalo] = pair;
+    pixels[i / kHaloWidth][i % kHaloWidth] = pair;
   }
   __syncthreads();
-  for (int i = thread; i < kHalo * kTile; i += kTileThreads) {
-    const int row = i / kTile, column = i % kTile;
-    float x = 0, y = 0, xx = 0, yy = 0, xy = 0;
+  SumAlongRows<5>(
+      [&](int row, int column, float* v) {
+        const float2 pair = pixels[row][column];
+        v[0] = pair.x;
+        v[1] = pair.y;
+        v[2] = pair.x * pair.x;
+        v[3] = pair.y * pair.y;
+        v[4] = pair.x * pair.y;
+      },
+      rows);
+  __syncthreads();
+  const int column = thread % kLossWidth, first_row = thread / kLossWidth * kOutputs;
+  float moments[kOutputs][5];
+  SumWindows<5>(
+      [&](int k, float* v) {
 #pragma unroll
-    for (int k = 0; k < kSsimWindow; ++k) {
-      const float2 pair = pixels[row][column + k];
-      const float w = SsimWeight<float>(k);
-      const float wx = w * pair.x, wy = w * pair.y;
-      x += wx;
-      y += wy;
-      xx += wx * pair.x;
-      yy += wy * pair.y;
-      xy += wx * pair.y;
-    }
-    rows[0][row][column] = x;
-    rows[1][row][column] = y;
-    rows[2][row][column] = xx;
-    rows[3][row][column] = yy;
-    rows[4][row][column] = xy;
-  }
-  __syncthreads();
-  const int tx = thread % kTile, ty = thread / kTile;
-  const int x = x0 + tx, y = y0 + ty;
+        for (int m = 0; m < 5; ++m) v[m] = rows[m][first_row + k][column];
+      },
+      moments);
   float dissimilarity = 0;
-  if (x < width && y < height) {
-    float moments[5] = {0, 0, 0, 0, 0};
 #pragma unroll
-    for (int k = 0; k < kSsimWindow; ++k) {
-      const float w = SsimWeight<float>(k);
-#pragma unroll
-      for (int m = 0; m < 5; ++m) moments[m] += w * rows[m][ty + k][tx];
-    }
-    const SsimPoint<float> point =
-        ComputeSsimPoint(moments[0], moments[1], moments[2], moments[3], moments[4]);
-    const size_t at = static_cast<size_t>(y) * width + x;
-    float* out = partials + static_cast<size_t>(3 * channel) * size + at;
+  for (int output = 0; output < kOutputs; ++output) {
+    const int x = x0 + column, y = y0 + first_row + output;
+    if (x >= width || y >= height) continue;
+    const float* m = moments[output];
+    const SsimPoint<float> point = ComputeSsimPoint(m[0], m[1], m[2], m[3], m[4]);
+    float* out = partials + static_cast<size_t>(3 * channel) * size + static_cast<size_t>(y) * width + x;
     out[0] = point.by_mean;
     out[size] = point.by_square;
     out[2 * size] = point.by_product;
-    dissimilarity = 1 - point.value;
+    dissimilarity += 1 - point.value;
   }
   if (in.report->overflow == 0) {
     const float share = dissimilarity / (3 * static_cast<float>(size));
-    AddTerm(share, in.weights.dssim, &sums->dssim, sums);
+    AddTerm<kLossThreads>(share, in.weights.dssim, &sums->dssim, sums);
   }
 }
 
 // Loss by the rendered colours: the window applied once more to the partial derivatives, and L1.
-__global__ __launch_bounds__(kTileThreads) void ColorGradientKernel(ImageLossInput in, Maps maps,
+__global__ __launch_bounds__(kLossThreads) void ColorGradientKernel(ImageLossInput in, Maps maps,
                                                                     const float* partials, float* d_color,
                                                                     LossSums* sums) {
-  __shared__ float pixels[3][kHalo][kHalo];
-  __shared__ float rows[3][kHalo][kTile];
+  __shared__ float pixels[3][kHaloHeight][kPaddedHalo];
+  __shared__ float rows[3][kHaloHeight][kPaddedWidth];
   const int channel = static_cast<int>(blockIdx.z);
-  const int x0 = static_cast<int>(blockIdx.x) * kTile, y0 = static_cast<int>(blockIdx.y) * kTile;
+  const int x0 = static_cast<int>(blockIdx.x) * kLossWidth, y0 = static_cast<int>(blockIdx.y) * kLossHeight;
   const int thread = static_cast<int>(threadIdx.x);
   const int width = in.photo.width, height = in.photo.height;
   const size_t size = static_cast<size_t>(width) * height;
-  const int tx = thread % kTile, ty = thread / kTile;
-  const int x = x0 + tx, y = y0 + ty;
-  float windowed[3] = {0, 0, 0};
+  const int column = thread % kLossWidth, first_row = thread / kLossWidth * kOutputs;
+  float windowed[kOutputs][3] = {};
   if (in.weights.dssim != 0) {
     const float* source = partials + static_cast<size_t>(3 * channel) * size;
-    for (int i = thread; i < kHalo * kHalo; i += kTileThreads) {
-      const int column = x0 + i % kHalo - kSsimRadius, row = y0 + i / kHalo - kSsimRadius;
-      const bool is_inside = column >= 0 && column < width && row >= 0 && row < height;
-      const size_t at = is_inside ? static_cast<size_t>(row) * width + column : 0;
+    for (int i = thread; i < kHaloHeight * kHaloWidth; i += kLossThreads) {
+      const int x = x0 + i % kHaloWidth - kSsimRadius, y = y0 + i / kHaloWidth - kSsimRadius;
+      const bool is_inside = x >= 0 && x < width && y >= 0 && y < height;
+      const size_t at = is_inside ? static_cast<size_t>(y) * width + x : 0;
 #pragma unroll
-      for (int m = 0; m < 3; ++m) pixels[m][i / kHalo][i % kHalo] = is_inside ? source[m * size + at] : 0;
+      for (int m = 0; m < 3; ++m)
+        pixels[m][i / kHaloWidth][i % kHaloWidth] = is_inside ? source[m * size + at] : 0;
     }
     __syncthreads();
-    for (int i = thread; i < kHalo * kTile; i += kTileThreads) {
-      const int row = i / kTile, column = i % kTile;
-      float sum[3] = {0, 0, 0};
+    SumAlongRows<3>(
+        [&](int row, int at, float* v) {
 #pragma unroll
-      for (int k = 0; k < kSsimWindow; ++k) {
-#pragma unroll
-        for (int m = 0; m < 3; ++m) sum[m] += SsimWeight<float>(k) * pixels[m][row][column + k];
-      }
-#pragma unroll
-      for (int m = 0; m < 3; ++m) rows[m][row][column] = sum[m];
-    }
+          for (int m = 0; m < 3; ++m) v[m] = pixels[m][row][at];
+        },
+        rows);
     __syncthreads();
+    SumWindows<3>(
+        [&](int k, float* v) {
 #pragma unroll
-    for (int k = 0; k < kSsimWindow; ++k) {
-#pragma unroll
-      for (int m = 0; m < 3; ++m) windowed[m] += SsimWeight<float>(k) * rows[m][ty + k][tx];
-    }
+          for (int m = 0; m < 3; ++m) v[m] = rows[m][first_row + k][column];
+        },
+        windowed);
   }
   const float share = 1 / (3 * static_cast<float>(size));
   float difference = 0;
-  if (x < width && y < height) {
+#pragma unroll
+  for (int output = 0; output < kOutputs; ++output) {
+    const int x = x0 + column, y = y0 + first_row + output;
+    if (x >= width || y >= height) continue;
     const ColorPair colors = LoadColors(in, maps, size, x, y, channel);
-    difference = fabsf(colors.rendered - colors.real);
+    difference += fabsf(colors.rendered - colors.real);
     float gradient = (1 - in.weights.dssim) * L1Adjoint(colors.rendered, colors.real);
     if (in.weights.dssim != 0) {
-      gradient -=
-          in.weights.dssim * SsimAdjoint(windowed[0], windowed[1], windowed[2], colors.rendered, colors.real);
+      const float* w = windowed[output];
+      gradient -= in.weights.dssim * SsimAdjoint(w[0], w[1], w[2], colors.rendered, colors.real);
     }
     d_color[static_cast<size_t>(channel) * size + static_cast<size_t>(y) * width + x] = share * gradient;
   }
-  if (in.report->overflow == 0) AddTerm(share * difference, 1 - in.weights.dssim, &sums->l1, sums);
+  if (in.report->overflow == 0) {
+    AddTerm<kLossThreads>(share * difference, 1 - in.weights.dssim, &sums->l1, sums);
+  }
 }
 
 template <bool kGeometry, bool kForeground>
@@ -278,9 +318,9 @@ __global__ __launch_bounds__(kThreads) void ModelLossKernel(ModelLossInput in, f
 
 void ColorLoss(const ImageLossInput& input, const Maps& maps, const MapGradients& d_maps, float* partials,
                LossSums* sums, cudaStream_t stream) {
-  const dim3 grid(NumTiles(input.photo.width), NumTiles(input.photo.height), 3);
-  if (input.weights.dssim != 0) SsimKernel<<<grid, kTileThreads, 0, stream>>>(input, maps, partials, sums);
-  ColorGradientKernel<<<grid, kTileThreads, 0, stream>>>(input, maps, partials, d_maps.color, sums);
+  const dim3 grid(NumBlocks(input.photo.width, kLossWidth), NumBlocks(input.photo.height, kLossHeight), 3);
+  if (input.weights.dssim != 0) SsimKernel<<<grid, kLossThreads, 0, stream>>>(input, maps, partials, sums);
+  ColorGradientKernel<<<grid, kLossThreads, 0, stream>>>(input, maps, partials, d_maps.color, sums);
   CheckCuda(cudaGetLastError(), "loss of the colours");
 }
 

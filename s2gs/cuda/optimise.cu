@@ -1,5 +1,6 @@
 #include "s2gs/core/cuda.h"
 #include "s2gs/cuda/optimise.h"
+#include "s2gs/cuda/sh_ahead.cuh"
 #include "s2gs/kernel/sh.h"
 
 namespace s2gs::cuda {
@@ -41,19 +42,31 @@ __device__ void CountGradient(const OptimiseInput& in, int i, const Surfel<float
 
 template <int kDegree>
 __global__ __launch_bounds__(kThreads) void GradientKernel(OptimiseInput in) {
+  __shared__ ShAhead<kDegree, kThreads> sh;
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   if (i >= in.count) return;
   const bool is_drawn = in.splats.tile_counts[i] > 0;
+  const bool is_overflow = in.report->overflow != 0;
+  // All that is read of a Gaussian is on its way before anything is waited for.
   Splat<float> d{};
-  if (is_drawn) d = TakeSplatGradient(in, i);
-  if (in.report->overflow != 0) return;
+  SurfelParameters<float> g{};
+  Vec3<float> color = {0, 0, 0};
+  if (is_drawn) {
+    if (!is_overflow) {
+      sh.Load(in.parameters, i);
+      g = LoadSurfel(in.parameters, i);
+      const float4 packed_color = in.splats.splats[i].c;
+      color = {packed_color.y, packed_color.z, packed_color.w};
+    }
+    d = TakeSplatGradient(in, i);
+  }
+  if (is_overflow) return;
   if (i == 0) in.sums->steps += 1;
 
   SurfelParameters<float> gradient{};
   Vec3<float> d_color = {0, 0, 0};
   Vec3<float> direction = {0, 0, 1};
   if (is_drawn) {
-    const SurfelParameters<float> g = LoadSurfel(in.parameters, i);
     Surfel<float> surfel;
     Footprint<float> footprint;
     TransformSurfel(g, in.view.camera, in.view.rule, &surfel);
@@ -61,13 +74,12 @@ __global__ __launch_bounds__(kThreads) void GradientKernel(OptimiseInput in) {
     Surfel<float> d_surfel{};
     d_surfel.opacity = d.opacity;
     d_surfel.foreground = d.foreground;
-    const float4 packed_color = in.splats.splats[i].c;
-    const Vec3<float> color = {packed_color.y, packed_color.z, packed_color.w};
     d_color = {color.x > 0 ? d.color.x : 0, color.y > 0 ? d.color.y : 0, color.z > 0 ? d.color.z : 0};
     Vec3<float> unused;
+    sh.Wait();
     d_surfel.view_direction = ShColorAdjoint(
-        kDegree, [&](int k, int channel) { return in.parameters.At(kShRest + 3 * k + channel)[i]; },
-        surfel.view_direction, color, d.color, &unused, [](int /*k*/, const Vec3<float>& /*d_rest*/) {});
+        kDegree, [&](int k, int channel) { return sh.At(k, channel); }, surfel.view_direction, color, d.color,
+        &unused, [](int /*k*/, const Vec3<float>& /*d_rest*/) {});
     direction = surfel.view_direction;
     ComputeFootprintAdjoint(surfel, in.view.camera, footprint, d.footprint, &d_surfel);
     if (in.gradient_sum != nullptr) CountGradient(in, i, surfel, d_surfel.centre);

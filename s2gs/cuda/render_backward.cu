@@ -5,16 +5,18 @@
 namespace s2gs::cuda {
 namespace {
 
-// A warp goes through its list of hits from the back, in groups of 32 splats:
+// A warp goes through its list of hits from the back, in groups of up to 32 splats:
 //   1. the pairs of a splat and a pixel are dealt out to the lanes, which work out alpha and dL/dw of each;
 //   2. every lane goes through its own pixel's pairs in their order, which is all that needs one;
-//   3. every lane goes through its own splat's pairs and sums up the loss by that splat.
-// The second step is short, the first has no lane idle, and no lane waits for another's sums in the third.
+//   3. the pairs of each splat are cut into shares of kShare; every lane sums up the loss by its share's
+//   splat.
+// A group has as many splats as have 32 shares. The second step is short, the first has no lane idle, and in
+// the third no lane works for longer than on one share: some splats hit all of the pixels, most of them few.
 
-// Pairs of a group that fit at a time.
-constexpr int kMaxPairs = 384;
-static_assert(kMaxPairs >= 32, "one splat may hit all pixels of a warp");
-// Of a splat's sums in shared memory; not 16, so that rows spread over the banks.
+constexpr int kShare = 8;
+constexpr int kMaxShares = (32 + kShare - 1) / kShare;  // of one splat
+constexpr int kMaxPairs = 32 * kShare;                  // of a group
+// Of a share's sums in shared memory; not 16, so that rows spread over the banks.
 constexpr int kSumsStride = kPackedFloats + 4;
 
 // Places of what a pixel has to say to the splats that hit it.
@@ -39,6 +41,7 @@ struct BackwardScratch {
     float sums[kGroup][kSumsStride];
   };
   uint16_t splat_and_pixel[kMaxPairs];
+  uint16_t splat_and_share[32];
 };
 
 template <typename C>
@@ -115,20 +118,24 @@ __device__ PixelHit<float> HitOf(const Splat<float>& splat, const WarpPixel& whe
   return hit;
 }
 
-// Adds each splat's sums to global memory: half a warp a splat, a lane a value. Two that are four apart have
-// their rows in different banks.
+// Adds the sums of each splat's shares to global memory: half a warp a splat, a lane a value.
+// \param own_shares  of the lane's splat: the first, and how many.
 template <typename C>
-__device__ void FlushSums(const float (*sums)[kSumsStride], unsigned summed, uint32_t id, float* d_splats) {
+__device__ void FlushSums(const float (*sums)[kSumsStride], unsigned num_splats, uint32_t own_id,
+                          ushort2 own_shares, float* d_splats) {
   constexpr unsigned kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;
   const unsigned lane = threadIdx.x % 32;
-  const unsigned value = lane % kPackedFloats, half = lane / kPackedFloats;
-#pragma unroll 4
-  for (unsigned i = 0; i < kGroup / 2; ++i) {
-    const unsigned slot = i / 4 * 8 + i % 4 + 4 * half;
-    const uint32_t its_id = __shfl_sync(kAllLanes, id, slot);
-    if ((summed >> slot & 1U) != 0 && value < kUsed) {
-      atomicAdd(d_splats + static_cast<size_t>(its_id) * kPackedFloats + value, sums[slot][value]);
-    }
+  const unsigned value = lane % kPackedFloats;
+  const unsigned packed_shares = own_shares.x | own_shares.y << 16U;
+  for (unsigned pair = 0; pair < num_splats; pair += 2) {
+    const unsigned slot = pair + lane / kPackedFloats;
+    const uint32_t id = __shfl_sync(kAllLanes, own_id, slot);
+    const unsigned shares = __shfl_sync(kAllLanes, packed_shares, slot);
+    if (slot >= num_splats || value >= kUsed) continue;
+    const float* source = sums[shares & 0xFFFFU] + value;
+    float sum = source[0];
+    for (unsigned i = 1; i < shares >> 16U; ++i) sum += source[i * kSumsStride];
+    atomicAdd(d_splats + static_cast<size_t>(id) * kPackedFloats + value, sum);
   }
 }
 
@@ -157,83 +164,95 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
 
   while (left > 0) {
     // Lane 0 takes the hindmost splat.
-    const bool has_splat = lane < left;
     WarpHit own{};
-    if (has_splat) {
-      own = all_hits[left - 1 - lane];
-      scratch.group.Load(in.splats, own.id, lane, C::kGeometry);
-    }
-    left -= min(left, kGroup);
+    if (lane < left) own = all_hits[left - 1 - lane];
     const auto num_pairs = static_cast<unsigned>(__popc(own.pixels));
-    unsigned end = num_pairs;  // of the splat's pairs within the group
+    const unsigned num_shares = (num_pairs + kShare - 1) / kShare;
+    // Pairs and, in the upper half, shares of the splats before this one and of itself.
+    unsigned end = num_pairs | num_shares << 16U;
     for (unsigned step = 1; step < 32; step *= 2) {
       const unsigned before = __shfl_up_sync(kAllLanes, end, step);
       if (lane >= step) end += before;
     }
-    // As many splats at a time as their pairs fit.
-    for (unsigned base = 0, next = 0; base < __shfl_sync(kAllLanes, end, 31); base = next) {
-      const bool is_summed = num_pairs > 0 && end > base && end - base <= kMaxPairs;
-      const unsigned summed = __ballot_sync(kAllLanes, is_summed);
-      next = __shfl_sync(kAllLanes, end, 31 - __clz(static_cast<int>(summed)));
-      const unsigned pixels = is_summed ? own.pixels : 0;
-      const unsigned first_pair = end - num_pairs - base;
-      scratch.first_pair[lane] = first_pair;
-      scratch.pixels[lane] = pixels;
+    const bool is_taken = num_pairs > 0 && end >> 16U <= 32;
+    const auto num_splats = static_cast<unsigned>(__popc(__ballot_sync(kAllLanes, is_taken)));
+    const unsigned all = __shfl_sync(kAllLanes, end, num_splats - 1);
+    left -= num_splats;
+    const unsigned pixels = is_taken ? own.pixels : 0;
+    const unsigned first_pair = (end & 0xFFFFU) - num_pairs, first_share = (end >> 16U) - num_shares;
+    scratch.first_pair[lane] = first_pair;
+    scratch.pixels[lane] = pixels;
+    if (is_taken) {
+      scratch.group.Load(in.splats, own.id, lane, C::kGeometry);
       unsigned place = first_pair;
       for (unsigned rest = pixels; rest != 0; rest &= rest - 1) {
         const unsigned pixel = __ffs(static_cast<int>(rest)) - 1;
         scratch.splat_and_pixel[place++] = static_cast<uint16_t>(lane * 32 + pixel);
       }
-      __syncwarp();
+      for (unsigned i = 0; i < num_shares; ++i) {
+        scratch.splat_and_share[first_share + i] = static_cast<uint16_t>(lane * kMaxShares + i);
+      }
+    }
+    __syncwarp();
 
-      for (unsigned i = lane; i < next - base; i += 32) {
-        const unsigned slot = scratch.splat_and_pixel[i] / 32U, pixel = scratch.splat_and_pixel[i] % 32U;
-        const Splat<float> splat = scratch.group.template At<C>(slot);
+    for (unsigned i = lane; i < (all & 0xFFFFU); i += 32) {
+      const unsigned slot = scratch.splat_and_pixel[i] / 32U, pixel = scratch.splat_and_pixel[i] % 32U;
+      const Splat<float> splat = scratch.group.template At<C>(slot);
+      const PixelHit<float> hit = HitOf(splat, where, pixel, in.near_depth);
+      PixelGradient<float> d;
+      PixelTotals<float> totals;
+      ReadRow<C>(scratch.rows, pixel, &d, &totals);
+      scratch.pairs[i] = {hit.alpha, LossByWeight<C>(splat, hit.depth, d, totals, in.near_depth)};
+    }
+    unsigned hits = Transpose(pixels);
+    __syncwarp();
+
+    for (; hits != 0; hits &= hits - 1) {
+      const unsigned slot = __ffs(static_cast<int>(hits)) - 1;
+      float2* const pair =
+          scratch.pairs + scratch.first_pair[slot] + __popc(scratch.pixels[slot] & lanes_before);
+      const HitAdjoint<float> by_hit = UndoWeight(pair->x, pair->y, &state);
+      *pair = {by_hit.weight, by_hit.d_alpha};
+    }
+    __syncwarp();
+
+    Splat<float> sum{};
+    if (lane < all >> 16U) {
+      const unsigned slot = scratch.splat_and_share[lane] / kMaxShares;
+      const unsigned first = scratch.splat_and_share[lane] % kMaxShares * kShare;
+      const auto count = static_cast<unsigned>(__popc(scratch.pixels[slot]));
+      const unsigned begin = scratch.first_pair[slot] + first, share_end = begin + min(count - first, kShare);
+      const Splat<float> splat = scratch.group.template At<C>(slot);
+      for (unsigned i = begin; i < share_end; ++i) {
+        const unsigned pixel = scratch.splat_and_pixel[i] % 32U;
         const PixelHit<float> hit = HitOf(splat, where, pixel, in.near_depth);
         PixelGradient<float> d;
         PixelTotals<float> totals;
         ReadRow<C>(scratch.rows, pixel, &d, &totals);
-        scratch.pairs[i] = {hit.alpha, LossByWeight<C>(splat, hit.depth, d, totals, in.near_depth)};
+        const float2 pair = scratch.pairs[i];
+        AddSplatAdjoint<C>(splat, hit, {pair.x, pair.y}, d, totals, in.near_depth, &sum);
       }
-      unsigned hits = Transpose(pixels);
-      __syncwarp();
-
-      for (; hits != 0; hits &= hits - 1) {
-        const unsigned slot = __ffs(static_cast<int>(hits)) - 1;
-        float2* const pair =
-            scratch.pairs + scratch.first_pair[slot] + __popc(scratch.pixels[slot] & lanes_before);
-        const HitAdjoint<float> by_hit = UndoWeight(pair->x, pair->y, &state);
-        *pair = {by_hit.weight, by_hit.d_alpha};
-      }
-      __syncwarp();
-
-      Splat<float> sum{};
-      if (is_summed) {
-        const Splat<float> splat = scratch.group.template At<C>(lane);
-        const float2* pair = scratch.pairs + first_pair;
-        for (unsigned rest = pixels; rest != 0; rest &= rest - 1, ++pair) {
-          const unsigned pixel = __ffs(static_cast<int>(rest)) - 1;
-          const PixelHit<float> hit = HitOf(splat, where, pixel, in.near_depth);
-          PixelGradient<float> d;
-          PixelTotals<float> totals;
-          ReadRow<C>(scratch.rows, pixel, &d, &totals);
-          AddSplatAdjoint<C>(splat, hit, {pair->x, pair->y}, d, totals, in.near_depth, &sum);
-        }
-      }
-      __syncwarp();
-      const PackedSplat packed = Pack(sum);
-      float4* const row = reinterpret_cast<float4*>(scratch.sums[lane]);
-      row[0] = packed.a;
-      row[1] = packed.b;
-      row[2] = packed.c;
-      row[3] = packed.d;
-      __syncwarp();
-      FlushSums<C>(scratch.sums, summed, own.id, d_splats);
-      if constexpr (C::kGeometry) {
-        if (is_summed) atomicAdd(d_normal_z + own.id, sum.footprint.normal.z);
-      }
-      __syncwarp();
     }
+    __syncwarp();
+    const PackedSplat packed = Pack(sum);
+    float4* const row = reinterpret_cast<float4*>(scratch.sums[lane]);
+    row[0] = packed.a;
+    row[1] = packed.b;
+    row[2] = packed.c;
+    row[3] = packed.d;
+    if constexpr (C::kGeometry) scratch.sums[lane][kPackedFloats] = sum.footprint.normal.z;
+    __syncwarp();
+    FlushSums<C>(scratch.sums, num_splats, own.id,
+                 make_ushort2(static_cast<uint16_t>(first_share), static_cast<uint16_t>(num_shares)),
+                 d_splats);
+    if constexpr (C::kGeometry) {
+      if (is_taken) {
+        float normal_z = 0;
+        for (unsigned i = 0; i < num_shares; ++i) normal_z += scratch.sums[first_share + i][kPackedFloats];
+        atomicAdd(d_normal_z + own.id, normal_z);
+      }
+    }
+    __syncwarp();
   }
 }
 

@@ -314,6 +314,8 @@ S2GS_HD inline uint32_t PixelsMayHit(const Footprint<T>& s, T cutoff2, T x0, T y
   using std::sqrt;
   constexpr double kSlack = 1e-3;   // of r^2
   constexpr double kMargin = 0.01;  // [px]
+  const auto smaller = [](T a, T b) { return a < b ? a : b; };
+  const auto larger = [](T a, T b) { return a > b ? a : b; };
   const T bound = cutoff2 + T(kSlack) * (T(1) + cutoff2);
   const T dot2 = bound * T(kLowPassSigma * kLowPassSigma);
   // With d = (x, y) from the centre and a = (u.x, v.x, w.x), b = (u.y y, v.y y, 1 + w.y y), the disc is where
@@ -322,44 +324,32 @@ S2GS_HD inline uint32_t PixelsMayHit(const Footprint<T>& s, T cutoff2, T x0, T y
   const T inverse_m = T(1) / m;
   // What is left of m has five digits then.
   const bool is_bounded = m > T(0.01) * (bound * s.w.x * s.w.x);
+  const T nowhere(1e30);
   const T left = x0 - s.centre.x;
   uint32_t pixels = 0;
   for (int row = 0; row < 4; ++row) {
     const T y = y0 + T(row) - s.centre.y;
-    T lower = T(0), upper = T(-1);
-    const T dot_left = dot2 - y * y;
-    if (dot_left >= T(0)) {
-      upper = sqrt(dot_left);
-      lower = -upper;
-    }
+    const T dot_half2 = dot2 - y * y;
+    const T dot_half = dot_half2 >= T(0) ? sqrt(dot_half2) : -nowhere;
     const T b1 = s.u.y * y, b2 = s.v.y * y, b3 = T(1) + s.w.y * y;
     // n^2 - m k = bound (e2^2 + e3^2) - e1^2 by the components of a x b: no large numbers cancel but in e1.
     const T p = s.u.x * b2, q = s.v.x * b1;
-    T e1 = abs(p - q) - T(4 * 1.2e-7) * (abs(p) + abs(q));
-    if (!(e1 > T(0))) e1 = T(0);
+    const T e1 = larger(abs(p - q) - T(4 * 1.2e-7) * (abs(p) + abs(q)), T(0));
     const T e2 = s.u.x * b3 - s.w.x * b1, e3 = s.v.x * b3 - s.w.x * b2;
     const T root2 = bound * (e2 * e2 + e3 * e3) - e1 * e1;
-    bool is_whole = !is_bounded;
-    if (is_bounded && root2 >= T(0)) {
-      const T middle = -(s.u.x * b1 + s.v.x * b2 - bound * s.w.x * b3) * inverse_m;
-      const T half = sqrt(root2) * inverse_m;
-      const T margin = T(4e-5) * (abs(middle) + half);
-      const T disc_lower = middle - half - margin, disc_upper = middle + half + margin;
-      if (upper < lower) {
-        lower = disc_lower;
-        upper = disc_upper;
-      }
-      lower = disc_lower < lower ? disc_lower : lower;
-      upper = disc_upper > upper ? disc_upper : upper;
-      is_whole = !(lower <= upper);  // no numbers
+    const T middle = -(s.u.x * b1 + s.v.x * b2 - bound * s.w.x * b3) * inverse_m;
+    T half = sqrt(larger(root2, T(0))) * inverse_m;
+    half += T(4e-5) * (abs(middle) + half);
+    if (!(root2 >= T(0))) half = -nowhere;
+    T lower = smaller(-dot_half, middle - half) - left - T(kMargin);
+    T upper = larger(dot_half, middle + half) - left + T(kMargin);
+    if (!is_bounded) {
+      lower = T(0);
+      upper = T(7);
     }
-    int begin = 0, end = 8;
-    if (!is_whole) {
-      const T first = ceil(lower - left - T(kMargin)), last = floor(upper - left + T(kMargin));
-      begin = first > T(0) ? (first < T(8) ? static_cast<int>(first) : 8) : 0;
-      end = last < T(7) ? (last >= T(0) ? static_cast<int>(last) + 1 : 0) : 8;
-    }
-    if (begin < end) pixels |= ((1U << end) - (1U << begin)) << (8 * row);
+    const auto begin = static_cast<int>(ceil(smaller(larger(lower, T(0)), T(8))));
+    const auto end = static_cast<int>(floor(smaller(larger(upper, T(-1)), T(7)))) + 1;
+    pixels |= ((0xFFU << begin) & ((1U << end) - 1)) << (8 * row);
   }
   return pixels;
 }

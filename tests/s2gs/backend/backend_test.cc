@@ -353,6 +353,48 @@ TEST_P(BackendTest, OnlyRotatingTilesAreLearntFrom) {
   EXPECT_EQ(changed(later.first_moment.sh_dc, whole.first_moment.sh_dc, 3 * kNumLeft, 3 * scene.size()), 0);
 }
 
+// Two discs of which one stands behind the other by little: by two steps of the key that splats are sorted by
+// on a GPU, up to 65,536 near depths and beyond.
+TEST_P(BackendTest, WhatIsNearerByLittleIsInFront) {
+  PinholeView view;
+  view.width = view.height = 32;
+  view.fx = view.fy = 32;
+  view.cx = view.cy = 16;
+  view.near_depth = 0.05;
+  RenderRequest request;
+  request.view = view;
+  const auto disc = [](double z, bool is_red) {
+    ReferenceGaussian g{};
+    g[kRefCentre + 2] = z;
+    g[kRefLogScale] = g[kRefLogScale + 1] = std::log(0.2 * z);
+    g[kRefRotation] = 1;
+    g[kRefOpacity] = 3;
+    g[kRefForeground] = -12;
+    for (int k = 0; k < 3; ++k) g[kRefDc + k] = (k == 0) == is_red ? 1.7 : -1.7;
+    return g;
+  };
+  const std::pair<double, double> kDepthsAndShares[] = {{0.06, 4e-6}, {1, 4e-6},    {150, 4e-6},
+                                                        {3000, 4e-6}, {4000, 7e-5}, {1e6, 7e-5}};
+  for (const auto& [depth, share] : kDepthsAndShares) {
+    for (const bool red_is_first : {true, false}) {
+      for (const bool red_is_near : {true, false}) {
+        SCOPED_TRACE(std::to_string(depth) + (red_is_first ? ", first" : ", last"));
+        const double behind = depth * (1 + share);
+        const ReferenceGaussian red = disc(red_is_near ? depth : behind, true);
+        const ReferenceGaussian other = disc(red_is_near ? behind : depth, false);
+        TrainState state;
+        state.gaussians = FromReference(red_is_first ? std::vector<ReferenceGaussian>{red, other}
+                                                     : std::vector<ReferenceGaussian>{other, red},
+                                        0);
+        backend_->SetState(state);
+        const RenderedView drawn = backend_->Render(request);
+        const float* centre = drawn.color.data() + 3 * (16 * 32 + 16);
+        EXPECT_EQ(centre[0] > centre[1], red_is_near) << centre[0] << " " << centre[1];
+      }
+    }
+  }
+}
+
 TEST_P(BackendTest, HostileNumbersAreCulled) {
   const float kHostile[] = {std::numeric_limits<float>::quiet_NaN(),
                             std::numeric_limits<float>::infinity(),
