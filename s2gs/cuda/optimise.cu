@@ -1,5 +1,6 @@
 #include "s2gs/core/cuda.h"
 #include "s2gs/cuda/optimise.h"
+#include "s2gs/cuda/packed_rows.cuh"
 #include "s2gs/cuda/sh_ahead.cuh"
 #include "s2gs/kernel/sh.h"
 
@@ -12,20 +13,6 @@ constexpr int kThreads = 128;
 constexpr int kGradientColor = kForeground + 1;
 constexpr int kGradientDirection = kGradientColor + 3;
 static_assert(kGradientDirection + 3 == kGradientPlanes);
-
-// Takes the loss by one splat out of the buffer and leaves zeros.
-__device__ Splat<float> TakeSplatGradient(const OptimiseInput& in, int i) {
-  auto* packed = reinterpret_cast<float4*>(in.d_splats + static_cast<size_t>(i) * kPackedFloats);
-  float normal_z = 0;
-  if (in.has_geometry) {
-    normal_z = in.d_normal_z[i];
-    in.d_normal_z[i] = 0;
-  }
-  const Splat<float> d = Unpack(packed[0], packed[1], packed[2], packed[3], normal_z);
-  const float4 zero = {0, 0, 0, 0};
-  for (int k = 0; k < 4; ++k) packed[k] = zero;
-  return d;
-}
 
 // Adds to the sums for densification.
 __device__ void CountGradient(const OptimiseInput& in, int i, const Surfel<float>& surfel,
@@ -43,30 +30,38 @@ __device__ void CountGradient(const OptimiseInput& in, int i, const Surfel<float
 template <int kDegree>
 __global__ __launch_bounds__(kThreads) void GradientKernel(OptimiseInput in) {
   __shared__ ShAhead<kDegree, kThreads> sh;
+  __shared__ PackedRows<kThreads> rows;
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-  if (i >= in.count) return;
-  const bool is_drawn = in.splats.tile_counts[i] > 0;
+  const bool is_drawn = i < in.count && in.splats.tile_counts[i] > 0;
+  const unsigned drawn = __ballot_sync(0xFFFFFFFFU, is_drawn);
   const bool is_overflow = in.report->overflow != 0;
   // All that is read of a Gaussian is on its way before anything is waited for.
-  Splat<float> d{};
+  const auto warp_begin = static_cast<size_t>(i) - threadIdx.x % 32;
+  auto* const warp_rows = reinterpret_cast<float4*>(in.d_splats + warp_begin * kPackedFloats);
+  rows.Load(warp_rows, drawn);
   SurfelParameters<float> g{};
   Vec3<float> color = {0, 0, 0};
-  if (is_drawn) {
-    if (!is_overflow) {
-      sh.Load(in.parameters, i);
-      g = LoadSurfel(in.parameters, i);
-      const float4 packed_color = in.splats.splats[i].c;
-      color = {packed_color.y, packed_color.z, packed_color.w};
-    }
-    d = TakeSplatGradient(in, i);
+  float d_normal_z = 0;
+  if (is_drawn && !is_overflow) {
+    sh.Load(in.parameters, i);
+    g = LoadSurfel(in.parameters, i);
+    const float4 packed_color = in.splats.splats[i].c;
+    color = {packed_color.y, packed_color.z, packed_color.w};
+    if (in.has_geometry) d_normal_z = in.d_normal_z[i];
   }
-  if (is_overflow) return;
+  rows.Wait();
+  // Zeros are left for the next step.
+  rows.StoreZeros(warp_rows, drawn);
+  if (is_drawn && in.has_geometry) in.d_normal_z[i] = 0;
+  if (i >= in.count || is_overflow) return;
   if (i == 0) in.sums->steps += 1;
 
   SurfelParameters<float> gradient{};
   Vec3<float> d_color = {0, 0, 0};
   Vec3<float> direction = {0, 0, 1};
   if (is_drawn) {
+    const PackedSplat packed = rows.Get();
+    const Splat<float> d = Unpack(packed.a, packed.b, packed.c, packed.d, d_normal_z);
     Surfel<float> surfel;
     Footprint<float> footprint;
     TransformSurfel(g, in.view.camera, in.view.rule, &surfel);
@@ -76,7 +71,6 @@ __global__ __launch_bounds__(kThreads) void GradientKernel(OptimiseInput in) {
     d_surfel.foreground = d.foreground;
     d_color = {color.x > 0 ? d.color.x : 0, color.y > 0 ? d.color.y : 0, color.z > 0 ? d.color.z : 0};
     Vec3<float> unused;
-    sh.Wait();
     d_surfel.view_direction = ShColorAdjoint(
         kDegree, [&](int k, int channel) { return sh.At(k, channel); }, surfel.view_direction, color, d.color,
         &unused, [](int /*k*/, const Vec3<float>& /*d_rest*/) {});

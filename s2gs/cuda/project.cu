@@ -1,6 +1,7 @@
 #include <type_traits>
 
 #include "s2gs/core/cuda.h"
+#include "s2gs/cuda/packed_rows.cuh"
 #include "s2gs/cuda/project.h"
 #include "s2gs/cuda/sh_ahead.cuh"
 #include "s2gs/cuda/tiles.cuh"
@@ -33,6 +34,7 @@ template <int kDegree>
 __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int count,
                                                           ProjectOptions options, ProjectedSplats out) {
   __shared__ ShAhead<kDegree, kThreads> sh;
+  __shared__ PackedRows<kThreads> rows;
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   Splat<float> splat{};
   TileReach reach{};
@@ -52,7 +54,6 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
   }
   int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr,
                           [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
-  if (i >= count) return;
   sh.Wait();
   if (tiles > 0) {
     const auto dc = [&](int channel) { return parameters.At(kShDc + channel)[i]; };
@@ -61,11 +62,15 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
         view_direction);
     if (!IsDrawableColor(splat.color)) tiles = 0;
   }
+  const unsigned drawn = __ballot_sync(0xFFFFFFFFU, tiles > 0);
+  rows.Put(Pack(splat));
+  const auto warp_begin = static_cast<size_t>(i) - threadIdx.x % 32;
+  rows.Store(reinterpret_cast<float4*>(out.splats + warp_begin), drawn);
+  if (i >= count) return;
   out.ids[i] = static_cast<uint32_t>(i);
   out.tile_counts[i] = static_cast<uint32_t>(tiles);
   out.depth_keys[i] = tiles > 0 ? DepthKey(splat.footprint.depth, options.camera.near_depth) : kNotDrawn;
   if (tiles > 0) {
-    out.splats[i] = Pack(splat);
     out.normal_z[i] = splat.footprint.normal.z;
     out.rects[i] = warps;
   }

@@ -175,15 +175,16 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
       if (lane >= step) end += before;
     }
     const bool is_taken = num_pairs > 0 && end >> 16U <= 32;
-    const auto num_splats = static_cast<unsigned>(__popc(__ballot_sync(kAllLanes, is_taken)));
+    const unsigned taken = __ballot_sync(kAllLanes, is_taken);
+    const auto num_splats = static_cast<unsigned>(__popc(taken));
     const unsigned all = __shfl_sync(kAllLanes, end, num_splats - 1);
     left -= num_splats;
     const unsigned pixels = is_taken ? own.pixels : 0;
     const unsigned first_pair = (end & 0xFFFFU) - num_pairs, first_share = (end >> 16U) - num_shares;
     scratch.first_pair[lane] = first_pair;
     scratch.pixels[lane] = pixels;
+    scratch.group.Load(in.splats, own.id, taken, C::kGeometry);
     if (is_taken) {
-      scratch.group.Load(in.splats, own.id, lane, C::kGeometry);
       unsigned place = first_pair;
       for (unsigned rest = pixels; rest != 0; rest &= rest - 1) {
         const unsigned pixel = __ffs(static_cast<int>(rest)) - 1;
@@ -193,7 +194,7 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
         scratch.splat_and_share[first_share + i] = static_cast<uint16_t>(lane * kMaxShares + i);
       }
     }
-    __syncwarp();
+    scratch.group.Wait();
 
     for (unsigned i = lane; i < (all & 0xFFFFU); i += 32) {
       const unsigned slot = scratch.splat_and_pixel[i] / 32U, pixel = scratch.splat_and_pixel[i] % 32U;

@@ -46,19 +46,18 @@ __device__ void DrawPixel(const RenderInput& in, const WarpPixel& where, Forward
     }
     if (num_queued == 0) break;
     __syncwarp();
-    uint32_t id = 0;
+    const uint32_t id = lane < num_queued ? queue[lane] : 0;
+    group.Load(in.splats, id, __ballot_sync(kAllLanes, lane < num_queued), C::kGeometry);
+    const bool stays = lane + kGroup < num_queued;
+    const uint32_t moved = stays ? queue[lane + kGroup] : 0;
+    group.Wait();
+    if (stays) queue[lane] = moved;
     unsigned pixels = 0;
     if (lane < num_queued) {
-      id = queue[lane];
-      group.Load(in.splats, id, lane, C::kGeometry);
       const Splat<float> splat = group.At<Channels<false, false>>(lane);
       pixels =
           PixelsMayHit(splat.footprint, CutoffSquaredRadius(splat.opacity), where.x_begin, where.y_begin);
     }
-    const bool stays = lane + kGroup < num_queued;
-    const uint32_t moved = stays ? queue[lane + kGroup] : 0;
-    __syncwarp();
-    if (stays) queue[lane] = moved;
     num_queued -= min(num_queued, kGroup);
     unsigned hits = Transpose(pixels);
     unsigned added = 0;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cuda_pipeline.h>
+
 #include "s2gs/cuda/device_data.h"
 #include "s2gs/cuda/render.h"
 
@@ -65,23 +67,38 @@ __device__ inline unsigned Transpose(unsigned bits) {
 
 /// Splats of a group, in shared memory.
 struct SplatGroup {
-  float4 a[kGroup], b[kGroup], c[kGroup], d[kGroup];
+  float4 parts[4][kGroup];
   float normal_z[kGroup];
 
-  __device__ void Load(const ProjectedSplats& splats, uint32_t id, unsigned slot, bool with_normal) {
-    const PackedSplat& splat = splats.splats[id];
-    a[slot] = splat.a;
-    b[slot] = splat.b;
-    c[slot] = splat.c;
-    d[slot] = splat.d;
-    if (with_normal) normal_z[slot] = splats.normal_z[id];
+  /// Asks for the slots of those lanes whose bit is set, each with the splat that its lane names. Four lanes
+  /// load one splat: its 64 bytes are asked for at once. All lanes must call it.
+  __device__ void Load(const ProjectedSplats& splats, uint32_t id, unsigned wanted, bool with_normal) {
+    const unsigned lane = threadIdx.x % 32, part = lane % 4;
+#pragma unroll
+    for (unsigned i = 0; i < 4; ++i) {
+      const unsigned slot = 8 * i + lane / 4;
+      const uint32_t its_id = __shfl_sync(kAllLanes, id, slot);
+      if ((wanted >> slot & 1U) != 0) {
+        const auto* source = reinterpret_cast<const float4*>(splats.splats + its_id) + part;
+        __pipeline_memcpy_async(&parts[part][slot], source, sizeof(float4));
+      }
+    }
+    if (with_normal && (wanted >> lane & 1U) != 0) {
+      __pipeline_memcpy_async(&normal_z[lane], splats.normal_z + id, sizeof(float));
+    }
+    __pipeline_commit();
+  }
+  /// Returns when what Load() asked for is there, for all lanes.
+  __device__ static void Wait() {
+    __pipeline_wait_prior(0);
+    __syncwarp();
   }
 
   template <typename C>
   __device__ Splat<float> At(unsigned slot) const {
     float z = 0;
     if constexpr (C::kGeometry) z = normal_z[slot];
-    return Unpack(a[slot], b[slot], c[slot], d[slot], z);
+    return Unpack(parts[0][slot], parts[1][slot], parts[2][slot], parts[3][slot], z);
   }
 };
 
