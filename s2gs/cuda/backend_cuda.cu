@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include "s2gs/backend/backend.h"
@@ -8,6 +9,7 @@
 #include "s2gs/core/cuda.h"
 #include "s2gs/core/gpu_info.h"
 #include "s2gs/cuda/bin.h"
+#include "s2gs/cuda/colors.h"
 #include "s2gs/cuda/densify.h"
 #include "s2gs/cuda/knn.h"
 #include "s2gs/cuda/losses.h"
@@ -18,7 +20,12 @@
 #include "s2gs/cuda/step_reports.h"
 #include "s2gs/cuda/view_maps.h"
 
-// All work goes to one stream, in order. Step() never waits for the GPU: how many pairs of a splat and a tile
+// All work goes to one stream, in order, but for the colours' bands 1 to 3, three quarters of the model's
+// numbers: a step leaves their update to the next one, which makes it together with the new view's colours on
+// a stream beside, while its splats are projected and sorted. Memory is the bound of the one and not of the
+// other. Whatever else looks at the model makes the update first (FinishColors()).
+//
+// Step() never waits for the GPU: how many pairs of a splat and a tile
 // a view will have is not known when its sort is launched, so each step sorts as many as recent steps had and
 // a margin. The GPU compares, and a step with more pairs than room leaves the model and the losses as they
 // are; its count comes back a few steps later and makes the room larger. In training that happens when growth
@@ -35,13 +42,23 @@ class CudaBackend : public Backend {
     cudaDeviceProp properties;
     CheckCuda(cudaGetDeviceProperties(&properties, gpu_index), "cudaGetDeviceProperties");
     device_name_ = properties.name;
-    CheckCuda(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking), "cudaStreamCreate");
+    int least_priority = 0, greatest_priority = 0;
+    CheckCuda(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority), "stream priorities");
+    CheckCuda(cudaStreamCreateWithPriority(&stream_, cudaStreamNonBlocking, greatest_priority), "streams");
+    CheckCuda(cudaStreamCreateWithPriority(&color_stream_, cudaStreamNonBlocking, least_priority), "streams");
+    CheckCuda(cudaEventCreateWithFlags(&step_begins_, cudaEventDisableTiming), "events");
+    CheckCuda(cudaEventCreateWithFlags(&colors_drawn_, cudaEventDisableTiming), "events");
+    is_skipped_.Reserve(1);
     sums_.Reserve(1);
     CheckCuda(cudaMemsetAsync(sums_.get(), 0, sizeof(LossSums), stream_), "losses");
   }
 
   ~CudaBackend() override {
+    cudaStreamSynchronize(color_stream_);
     cudaStreamSynchronize(stream_);
+    cudaEventDestroy(step_begins_);
+    cudaEventDestroy(colors_drawn_);
+    cudaStreamDestroy(color_stream_);
     cudaStreamDestroy(stream_);
   }
 
@@ -86,6 +103,7 @@ class CudaBackend : public Backend {
 
   void SetState(const TrainState& state) override {
     Wait();
+    color_update_.reset();
     count_ = static_cast<int64_t>(state.gaussians.size());
     S2GS_INVARIANT(count_ <= std::numeric_limits<int32_t>::max() - 1024);
     sh_degree_ = state.gaussians.sh_degree;
@@ -113,6 +131,7 @@ class CudaBackend : public Backend {
   }
 
   TrainState GetState() const override {
+    FinishColors();
     TrainState state;
     state.gaussians = DownloadModel(parameters());
     state.first_moment = DownloadModel(first_moments());
@@ -130,7 +149,10 @@ class CudaBackend : public Backend {
     return state;
   }
 
-  Gaussians GetGaussians() const override { return DownloadModel(parameters()); }
+  Gaussians GetGaussians() const override {
+    FinishColors();
+    return DownloadModel(parameters());
+  }
   int64_t Count() const override { return count_; }
 
   Placement GetPlacement() const override {
@@ -146,6 +168,7 @@ class CudaBackend : public Backend {
   }
 
   void Keep(const std::vector<uint32_t>& indices) override {
+    FinishColors();
     const std::vector<float> gradient_sum = Chosen(gradient_sum_.get(), indices);
     const std::vector<float> view_count = Chosen(view_count_.get(), indices);
     DeviceBuffer<uint32_t> sources(&memory_);
@@ -236,7 +259,14 @@ class CudaBackend : public Backend {
 
     reports_.Read(&sorter_);
     sorter_.Reserve(count_, photo.view.width, photo.view.height);
+    if (color_update_ && color_update_->sh_degree != step.sh_degree) FinishColors();
+    CheckCuda(cudaEventRecord(step_begins_, stream_), "colours");
+    CheckCuda(cudaStreamWaitEvent(color_stream_, step_begins_), "colours");
     Project(parameters(), count_, optimise.view, sorter_.splats(), stream_);
+    DrawColors(color_input(), color_update_ ? &*color_update_ : nullptr, optimise.view,
+               sorter_.splats().splats, color_stream_);
+    color_update_.reset();
+    CheckCuda(cudaEventRecord(colors_drawn_, color_stream_), "colours");
     S2GS_INVARIANT(!step.only_rotating_tiles || !learns_foreground);
     const uint8_t* is_listed = step.only_rotating_tiles
                                    ? sorter_.ListTilesOf(parameters().At(kForeground), optimise.view.rule,
@@ -252,6 +282,7 @@ class CudaBackend : public Backend {
 
     const Maps maps = maps_.Reserve(photo.view.width, photo.view.height, channels);
     const HitLists hit_lists = ReserveHits(photo.view.width, photo.view.height);
+    CheckCuda(cudaStreamWaitEvent(stream_, colors_drawn_), "colours");
     RenderForward(input, channels, maps, hit_lists, stream_);
 
     ImageLossInput loss;
@@ -291,7 +322,8 @@ class CudaBackend : public Backend {
     optimise.splats = input.splats;
     optimise.d_splats = d_splats_.get();
     optimise.d_normal_z = d_normal_z_.get();
-    optimise.gradients = {gradients_.get(), stride_};
+    optimise.scratch = {scratch_.get(), stride_};
+    optimise.is_skipped = is_skipped_.get();
     optimise.has_geometry = channels.geometry;
     optimise.learns_foreground = learns_foreground;
     optimise.only_drawn = step.only_rotating_tiles;
@@ -304,6 +336,11 @@ class CudaBackend : public Backend {
     optimise.report = reports_.report();
     optimise.sums = sums_.get();
     Optimise(optimise, stream_);
+    color_update_ =
+        ColorUpdate{step.sh_degree, optimise.adam, step.rates.sh_rest,
+                    step.only_rotating_tiles ? sorter_.splats().tile_counts : nullptr, is_skipped_.get()};
+    // The next projection counts tiles anew.
+    if (step.only_rotating_tiles) FinishColors();
   }
 
   void Wait() const override { CheckCuda(cudaStreamSynchronize(stream_), "computation"); }
@@ -330,6 +367,7 @@ class CudaBackend : public Backend {
 
   DensifyResult Densify(const DensifyStep& step) override {
     if (count_ == 0) return {};
+    FinishColors();
     const DensifyResult result =
         densify_.Make(parameters(), count_, gradient_sum_.get(), view_count_.get(), step, stream_);
     const auto new_count = static_cast<size_t>(result.count);
@@ -406,6 +444,17 @@ class CudaBackend : public Backend {
   Planes first_moments() const { return {model_.get() + kNumPlanes * stride_, stride_}; }
   Planes second_moments() const { return {model_.get() + 2 * kNumPlanes * stride_, stride_}; }
 
+  // --- Colours ---
+  ColorInput color_input() const {
+    return {parameters(), first_moments(), second_moments(), {scratch_.get(), stride_}, count_};
+  }
+
+  // Makes the update that the last step left to the next.
+  void FinishColors() const {
+    if (color_update_) LearnColors(color_input(), *color_update_, stream_);
+    color_update_.reset();
+  }
+
   // --- Memory ---
   void ReserveModel(int64_t count) {
     const auto size = static_cast<size_t>(count);
@@ -430,7 +479,7 @@ class CudaBackend : public Backend {
       CheckCuda(cudaMemsetAsync(d_normal_z_.get(), 0, sizeof(float) * stride_, stream_), "gradients");
     }
     d_logits_.Reserve(stride_);
-    gradients_.Reserve(kGradientPlanes * stride_);
+    scratch_.Reserve(kNumScratchPlanes * stride_);
     gradient_sum_.Reserve(stride_);
     view_count_.Reserve(stride_);
     sorter_.Reserve(static_cast<int64_t>(stride_), 1, 1);
@@ -460,11 +509,13 @@ class CudaBackend : public Backend {
 
   // --- Intersections ---
   RenderInput PrepareToDraw(const ProjectOptions& options) {
+    FinishColors();
     const int width = options.camera.width, height = options.camera.height;
     sorter_.Reserve(std::max<int64_t>(count_, 1), width, height);
     int64_t room = 0;
     if (count_ > 0) {
       Project(parameters(), count_, options, sorter_.splats(), stream_);
+      DrawColors(color_input(), nullptr, options, sorter_.splats().splats, stream_);
       sorter_.SortByDepth(count_, reports_.report(), stream_);
       room = reports_.Count(stream_);
       sorter_.ReserveIntersections(room);
@@ -513,7 +564,8 @@ class CudaBackend : public Backend {
   }
 
   std::string device_name_;
-  cudaStream_t stream_ = nullptr;
+  cudaStream_t stream_ = nullptr, color_stream_ = nullptr;
+  cudaEvent_t step_begins_ = nullptr, colors_drawn_ = nullptr;
   DeviceMemoryCount memory_;
 
   // The model: parameters, first and second moments, each kNumPlanes planes of stride_.
@@ -535,9 +587,11 @@ class CudaBackend : public Backend {
   ViewMaps maps_{&memory_};
   DeviceBuffer<WarpHit> hits_{&memory_};
   DeviceBuffer<uint32_t> hit_counts_{&memory_};
-  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, gradients_{&memory_},
+  DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, scratch_{&memory_},
       peak_weights_{&memory_};
   DeviceBuffer<uint8_t> is_seen_{&memory_};
+  mutable std::optional<ColorUpdate> color_update_;  // of the last step
+  DeviceBuffer<uint32_t> is_skipped_{&memory_};      // the last step, for lack of room
 
   DeviceBuffer<LossSums> sums_{&memory_};
   StepReports reports_{&memory_};

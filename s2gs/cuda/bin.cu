@@ -153,6 +153,7 @@ int BitsFor(uint64_t value) {
 TileSorter::TileSorter(DeviceMemoryCount* memory)
     : splats_(memory),
       normal_z_(memory),
+      cutoffs_(memory),
       depth_keys_(memory),
       ids_(memory),
       tile_counts_(memory),
@@ -178,6 +179,7 @@ void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
   ids_.Reserve(n);
   tile_counts_.Reserve(n);
   rects_.Reserve(n);
+  cutoffs_.Reserve(n);
   sorted_depth_keys_.Reserve(n);
   sorted_ids_.Reserve(n);
   offsets_.Reserve(n);

@@ -16,7 +16,8 @@ class TileSorter {
   void ReserveIntersections(int64_t num_intersections);
 
   ProjectedSplats splats() const {
-    return {splats_.get(), normal_z_.get(), depth_keys_.get(), ids_.get(), tile_counts_.get(), rects_.get()};
+    return {splats_.get(),      normal_z_.get(), depth_keys_.get(), ids_.get(),
+            tile_counts_.get(), rects_.get(),    cutoffs_.get()};
   }
 
   /// After the projection, before the sorts: only tiles that splats of the rotating part reach are listed,
@@ -34,7 +35,7 @@ class TileSorter {
 
  private:
   DeviceBuffer<PackedSplat> splats_;
-  DeviceBuffer<float> normal_z_;
+  DeviceBuffer<float> normal_z_, cutoffs_;
   DeviceBuffer<uint32_t> depth_keys_, ids_, tile_counts_;
   DeviceBuffer<ushort4> rects_;
   DeviceBuffer<uint32_t> sorted_depth_keys_, sorted_ids_;

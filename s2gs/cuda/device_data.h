@@ -29,6 +29,14 @@ inline size_t PaddedStride(size_t count) {
   return (count + kPlaneAlignment - 1) / kPlaneAlignment * kPlaneAlignment;
 }
 
+/// Planes that a step's kernels hand on to each other.
+enum ScratchPlane {
+  kByColor = 0,                            ///< the loss by R, G, B, from which with
+  kViewDirection = kByColor + 3,           ///< the view direction that by all SH coefficients follows
+  kColorByDirection = kViewDirection + 3,  ///< R by the view direction's x, y, z; G; B
+  kNumScratchPlanes = kColorByDirection + 9,
+};
+
 /// Planes of `stride` floats each.
 struct Planes {
   float* data;
@@ -113,6 +121,7 @@ struct ProjectedSplats {
   uint32_t* ids;          ///< 0, 1, 2, ...
   uint32_t* tile_counts;  ///< 0 for splats that are not drawn.
   ushort4* rects;         ///< what it may reach: x begin, y begin, x end, y end [warps' rectangles].
+  float* cutoffs;         ///< CutoffSquaredRadius of the opacity.
 };
 
 /// Maps of one view in planes of width * height pixels. Pointers of channels that are off are null.

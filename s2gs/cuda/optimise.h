@@ -7,10 +7,6 @@
 
 namespace s2gs::cuda {
 
-/// The gradient in memory: by the geometry and p, by the colour, and the view direction, from which those by
-/// all SH coefficients follow.
-constexpr int kGradientPlanes = 17;
-
 struct OptimiseInput {
   Planes parameters, first_moments, second_moments;
   int count = 0;
@@ -19,7 +15,8 @@ struct OptimiseInput {
   float* d_splats = nullptr;  ///< read, and set to zero for the next step.
   float* d_normal_z = nullptr;
   const float* d_logits = nullptr;  ///< loss of the model by the foreground logits; null: none.
-  Planes gradients;                 ///< scratch: kGradientPlanes planes.
+  Planes scratch;                   ///< ScratchPlane's: kColorByDirection in, the others out.
+  uint32_t* is_skipped = nullptr;   ///< out: 1 when nothing was changed.
   bool has_geometry = false;
   bool learns_foreground = false;
   bool only_drawn = false;  ///< the others stay as they are, with their moments.
@@ -31,8 +28,8 @@ struct OptimiseInput {
   LossSums* sums = nullptr;
 };
 
-/// Gradient by the splats -> gradient by the parameters -> Adam. Changes nothing when the report says
-/// overflow.
+/// Gradient by the splats -> gradient by the parameters -> Adam, of all but the colours' bands 1 to 3
+/// (ColorUpdate). Changes nothing when the report says overflow.
 void Optimise(const OptimiseInput& input, cudaStream_t stream);
 
 }  // namespace s2gs::cuda

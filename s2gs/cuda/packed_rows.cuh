@@ -42,9 +42,10 @@ struct PackedRows {
     return {own[0], own[1], own[2], own[3]};
   }
 
-  __device__ void Store(float4* first, unsigned wanted) const {
+  /// \param parts  of a row: a bit for each 16 bytes.
+  __device__ void Store(float4* first, unsigned wanted, unsigned parts) const {
     ForEachPart([&](unsigned row, unsigned part, unsigned at) {
-      if ((wanted >> row & 1U) != 0) first[at] = values[WarpBegin() + row][part];
+      if ((wanted >> row & 1U) != 0 && (parts >> part & 1U) != 0) first[at] = values[WarpBegin() + row][part];
     });
   }
   __device__ static void StoreZeros(float4* first, unsigned wanted) {

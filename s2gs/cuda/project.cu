@@ -1,10 +1,8 @@
-#include <type_traits>
-
 #include "s2gs/core/cuda.h"
 #include "s2gs/cuda/packed_rows.cuh"
 #include "s2gs/cuda/project.h"
-#include "s2gs/cuda/sh_ahead.cuh"
 #include "s2gs/cuda/tiles.cuh"
+#include "s2gs/kernel/sh.h"
 
 namespace s2gs::cuda {
 namespace {
@@ -13,7 +11,7 @@ constexpr int kThreads = 128;
 
 // Surfel, footprint and bounds of one Gaussian: all but its colour. False when it is not drawn.
 __device__ bool PlaceOne(const Planes& parameters, int i, const ProjectOptions& options, Splat<float>* splat,
-                         Vec3<float>* view_direction, PixelRect* rect) {
+                         PixelRect* rect) {
   const SurfelParameters<float> g = LoadSurfel(parameters, i);
   Surfel<float> surfel;
   if (!TransformSurfel(g, options.camera, options.rule, &surfel)) return false;
@@ -26,24 +24,18 @@ __device__ bool PlaceOne(const Planes& parameters, int i, const ProjectOptions& 
   splat->opacity = surfel.opacity;
   const bool is_rotating = CountsAsRotating(options.selection, g.centre, base_color, is_foreground);
   splat->foreground = options.hard_map ? (is_rotating ? 1.0F : 0.0F) : surfel.foreground;
-  *view_direction = surfel.view_direction;
   return true;
 }
 
-template <int kDegree>
 __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int count,
                                                           ProjectOptions options, ProjectedSplats out) {
-  __shared__ ShAhead<kDegree, kThreads> sh;
   __shared__ PackedRows<kThreads> rows;
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
   Splat<float> splat{};
   TileReach reach{};
-  Vec3<float> view_direction;
   PixelRect rect;
   ushort4 warps{};
-  const bool is_placed = i < count && PlaceOne(parameters, i, options, &splat, &view_direction, &rect);
-  if (is_placed) {
-    sh.Load(parameters, i);
+  if (i < count && PlaceOne(parameters, i, options, &splat, &rect)) {
     reach.footprint = splat.footprint;
     reach.cutoff2 = CutoffSquaredRadius(splat.opacity);
     warps = {static_cast<uint16_t>(rect.x_begin / kWarpWidth),
@@ -52,20 +44,13 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
              static_cast<uint16_t>((rect.y_end + kWarpHeight - 1) / kWarpHeight)};
     reach.tiles = TilesOf(warps);
   }
-  int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr,
-                          [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
-  sh.Wait();
-  if (tiles > 0) {
-    const auto dc = [&](int channel) { return parameters.At(kShDc + channel)[i]; };
-    splat.color = ShColor(
-        kDegree, Vec3<float>{dc(0), dc(1), dc(2)}, [&](int k, int channel) { return sh.At(k, channel); },
-        view_direction);
-    if (!IsDrawableColor(splat.color)) tiles = 0;
-  }
+  const int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr,
+                                [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
   const unsigned drawn = __ballot_sync(0xFFFFFFFFU, tiles > 0);
   rows.Put(Pack(splat));
   const auto warp_begin = static_cast<size_t>(i) - threadIdx.x % 32;
-  rows.Store(reinterpret_cast<float4*>(out.splats + warp_begin), drawn);
+  // Opacity and colour are written beside (colors.h).
+  rows.Store(reinterpret_cast<float4*>(out.splats + warp_begin), drawn, 0b1011);
   if (i >= count) return;
   out.ids[i] = static_cast<uint32_t>(i);
   out.tile_counts[i] = static_cast<uint32_t>(tiles);
@@ -73,6 +58,7 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
   if (tiles > 0) {
     out.normal_z[i] = splat.footprint.normal.z;
     out.rects[i] = warps;
+    out.cutoffs[i] = reach.cutoff2;
   }
 }
 
@@ -81,24 +67,8 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
 void Project(const Planes& parameters, int64_t count, const ProjectOptions& options,
              const ProjectedSplats& splats, cudaStream_t stream) {
   if (count == 0) return;
-  const auto run = [&](auto degree) {
-    ProjectKernel<decltype(degree)::value><<<NumBlocks(count, kThreads), kThreads, 0, stream>>>(
-        parameters, static_cast<int>(count), options, splats);
-  };
-  switch (options.sh_degree) {
-    case 0:
-      run(std::integral_constant<int, 0>());
-      break;
-    case 1:
-      run(std::integral_constant<int, 1>());
-      break;
-    case 2:
-      run(std::integral_constant<int, 2>());
-      break;
-    default:
-      run(std::integral_constant<int, 3>());
-      break;
-  }
+  ProjectKernel<<<NumBlocks(count, kThreads), kThreads, 0, stream>>>(parameters, static_cast<int>(count),
+                                                                     options, splats);
   CheckCuda(cudaGetLastError(), "projection");
 }
 

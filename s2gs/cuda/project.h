@@ -14,7 +14,8 @@ struct ProjectOptions {
   int sh_degree = 0;
 };
 
-/// Parameters -> splats of one view, with the number of tiles that each reaches.
+/// Parameters -> splats of one view but for their colours (colors.h), with the number of tiles that each
+/// reaches.
 void Project(const Planes& parameters, int64_t count, const ProjectOptions& options,
              const ProjectedSplats& splats, cudaStream_t stream);
 

@@ -1,6 +1,7 @@
 #include "s2gs/core/cuda.h"
 #include "s2gs/cuda/render.h"
 #include "s2gs/cuda/render_tile.cuh"
+#include "s2gs/kernel/sh.h"
 
 namespace s2gs::cuda {
 namespace {
@@ -55,8 +56,10 @@ __device__ void DrawPixel(const RenderInput& in, const WarpPixel& where, Forward
     unsigned pixels = 0;
     if (lane < num_queued) {
       const Splat<float> splat = group.At<Channels<false, false>>(lane);
-      pixels =
-          PixelsMayHit(splat.footprint, CutoffSquaredRadius(splat.opacity), where.x_begin, where.y_begin);
+      if (IsDrawableColor(splat.color)) {
+        pixels =
+            PixelsMayHit(splat.footprint, CutoffSquaredRadius(splat.opacity), where.x_begin, where.y_begin);
+      }
     }
     num_queued -= min(num_queued, kGroup);
     unsigned hits = Transpose(pixels);

@@ -30,7 +30,7 @@ __device__ inline TileReach ReachOf(const ProjectedSplats& splats, uint32_t id) 
   reach.footprint.u = {a.z, a.w};
   reach.footprint.v = {b.x, b.y};
   reach.footprint.w = {b.z, b.w};
-  reach.cutoff2 = CutoffSquaredRadius(splats.splats[id].c.x);
+  reach.cutoff2 = splats.cutoffs[id];
   reach.tiles = TilesOf(rect);
   reach.id = id;
   return reach;

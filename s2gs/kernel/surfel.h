@@ -55,6 +55,29 @@ S2GS_HD inline bool IsDrawable(const SurfelParameters<T>& g) {
          abs(g.opacity_logit) < T(1e30) && abs(g.foreground_logit) < T(1e30);
 }
 
+/// A centre in the camera's frame (7): x_cam = p cam_from_object x + (1 - p) cam_from_world x.
+/// \param p  0 or 1 where it is settled.
+template <typename T>
+S2GS_HD inline Vec3<T> CentreInCamera(const Vec3<T>& centre, T p, bool is_foreground,
+                                      const SplatCamera<T>& camera, ForegroundRule rule) {
+  if (rule == ForegroundRule::kSoft) {
+    const Vec3<T> as_object = camera.cam_from_object_rotation * centre + camera.cam_from_object_translation;
+    const Vec3<T> as_static = camera.cam_from_world_rotation * centre + camera.cam_from_world_translation;
+    return p * as_object + (T(1) - p) * as_static;
+  }
+  return is_foreground ? camera.cam_from_object_rotation * centre + camera.cam_from_object_translation
+                       : camera.cam_from_world_rotation * centre + camera.cam_from_world_translation;
+}
+
+/// The unit vector from the camera to a centre, in its body's own frame.
+template <typename T>
+S2GS_HD inline Vec3<T> ViewDirection(const Vec3<T>& centre_in_camera, bool is_foreground,
+                                     const SplatCamera<T>& camera) {
+  using std::sqrt;
+  const Mat3<T>& body = is_foreground ? camera.cam_from_object_rotation : camera.cam_from_world_rotation;
+  return TransposedTimes(body, (T(1) / sqrt(Dot(centre_in_camera, centre_in_camera))) * centre_in_camera);
+}
+
 /// Parameters -> surfel in the camera's frame. The centre is moved softly, by p (7); the rotation and the
 /// view direction of SH are those of one body, by P = [p >= tau] (8, 9). False when the splat is not drawn:
 /// parameters out of range, or the centre nearer than near_depth.
@@ -66,15 +89,7 @@ S2GS_HD inline bool TransformSurfel(const SurfelParameters<T>& g, const SplatCam
   const T p = ForegroundProbability(g.foreground_logit, rule);
   const bool is_foreground = IsForeground(g.foreground_logit, rule);  // (8)
   const Mat3<T>& body = is_foreground ? camera.cam_from_object_rotation : camera.cam_from_world_rotation;
-  // (7): x_cam = p cam_from_object x + (1 - p) cam_from_world x.
-  if (rule == ForegroundRule::kSoft) {
-    const Vec3<T> as_object = camera.cam_from_object_rotation * g.centre + camera.cam_from_object_translation;
-    const Vec3<T> as_static = camera.cam_from_world_rotation * g.centre + camera.cam_from_world_translation;
-    surfel->centre = p * as_object + (T(1) - p) * as_static;
-  } else {
-    surfel->centre = body * g.centre +
-                     (is_foreground ? camera.cam_from_object_translation : camera.cam_from_world_translation);
-  }
+  surfel->centre = CentreInCamera(g.centre, p, is_foreground, camera, rule);
   const T distance2 = Dot(surfel->centre, surfel->centre);
   if (!(surfel->centre.z >= camera.near_depth) || !(distance2 < T(kMaxLength * kMaxLength))) return false;
   const T inverse_length = T(1) / sqrt(g.rotation.w * g.rotation.w + g.rotation.x * g.rotation.x +
@@ -85,7 +100,7 @@ S2GS_HD inline bool TransformSurfel(const SurfelParameters<T>& g, const SplatCam
   surfel->log_scale = g.log_scale;
   surfel->opacity = Sigmoid(g.opacity_logit);
   surfel->foreground = p;
-  surfel->view_direction = TransposedTimes(body, (T(1) / sqrt(distance2)) * surfel->centre);
+  surfel->view_direction = ViewDirection(surfel->centre, is_foreground, camera);
   return true;
 }
 

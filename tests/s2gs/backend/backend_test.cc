@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <numeric>
 #include <set>
 #include <string>
 
@@ -895,6 +897,61 @@ TEST_P(BackendTest, StateComesBackAsItWas) {
   EXPECT_EQ(again.neighbours, taken.neighbours);
   EXPECT_EQ(again.num_neighbours, 4);
   EXPECT_EQ(*std::max_element(taken.view_count.begin(), taken.view_count.end()), 4);
+}
+
+// A step from zero moments moves each number by its rate. Whatever looks at the model next, or changes it,
+// sees that, also of the colours' bands, which a backend may still have to move then.
+TEST_P(BackendTest, WhateverComesNextSeesTheLastStep) {
+  constexpr size_t kCount = 12;
+  const TrainingPhoto photo = RandomPhoto(TestView(36, 21), 5);
+  TrainState state;
+  state.gaussians = FromReference(RandomScene(kCount, 11, -1.2), 3);
+  backend_->SetPhotos({photo});
+  TrainStep step = UsualStep();
+  step.sh_degree = 3;
+  step.rates = {};
+  step.rates.sh_rest = 1e-3F;
+  TrainStep still = step;  // moves nothing
+  still.rates = {};
+  still.iteration = 2;
+  const auto after = [&](const std::function<void()>& next) {
+    backend_->SetState(state);
+    step.iteration = 1;
+    backend_->Step(step);
+    next();
+    return backend_->GetGaussians().sh_rest;
+  };
+  const std::vector<float> moved = after([] {});
+  double most = 0;
+  for (size_t i = 0; i < moved.size(); ++i)
+    most = std::max(most, std::abs(static_cast<double>(moved[i]) - state.gaussians.sh_rest[i]));
+  EXPECT_NEAR(most, 1e-3, 1e-6);
+  const auto expect_moved = [&](const char* what, const std::vector<float>& values) {
+    ASSERT_EQ(values.size(), moved.size()) << what;
+    for (size_t i = 0; i < moved.size(); ++i) EXPECT_NEAR(values[i], moved[i], 1e-6) << what << ", " << i;
+  };
+  std::vector<uint32_t> all(kCount);
+  std::iota(all.begin(), all.end(), 0U);
+  DensifyStep densify;
+  densify.grow = false;
+  densify.min_opacity = 0;
+  RenderRequest request;
+  request.view = photo.view;
+  RenderedView drawn;
+  expect_moved("state", after([&] { backend_->GetState(); }));
+  expect_moved("choice", after([&] { backend_->Keep(all); }));
+  expect_moved("removal", after([&] { backend_->Densify(densify); }));
+  expect_moved("drawing", after([&] { drawn = backend_->Render(request); }));
+  expect_moved("step", after([&] { backend_->Step(still); }));
+  still.sh_degree = 1;
+  expect_moved("step of fewer bands", after([&] { backend_->Step(still); }));
+  // The picture, too.
+  TrainState moved_state = state;
+  moved_state.gaussians.sh_rest = moved;
+  backend_->SetState(moved_state);
+  const RenderedView expected = backend_->Render(request);
+  for (size_t i = 0; i < expected.color.size(); ++i)
+    EXPECT_NEAR(drawn.color[i], expected.color[i], 1e-5) << i;
 }
 
 // What is given is what the next call reads, whatever lies between the host and the device: arrays larger
