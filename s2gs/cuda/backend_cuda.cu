@@ -25,11 +25,11 @@
 // a stream beside, while its splats are projected and sorted. Memory is the bound of the one and not of the
 // other. Whatever else looks at the model makes the update first (FinishColors()).
 //
-// Step() never waits for the GPU: how many pairs of a splat and a tile
-// a view will have is not known when its sort is launched, so each step sorts as many as recent steps had and
-// a margin. The GPU compares, and a step with more pairs than room leaves the model and the losses as they
-// are; its count comes back a few steps later and makes the room larger. In training that happens when growth
-// outruns the margin, to a few steps in ten thousand. Rendering waits for its count and is always complete.
+// Step() never waits for the GPU: how many pairs of a splat and a tile a view will have is not known when its
+// sort is launched, so each step sorts as many as recent steps had and a margin. The GPU compares, and a step
+// with more pairs than room leaves the model and the losses as they are; its count comes back a few steps
+// later and makes the room larger. In training that happens when growth outruns the margin, to a few steps in
+// ten thousand. Rendering waits for its count and is always complete.
 
 namespace s2gs {
 namespace {

@@ -23,7 +23,7 @@ enum Plane {
 };
 static_assert(kNumPlanes == kFloatsPerGaussian);
 
-/// Planes begin on multiples of so many floats: accesses of 16 bytes, and no line of the cache in two planes.
+/// Planes begin on multiples of so many floats: no line of the cache is in two planes.
 constexpr size_t kPlaneAlignment = 64;
 inline size_t PaddedStride(size_t count) {
   return (count + kPlaneAlignment - 1) / kPlaneAlignment * kPlaneAlignment;
@@ -149,7 +149,6 @@ struct MapGradients {
 };
 
 /// Splats of each tile, from front to back: tile t owns [begin[t], end[t]) of `ids`.
-
 struct TileLists {
   const uint32_t* begin;
   const uint32_t* end;
