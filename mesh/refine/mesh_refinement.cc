@@ -152,10 +152,12 @@ class Refiner {
     }
     const int64_t num_accepted = std::count_if(observations.begin(), observations.end(),
                                                [](const OffsetObservation& o) { return o.weight > 0; });
-    if (num_accepted == 0 ||
-        100 * static_cast<double>(num_accepted) < options_.least_clear_pct * static_cast<double>(count)) {
-      return;
+    // The first pass decides for all: it moves the surface to where the others can see it.
+    if (!is_clear_) {
+      is_clear_ =
+          100 * static_cast<double>(num_accepted) >= options_.least_clear_pct * static_cast<double>(count);
     }
+    if (num_accepted == 0 || !*is_clear_) return;
     if (num_carved_ == 0) num_accepted_ = num_accepted;
     // Vertices that no photo shows move as far as those around them.
     SpreadPixels();
@@ -315,6 +317,7 @@ class Refiner {
   std::vector<float> moved_px_;     // the same [px]
   int64_t num_accepted_ = 0;
   int64_t num_carved_ = 0;
+  std::optional<bool> is_clear_;  // whether enough vertices have a peak
   bool has_moved_ = false;
   std::vector<RefinementMoment> course_;
   double started_ = SteadySeconds();

@@ -28,8 +28,9 @@ struct MeshRefinementOptions {
   int num_views = 8;               ///< photos in which a vertex is compared.
   double max_view_angle_deg = 60;  ///< between a vertex's normal and the rays to these photos.
   double smoothness = 0.1;         ///< of the offsets over the mesh; larger trusts photos less.
-  /// Where fewer vertices have a clear peak, all of these may be chance: then none moves [%]. 0: they move.
-  double least_clear_pct = 5;
+  /// Where fewer vertices have a clear peak in the first pass none moves [%]: the others would follow few,
+  /// which may be chance or gloss. 0: they move.
+  double least_clear_pct = 20;
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
   /// fewer than 30 photos; 0: all stay. So does one without which as many would see no surface there.
   double min_seen_pct = 3;

@@ -321,9 +321,10 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
   refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
                  "of the offsets over the mesh; larger trusts the photos less");
   refinement
-      .Add(
-          "least_clear_pct", &MeshRefinementOptions::least_clear_pct,
-          "no vertex moves where fewer have a clear peak, which may all be chance; 0: they move all the same")
+      .Add("least_clear_pct", &MeshRefinementOptions::least_clear_pct,
+           "no vertex moves where fewer have a clear peak at first, which may be chance or gloss; 0: they "
+           "move "
+           "all the same")
       .Unit("%");
   refinement
       .Add(
