@@ -18,9 +18,12 @@ namespace s2gs {
 /// Of two reconstructions of one camera, the turn about the axis apart: share of its distance from the axis,
 /// and radians.
 constexpr double kMaxCameraMisfit = 0.03;
+/// Of a keypoint's coordinate, in standard deviations: errors beyond are wrong.
+constexpr double kErrorSigmas = 5;
 
-/// RefineScan at work: scan_refinement.cc has the rounds and what they adjust, relocalise_images.cc brings
-/// single images back or drops them, relocalise_stations.cc places whole stations.
+/// RefineScan at work: scan_refinement.cc has the rounds, scan_adjustment.cc what they adjust,
+/// relocalise_images.cc brings single images back or drops them, relocalise_stations.cc places whole
+/// stations.
 class ScanRefiner {
  public:
   ScanRefiner(const ScanFeatures& features, const ColmapModel* object, const JointOptions& joint_options,
