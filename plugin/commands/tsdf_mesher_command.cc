@@ -323,8 +323,7 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
   refinement
       .Add("least_clear_pct", &MeshRefinementOptions::least_clear_pct,
            "no vertex moves where fewer have a clear peak at first, which may be chance or gloss; 0: they "
-           "move "
-           "all the same")
+           "move all the same")
       .Unit("%");
   refinement
       .Add(

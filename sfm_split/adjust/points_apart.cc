@@ -12,8 +12,8 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/rigid3.h"
 #include "sfm_split/base/statistics.h"
-#include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {
 namespace {
@@ -92,26 +92,17 @@ class BodyDensity {
   double width_ = 0;
 };
 
-// Projection's derivative by a point of the body; nothing behind the camera.
-std::optional<Eigen::Matrix<double, 2, 3>> DerivativeAt(const PosedImage& image, const Vector3d& x) {
-  Eigen::Vector2d xy;
-  Eigen::Matrix<double, 2, 3> by_cam;
-  if (!ProjectWithJacobians(image.camera->model, image.camera->params.data(), image.cam_from_body * x, &xy,
-                            &by_cam, nullptr)) {
-    return std::nullopt;
-  }
-  return by_cam * image.cam_from_body.rotation.toRotationMatrix();
-}
-
 // The density there of points whose first keypoint lies anywhere in its photo, and the second anywhere on the
 // epipolar line in its own.
 std::optional<double> DensityOfWrong(const PosedImage& first, const PosedImage& second, const Vector3d& x) {
-  const auto by_first = DerivativeAt(first, x);
-  const auto by_second = DerivativeAt(second, x);
-  if (!by_first || !by_second) return std::nullopt;
-  const Vector3d ray = (x - first.cam_from_body.Inverse().translation).normalized();
-  const double across = std::sqrt((*by_first * by_first->transpose()).determinant());
-  const double along = (*by_second * ray).norm();
+  Eigen::Vector2d xy;
+  Eigen::Matrix<double, 2, 3> by_first;
+  Eigen::Matrix<double, 2, 3> by_second;
+  if (!ProjectPoint(first, x, &xy, &by_first) || !ProjectPoint(second, x, &xy, &by_second))
+    return std::nullopt;
+  const Vector3d ray = (x - CameraCentre(first.cam_from_body)).normalized();
+  const double across = std::sqrt((by_first * by_first.transpose()).determinant());
+  const double along = (by_second * ray).norm();
   const auto area = [](const Camera& camera) {
     return static_cast<double>(camera.width) * static_cast<double>(camera.height);
   };

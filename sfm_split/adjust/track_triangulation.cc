@@ -327,6 +327,17 @@ double ReprojectionErrorPx(const PosedImage& image, const Vector3d& x_in_body, c
   return (projected - xy).norm();
 }
 
+bool ProjectPoint(const PosedImage& image, const Vector3d& x_in_body, Vector2d* xy,
+                  Eigen::Matrix<double, 2, 3>* by_x) {
+  Eigen::Matrix<double, 2, 3> by_cam;
+  if (!ProjectWithJacobians(image.camera->model, image.camera->params.data(), image.cam_from_body * x_in_body,
+                            xy, &by_cam, nullptr)) {
+    return false;
+  }
+  *by_x = by_cam * image.cam_from_body.rotation.toRotationMatrix();
+  return true;
+}
+
 double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Vector2d& xy1,
                     const Vector2d& xy2) {
   const Rigid3 second_from_first = image2.cam_from_body * image1.cam_from_body.Inverse();
@@ -348,12 +359,8 @@ bool RefinePoint(const std::vector<PosedImage>& images, const std::vector<Keypoi
     for (const TrackElement& element : track) {
       const PosedImage& image = images[static_cast<size_t>(element.image)];
       Vector2d xy;
-      Eigen::Matrix<double, 2, 3> by_cam;
-      if (!ProjectWithJacobians(image.camera->model, image.camera->params.data(), image.cam_from_body * x,
-                                &xy, &by_cam, nullptr)) {
-        return false;
-      }
-      const Eigen::Matrix<double, 2, 3> jacobian = by_cam * image.cam_from_body.rotation.toRotationMatrix();
+      Eigen::Matrix<double, 2, 3> jacobian;
+      if (!ProjectPoint(image, x, &xy, &jacobian)) return false;
       const Vector2d residual =
           xy - keypoints[static_cast<size_t>(element.image)][element.keypoint].cast<double>();
       normal += jacobian.transpose() * jacobian;

@@ -53,6 +53,10 @@ std::vector<TrackPoint> TriangulateTracks(const std::vector<PosedImage>& images,
 double ReprojectionErrorPx(const PosedImage& image, const Eigen::Vector3d& x_in_body,
                            const Eigen::Vector2d& xy);
 
+/// Projection of a point and its derivative by it. False behind the camera.
+bool ProjectPoint(const PosedImage& image, const Eigen::Vector3d& x_in_body, Eigen::Vector2d* xy,
+                  Eigen::Matrix<double, 2, 3>* by_x);
+
 /// Sampson's error of a match against the epipolar geometry of two poses [px], unsigned; beyond any bound
 /// without a baseline, infinite where a pixel has no ray.
 double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Eigen::Vector2d& xy1,

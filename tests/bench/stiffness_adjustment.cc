@@ -21,6 +21,7 @@
 #include "sfm_split/base/statistics.h"
 #include "tests/bench/markdown_rows.h"
 #include "tests/support/random_numbers.h"
+#include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_turntable.h"
 
@@ -42,9 +43,7 @@ SyntheticTurntableOptions Capture(int steps) {
 }
 
 JointProblem ProblemOf(const SyntheticTurntable& turntable) {
-  AlignedScene aligned;
-  aligned.scene = turntable.scene;
-  aligned.object = SyntheticObjectModel(turntable);
+  AlignedScene aligned = SyntheticAlignedObject(turntable);
   aligned.background = SyntheticStaticModel(turntable);
   return MakeJointProblem(aligned);
 }

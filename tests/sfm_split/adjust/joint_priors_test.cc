@@ -16,6 +16,7 @@
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_turntable.h"
 
@@ -41,9 +42,7 @@ Scan MakeScan(uint64_t seed, double step_jitter, double pixel_noise = 0.4, int s
   options.pixel_noise = pixel_noise;
   options.camera_model = CameraModelId::kSimpleRadial;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  AlignedScene aligned;
-  aligned.scene = turntable.scene;
-  aligned.object = SyntheticObjectModel(turntable);
+  const AlignedScene aligned = SyntheticAlignedObject(turntable);
   Scan scan;
   scan.problem = MakeJointProblem(aligned);
   for (size_t i = 0; i < turntable.images.size(); ++i) {
@@ -116,9 +115,7 @@ TEST(JointPriors, StationsAreTurnedAsThePriorSaysWherePhotosDoNot) {
   options.num_background_points = 150;
   options.camera_model = CameraModelId::kSimpleRadial;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  AlignedScene aligned;
-  aligned.scene = turntable.scene;
-  aligned.object = SyntheticObjectModel(turntable);
+  AlignedScene aligned = SyntheticAlignedObject(turntable);
   aligned.background = SyntheticStaticModel(turntable);
   JointProblem problem = MakeJointProblem(aligned);
   constexpr double kTurnDeg = 3;

@@ -10,7 +10,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
-#include "tests/support/synthetic_models.h"
+#include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_turntable.h"
 
 namespace s2gs {
@@ -43,9 +43,7 @@ Scan Adjusted(uint64_t seed) {
   options.pixel_noise = 0.4;
   options.camera_model = CameraModelId::kSimpleRadial;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  AlignedScene aligned;
-  aligned.scene = turntable.scene;
-  aligned.object = SyntheticObjectModel(turntable);
+  const AlignedScene aligned = SyntheticAlignedObject(turntable);
   Scan scan;
   scan.problem = MakeJointProblem(aligned);
   for (const View& view : turntable.scene.views) {

@@ -62,8 +62,8 @@ class PointsApartTest : public testing::Test {
     for (;;) {
       const size_t first = random_.Index(images_.size());
       const size_t second = (first + 1) % images_.size();
-      const Vector3d c1 = images_[first].cam_from_body.Inverse().translation;
-      const Vector3d c2 = images_[second].cam_from_body.Inverse().translation;
+      const Vector3d c1 = CameraCentre(images_[first].cam_from_body);
+      const Vector3d c2 = CameraCentre(images_[second].cam_from_body);
       Eigen::Matrix<double, 3, 2> rays;
       rays << RayIn(images_[first]), -RayIn(images_[second]);
       const Vector2d depths = rays.colPivHouseholderQr().solve(c2 - c1);

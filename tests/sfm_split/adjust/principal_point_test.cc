@@ -8,6 +8,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_turntable.h"
 
@@ -40,9 +41,7 @@ struct CutScan {
     options.camera_model = CameraModelId::kSimpleRadial;
     options.principal_point_offset = offset;
     const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-    AlignedScene aligned;
-    aligned.scene = turntable.scene;
-    aligned.object = SyntheticObjectModel(turntable);
+    AlignedScene aligned = SyntheticAlignedObject(turntable);
     if (stations > 1) aligned.background = SyntheticStaticModel(turntable);
     truth = MakeJointProblem(aligned);
     if (wobble_deg > 0) Wobble(seed, wobble_deg);
@@ -124,9 +123,7 @@ JointProblem SmallScan(uint64_t seed, int repeats) {
   options.pixel_noise = 0.4;
   options.camera_model = CameraModelId::kSimpleRadial;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  AlignedScene aligned;
-  aligned.scene = turntable.scene;
-  aligned.object = SyntheticObjectModel(turntable);
+  AlignedScene aligned = SyntheticAlignedObject(turntable);
   aligned.background = SyntheticStaticModel(turntable);
   JointProblem problem = MakeJointProblem(aligned);
   const JointBody once = problem.object;

@@ -13,7 +13,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/scene/axis_turn.h"
-#include "tests/support/synthetic_models.h"
+#include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_turntable.h"
 
 namespace s2gs {
@@ -42,9 +42,7 @@ Scan MakeScan(uint32_t seed, int few) {
   options.num_platter_points = 0;
   options.num_background_points = 0;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  AlignedScene aligned;
-  aligned.scene = turntable.scene;
-  aligned.object = SyntheticObjectModel(turntable);
+  const AlignedScene aligned = SyntheticAlignedObject(turntable);
   Scan scan;
   scan.problem = MakeJointProblem(aligned);
   std::mt19937 rng(seed);
