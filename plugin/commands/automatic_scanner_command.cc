@@ -14,11 +14,12 @@
 #include <vector>
 
 #include "plugin/cli/shell_quote.h"
-#include "plugin/commands/scan_preflight.h"
 #include "plugin/photos/photo_import.h"
 #include "plugin/plan/plan_parts.h"
 #include "plugin/plan/scan_plan.h"
 #include "plugin/report/scan_summary.h"
+#include "plugin/scan/scan_preflight.h"
+#include "plugin/scan/scan_steps.h"
 #include "plugin/shared_options/quality.h"
 #include "plugin/shared_options/scale_options.h"
 #include "plugin/stage/stage_stamp.h"
@@ -32,182 +33,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-enum class Until { kSplit, kTrain, kMesh };
-
-struct Settings {
-  fs::path workspace_path;
-  fs::path given_path;  // the photos as they came: a folder or a video
-  fs::path image_path;  // what the commands read: the same, or what was imported
-  std::optional<ImportPlan> import;
-  bool is_video = false;
-  int video_frames = 120;
-  fs::path ffmpeg_path;
-  fs::path mask_path;
-  fs::path colmap_path;
-  Quality quality = Quality::kAuto;
-  Until until = Until::kMesh;
-  std::string use_gpu = "auto";
-  int test_every = 0;
-  std::optional<int64_t> num_iterations;
-  std::optional<int> first_octave;
-  std::optional<int32_t> max_image_size;
-  bool keep_disc = true;
-  std::string plain_table = "object";
-  bool texture = true;
-  ScaleOptions scale;
-  fs::path angles_path;
-  double step_deg = 0;
-  std::vector<std::string> force;  // as given
-  std::set<std::string> forced;    // parts of the plan
-
-  bool Imports() const { return is_video || import.has_value(); }
-};
-
-// Features per photo. Fewer would leave out small scales, which is where objects have theirs.
-int MaxNumFeatures(Quality quality) { return quality == Quality::kExtreme ? 16384 : 8192; }
-
-const char* LogLevelName(LogLevel level) {
-  switch (level) {
-    case LogLevel::kDebug:
-      return "debug";
-    case LogLevel::kInfo:
-      return "info";
-    case LogLevel::kWarning:
-      return "warning";
-    case LogLevel::kError:
-      return "error";
-  }
-  return "";
-}
-
-struct Step {
-  std::string command;
-  std::string title;
-  std::vector<std::string> arguments;
-};
-
-// With what every command takes.
-Step MakeStep(const std::string& command, const std::string& title, std::vector<std::string> arguments,
-              const Options& options) {
-  const std::vector<std::string> common = {"--random_seed", std::to_string(options.random_seed()),
-                                           "--log_level", LogLevelName(options.log_level())};
-  arguments.insert(arguments.end(), common.begin(), common.end());
-  return {command, title, std::move(arguments)};
-}
-
-Step ReportStep(const Settings& settings, const Options& options) {
-  return MakeStep(
-      "report", "The report",
-      {"--workspace_path", settings.workspace_path.string(), "--image_path", settings.image_path.string()},
-      options);
-}
-
-std::vector<Step> MakeSteps(const Settings& settings, const Options& options) {
-  const Workspace workspace{settings.workspace_path};
-  const std::string root = settings.workspace_path.string();
-  const std::string images = settings.image_path.string();
-  std::vector<Step> steps;
-  const auto add = [&](const std::string& command, const std::string& title,
-                       std::vector<std::string> arguments) {
-    const std::vector<std::string> forced = ForcedArguments(command, settings.forced);
-    arguments.insert(arguments.end(), forced.begin(), forced.end());
-    steps.push_back(MakeStep(command, title, std::move(arguments), options));
-  };
-  const auto with = [](std::vector<std::string> arguments, const std::string& name,
-                       const std::string& value) {
-    if (!value.empty()) arguments.insert(arguments.end(), {name, value});
-    return arguments;
-  };
-
-  if (settings.Imports()) {
-    std::vector<std::string> arguments = {"--workspace_path", root, "--image_path",
-                                          settings.given_path.string()};
-    if (settings.is_video)
-      arguments = with(arguments, "--video_frames", std::to_string(settings.video_frames));
-    add("photo_importer", "Photos that COLMAP reads",
-        with(arguments, "--ffmpeg_path", settings.ffmpeg_path.string()));
-  }
-  add("motion_splitter", "What stands still and what turns",
-      with(with(with({"--database_path", workspace.Database().string(), "--image_path", images,
-                      "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
-                     "--SiftExtraction.first_octave",
-                     settings.first_octave ? std::to_string(*settings.first_octave) : ""),
-                "--mask_path", settings.forced.count("motion") > 0 ? "" : settings.mask_path.string()),
-           "--colmap_path", settings.colmap_path.string()));
-  add("turntable_mapper", "Cameras, table, and both sparse models",
-      with(with(with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
-                     settings.colmap_path.string()),
-                "--angles_path", settings.angles_path.string()),
-           "--step_deg", settings.step_deg != 0 ? FormatValue(settings.step_deg) : ""));
-  if (settings.scale.HasAny()) {
-    std::vector<std::string> arguments = ScaleArguments(settings.scale);
-    arguments.insert(arguments.begin(), {"--workspace_path", root, "--image_path", images});
-    add("model_scaler", "Millimetres", std::move(arguments));
-  }
-  if (settings.until == Until::kSplit) return steps;
-
-  std::vector<std::string> training = {"--workspace_path", root,
-                                       "--image_path",     images,
-                                       "--use_gpu",        settings.use_gpu,
-                                       "--quality",        QualityName(settings.quality),
-                                       "--test_every",     std::to_string(settings.test_every)};
-  training = with(training, "--mask_path", settings.mask_path.string());
-  if (settings.num_iterations) {
-    training = with(training, "--Train.num_iterations", FormatValue(*settings.num_iterations));
-  }
-  if (settings.max_image_size) {
-    training = with(training, "--max_image_size", FormatValue(*settings.max_image_size));
-  }
-  add("gaussian_trainer", "The Gaussian model", training);
-  if (settings.until == Until::kTrain) return steps;
-
-  add("gaussian_renderer", "Masks, depth and normal maps",
-      {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--plain_table",
-       settings.plain_table});
-  add("tsdf_mesher", "The mesh",
-      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
-       settings.keep_disc ? "0" : "1"});
-  if (settings.texture) {
-    add("mesh_texturer", "The photos' colours on the mesh",
-        {"--workspace_path", root, "--test_every", std::to_string(settings.test_every)});
-  }
-  return steps;
-}
-
-ScanRequest RequestOf(const Settings& settings, const std::vector<Step>& steps) {
-  ScanRequest request;
-  request.workspace = Workspace{settings.workspace_path};
-  request.image_path = settings.given_path;
-  request.import = settings.import;
-  request.is_video = settings.is_video;
-  request.ffmpeg_path = settings.ffmpeg_path;
-  request.mask_path = settings.mask_path;
-  request.angles_path = settings.angles_path;
-  request.colmap_path = settings.colmap_path;
-  request.use_gpu = settings.use_gpu;
-  request.test_every = settings.test_every;
-  request.num_iterations = settings.num_iterations;
-  request.max_image_size = settings.max_image_size;
-  request.max_num_features = MaxNumFeatures(settings.quality);
-  request.trains = settings.until != Until::kSplit;
-  request.meshes = settings.until == Until::kMesh;
-  request.textures = request.meshes && settings.texture;
-  for (const Step& step : steps) request.steps.emplace_back(step.command, step.arguments);
-  return request;
-}
-
-PlanRequest PlanOf(const Settings& settings) {
-  PlanRequest request;
-  request.workspace = Workspace{settings.workspace_path};
-  request.image_path = settings.image_path;
-  request.has_masks = !settings.mask_path.empty();
-  request.trains = settings.until != Until::kSplit;
-  request.meshes = settings.until == Until::kMesh;
-  request.textures = settings.texture;
-  request.forced = settings.forced;
-  return request;
-}
-
 const Command& FindCommand(const std::string& name) {
   const std::vector<Command>& commands = AllCommands();
   const auto found = std::find_if(commands.begin(), commands.end(),
@@ -216,7 +41,9 @@ const Command& FindCommand(const std::string& name) {
   return *found;
 }
 
-std::string ShellLine(const Step& step) { return "s2gs " + step.command + " " + ShellQuoted(step.arguments); }
+std::string ShellLine(const ScanStep& step) {
+  return "s2gs " + step.command + " " + ShellQuoted(step.arguments);
+}
 
 double CpuSeconds() {
   double seconds = 0;
@@ -261,7 +88,7 @@ bool AddStages(const Workspace& workspace, const std::string& command,
   return has_any_run;
 }
 
-ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::ostream& out) {
+ScanSummary::Step RunStep(const ScanStep& step, size_t number, size_t count, std::ostream& out) {
   out << fmt::format("\n[{}/{}] {}: s2gs {}\n", number, count, step.title, step.command) << std::flush;
   const double started = SteadySeconds();
   const double cpu_started = CpuSeconds();
@@ -277,7 +104,7 @@ ScanSummary::Step RunStep(const Step& step, size_t number, size_t count, std::os
 }
 
 // Whether the photos can be used where they are.
-void FindPhotos(const Workspace& workspace, Settings* settings) {
+void FindPhotos(const Workspace& workspace, ScanSettings* settings) {
   if (settings->given_path.empty()) settings->given_path = workspace.Images();
   settings->image_path = settings->given_path;
   std::error_code ec;
@@ -298,7 +125,7 @@ void FindPhotos(const Workspace& workspace, Settings* settings) {
 }
 
 // Every option of the scan, with what -h says of it.
-Options& DeclareOptions(CommandContext& context, Settings* settings) {
+Options& DeclareOptions(CommandContext& context, ScanSettings* settings) {
   Options& options = context.Declare(
       "Photos of an object on a turntable to everything: camera poses and the table's motion, a Gaussian "
       "model, object masks and a textured mesh. Runs the other commands one after another; what is done is "
@@ -325,7 +152,7 @@ Options& DeclareOptions(CommandContext& context, Settings* settings) {
   options.AddEnum("quality", &settings->quality, kQualityNames,
                   "how much time to spend; auto: high on a GPU, low without one");
   options.AddEnum("until", &settings->until,
-                  {{"split", Until::kSplit}, {"train", Until::kTrain}, {"mesh", Until::kMesh}},
+                  {{"split", ScanUntil::kSplit}, {"train", ScanUntil::kTrain}, {"mesh", ScanUntil::kMesh}},
                   "the last part to run: poses and sparse models, the Gaussian model, or all");
   options.Add("use_gpu", &settings->use_gpu, "auto, 0 or 1");
   options.Add("test_every", &settings->test_every,
@@ -362,16 +189,14 @@ Options& DeclareOptions(CommandContext& context, Settings* settings) {
 // The steps one after another, what each of them says about the rest, and the report at the end.
 class Scan {
  public:
-  Scan(const Settings& settings, const Options& options, const Workspace& workspace, std::ostream& out,
-       Reporter& reporter)
+  Scan(const ScanSettings& settings, const Workspace& workspace, std::ostream& out, Reporter& reporter)
       : settings_(settings),
-        options_(options),
         workspace_(workspace),
         out_(out),
         reporter_(reporter),
-        steps_(MakeSteps(settings, options)) {}
+        steps_(ScanSteps(settings)) {}
 
-  const std::vector<Step>& steps() const { return steps_; }
+  const std::vector<ScanStep>& steps() const { return steps_; }
 
   void Run() {
     size_t next = 0;
@@ -429,17 +254,16 @@ class Scan {
 
   void Finish() {
     WriteScanRecord(workspace_.ScanRecord(), summary_);
-    summary_.steps.push_back(RunStep(ReportStep(settings_, options_), NumSteps(), NumSteps(), out_));
+    summary_.steps.push_back(RunStep(ReportStep(settings_), NumSteps(), NumSteps(), out_));
     CollectFigures(workspace_, &summary_);
     PrintScanSummary(summary_, out_);
   }
 
-  const Settings& settings_;
-  const Options& options_;
+  const ScanSettings& settings_;
   const Workspace& workspace_;
   std::ostream& out_;
   Reporter& reporter_;
-  std::vector<Step> steps_;
+  std::vector<ScanStep> steps_;
   ScanPlan plan_;
   ScanSummary summary_;
 };
@@ -447,15 +271,17 @@ class Scan {
 }  // namespace
 
 void RunAutomaticScanner(CommandContext& context) {
-  Settings settings;
+  ScanSettings settings;
   const Options& options = DeclareOptions(context, &settings);
   Reporter& reporter = context.Parse();
   settings.forced = ForcedParts(settings.force);
+  settings.random_seed = options.random_seed();
+  settings.log_level = options.log_level();
   RequireComplete(settings.scale);
 
   const Workspace workspace{settings.workspace_path};
   FindPhotos(workspace, &settings);
-  Scan scan(settings, options, workspace, context.out(), reporter);
+  Scan scan(settings, workspace, context.out(), reporter);
   RequireSoundScan(RequestOf(settings, scan.steps()), reporter);
   CreateFolder(workspace.Own());
   // Each command locks the workspace for itself; another scan may not come between them.

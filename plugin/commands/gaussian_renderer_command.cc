@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/commands/renderer_options.h"
 #include "plugin/outputs/beside_table.h"
 #include "plugin/outputs/dense_folder.h"
 #include "plugin/shared_options/backend_choice.h"
@@ -30,13 +31,10 @@
 #include "s2gs/image/undistort.h"
 #include "s2gs/render_pictures.h"
 #include "s2gs/rotating_mask.h"
-#include "s2gs/table/layers_over_top.h"
 #include "s2gs/table/opaque_region.h"
-#include "s2gs/table/photo_table.h"
-#include "s2gs/table/plain_top.h"
-#include "s2gs/table/textured_top.h"
-#include "s2gs/table_rim.h"
+#include "s2gs/table/scene_table.h"
 #include "s2gs/training_scene.h"
+#include "s2gs/view_maps.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
@@ -53,96 +51,6 @@ namespace fs = std::filesystem;
 constexpr char kMapSuffix[] = ".geometric.bin";
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
-// Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and more.
-constexpr double kTexturedTop = 0.5;
-
-enum class DepthKind : uint8_t { kMedian, kExpected };
-const EnumNames<DepthKind> kDepthNames = {{"median", DepthKind::kMedian}, {"expected", DepthKind::kExpected}};
-
-// What depth maps, normal maps and silhouettes show.
-enum class MapsOf : uint8_t { kObject, kAll };
-const EnumNames<MapsOf> kMapsOfNames = {{"object", MapsOf::kObject}, {"all", MapsOf::kAll}};
-
-// Whose a table's top is where photos do not tell whether it turns.
-enum class PlainTable : uint8_t { kObject, kBackground };
-const EnumNames<PlainTable> kPlainTableNames = {{"object", PlainTable::kObject},
-                                                {"background", PlainTable::kBackground}};
-
-struct Arguments {
-  fs::path workspace_path;
-  fs::path image_path;
-  fs::path model_path;
-  fs::path output_path;
-  fs::path image_list;
-  bool color = false;
-  bool foreground = false;
-  bool masks = true;
-  bool stereo = true;
-  bool pictures = false;
-  bool comparison = false;
-  bool overview = true;
-  DepthKind depth = DepthKind::kMedian;
-  MapsOf maps_of = MapsOf::kObject;
-  bool undistort_always = false;
-  PlainTable plain_table = PlainTable::kObject;
-  bool cut_at_table = true;
-  bool clear_plain_top = true;
-  bool table_seen = true;
-  int32_t num_frames = 0;
-  int32_t frame_station = 0;
-  BackendChoice backend;
-};
-
-void AddOptions(Options* options, Arguments* a) {
-  options->Add("workspace_path", &a->workspace_path, "the workspace, with sparse/0 and s2gs/point_cloud.ply")
-      .Required();
-  options->Add("image_path", &a->image_path, "the photos; empty: images in the workspace");
-  options->Add("model_path", &a->model_path, "the Gaussians; empty: s2gs/point_cloud.ply in the workspace");
-  options->Add("output_path", &a->output_path,
-               "folder for images that are no part of a workspace; empty: s2gs/renders in the workspace");
-  options->Add("image_list", &a->image_list,
-               "file with the names of the photos to render, one a line; empty: all");
-  options->Add("masks", &a->masks, "masks of the rotating part: masks/NAME.png in the workspace, 255 inside");
-  options->Add(
-      "stereo", &a->stereo,
-      "depth maps, normal maps and silhouettes of the rotating part alone: dense/0/stereo/*/"
-      "NAME.geometric.bin and dense/0/masks, for tsdf_mesher and colmap stereo_fusion; makes dense/0 "
-      "when there is none");
-  options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
-  options->AddEnum("maps_of", &a->maps_of, kMapsOfNames,
-                   "what the maps show: the rotating part, or the background too");
-  options->AddEnum(
-      "plain_table", &a->plain_table, kPlainTableNames,
-      "whose, in masks, a table is that is so plain that it may turn or stand still by the photos, "
-      "where its top ends in a circle about the axis");
-  options->Add("cut_at_table", &a->cut_at_table,
-               "of photos of one station, leave out what rotates by the model and lies below the table's top "
-               "or beyond its rim, does not "
-               "stand on it and is not the side of a body: plain ground");
-  options->Add(
-      "clear_plain_top", &a->clear_plain_top,
-      "leave out what rotates by the model over a plain table's top where photos see the top itself, "
-      "in the light or, where things seldom look like one, in a shadow on it: no photo tells the shape of "
-      "what is plain");
-  options->Add("table_seen", &a->table_seen,
-               "draw a table's top into depth and normal maps where photos show it, by its colour or its "
-               "texture, whatever the model has before it; dense/0/table_seen says where");
-  options->Add("undistort_always", &a->undistort_always,
-               "resample photos for dense/0 even where they have no distortion and could be copied");
-  options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
-  options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
-  options->Add("pictures", &a->pictures,
-               "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
-  options->Add("comparison", &a->comparison,
-               "photo, rendering, error and mask side by side: comparison/NAME.png");
-  options->Add("overview", &a->overview,
-               "such a comparison of four photos to look at: s2gs/comparison.jpg in the workspace");
-  options->Add(
-      "num_frames", &a->num_frames,
-      "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
-  options->Add("frame_station", &a->frame_station,
-               "the station whose first photo lends its camera to the film");
-}
 
 std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene) {
   if (path.empty()) {
@@ -180,14 +88,6 @@ RenderRequest WholeScene(const PinholeView& view) {
   return request;
 }
 
-// Half transparent is outside.
-PixelMask OpaqueMask(const RenderedView& view) {
-  PixelMask mask{view.width, view.height, {}};
-  mask.inside.reserve(view.alpha.size());
-  for (const float alpha : view.alpha) mask.inside.push_back(alpha >= 0.5F ? 1 : 0);
-  return mask;
-}
-
 RenderRequest ForegroundAlone(const PinholeView& view) {
   RenderRequest request;
   request.view = view;
@@ -196,16 +96,10 @@ RenderRequest ForegroundAlone(const PinholeView& view) {
   return request;
 }
 
-// A plain top, and what photos tell by showing it.
-struct SeenTop {
-  PlainTop top;
-  TopEvidence evidence;
-};
-
 class Renderer {
  public:
-  Renderer(const Arguments& arguments, const Workspace& workspace, TrainingScene scene, Backend* backend,
-           Reporter& reporter)
+  Renderer(const RendererArguments& arguments, const Workspace& workspace, TrainingScene scene,
+           Backend* backend, Reporter& reporter)
       : a_(arguments),
         workspace_(workspace),
         scene_(std::move(scene)),
@@ -216,13 +110,19 @@ class Renderer {
         in_output_(a_.output_path.empty() ? workspace.root : output_, a_.image_path, NamesOf(scene_)),
         writers_(ThreadsThatFit(kWritingBytesPerPixel * LargestView(scene_))) {
     if (scene_.mode == TrainMode::kS2gs) {
-      if (a_.cut_at_table) DropBesideTable();
+      if (a_.cut_at_table) {
+        const std::vector<uint32_t> beside = FindRotatingBesideTable(scene_, backend_, reporter_);
+        num_beside_table_ = beside.size();
+        LeaveOut(beside, "that lie beside the table", backend_, reporter_);
+      }
       if (scene_.region) {
         LeaveOut(FindReachingOut(*scene_.region, backend_->GetGaussians()),
-                 "that reach farther from the axis than anything turns");
+                 "that reach farther from the axis than anything turns", backend_, reporter_);
       }
       shape_ = FindRotatingShape(scene_, backend_->GetGaussians());
-      FindTable();
+      const SceneTableOptions options = {a_.plain_table == PlainTable::kObject, a_.clear_plain_top,
+                                         a_.table_seen, a_.cut_at_table};
+      table_ = SceneTable::Find(scene_, LoadPhotos(), options, &shape_, backend_, reporter_);
     }
   }
 
@@ -260,9 +160,7 @@ class Renderer {
     if (a_.pictures) {
       Later([depth_path = path("depth"), normal_path = path("normal"), kind = a_.depth,
              view = Render(ForegroundAlone(photo.view))] {
-        const std::vector<float>& depth =
-            kind == DepthKind::kMedian ? view.median_depth : view.expected_depth;
-        WriteImage(depth_path, DepthPicture(depth, view.width, view.height));
+        WriteImage(depth_path, DepthPicture(DepthsOf(view, kind), view.width, view.height));
         WriteImage(normal_path, NormalPicture(view));
       });
     }
@@ -308,26 +206,27 @@ class Renderer {
 
   // s2gs/mask_log.jsonl: what masks rest on beside p.
   void WriteMaskLog() const {
-    nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", table_.has_value()}};
+    const std::optional<TableRim>& rim = table_.rim;
+    nlohmann::ordered_json line = {{"stage", "masks"}, {"event", "table"}, {"found", rim.has_value()}};
     line["gaussians_beside"] = num_beside_table_;
-    line["gaussians_around"] = num_around_table_;
-    line["gaussians_over_top"] = num_over_top_;
-    line["top_seen"] = known_texture_ || (seen_top_ && seen_top_->evidence != TopEvidence::kNone);
-    if (textured_top_) line["textured_share"] = *textured_top_;
-    if (circle_) {
-      const Eigen::Vector3d top = scene_.axis->point + circle_->height * scene_.axis->direction;
+    line["gaussians_around"] = table_.num_around;
+    line["gaussians_over_top"] = table_.num_over_top;
+    line["top_seen"] = table_.IsTopSeen();
+    if (table_.textured_share) line["textured_share"] = *table_.textured_share;
+    if (table_.circle) {
+      const Eigen::Vector3d top = scene_.axis->point + table_.circle->height * scene_.axis->direction;
       line["top"] = (scene_.origin + scene_.size * top).dot(scene_.axis->direction);
-      line["top_radius"] = circle_->radius * scene_.size;
+      line["top_radius"] = table_.circle->radius * scene_.size;
     }
-    if (table_) {
-      line["radius"] = table_->region.radius * scene_.size;
-      line["height"] = (table_->region.high - table_->region.low) * scene_.size;
-      line["share_of_directions"] = table_->share;
-      line["false_alarms"] = table_->false_alarms;
-      line["static_share"] = table_->static_share;
-      line["undecided"] = table_->IsUndecided();
+    if (rim) {
+      line["radius"] = rim->region.radius * scene_.size;
+      line["height"] = (rim->region.high - rim->region.low) * scene_.size;
+      line["share_of_directions"] = rim->share;
+      line["false_alarms"] = rim->false_alarms;
+      line["static_share"] = rim->static_share;
+      line["undecided"] = rim->IsUndecided();
       line["counts_as"] =
-          !table_->IsUndecided() || a_.plain_table == PlainTable::kObject ? "object" : "background";
+          !rim->IsUndecided() || a_.plain_table == PlainTable::kObject ? "object" : "background";
     }
     WriteFileAtomically(workspace_.MaskLog(), [&](std::ostream& out) { out << line.dump() << '\n'; });
   }
@@ -340,76 +239,6 @@ class Renderer {
   }
 
  private:
-  void DropBesideTable() {
-    const std::vector<uint32_t> beside = FindRotatingBesideTable(scene_, backend_, reporter_);
-    num_beside_table_ = beside.size();
-    LeaveOut(beside, "that lie beside the table");
-  }
-
-  // \param rotating  in ascending order.
-  void LeaveOut(const std::vector<uint32_t>& rotating, const char* which) {
-    if (rotating.empty()) return;
-    std::vector<uint32_t> others;
-    const auto count = static_cast<uint32_t>(backend_->Count());
-    for (uint32_t i = 0; i < count; ++i) {
-      if (!std::binary_search(rotating.begin(), rotating.end(), i)) others.push_back(i);
-    }
-    backend_->Keep(others);
-    reporter_.Info(fmt::format("{} rotating Gaussians left out {}", rotating.size(), which));
-  }
-
-  // Photos tell the rim to a fraction of a pixel; where they do not, the model may.
-  void FindTable() {
-    const bool is_objects = a_.plain_table == PlainTable::kObject;
-    std::vector<StationPhotos> stations;
-    try {
-      stations = LoadStationPhotos(
-          scene_, [&](const ScenePhoto& photo) { return Photo(photo); }, reporter_);
-    } catch (const UserError& error) {
-      reporter_.Warn(fmt::format("the table's rim is not looked for in the photos: {}", error.what()));
-    }
-    circle_ = FindTableInPhotos(scene_, stations);
-    if (!circle_) {
-      table_ = FindTableRim(scene_, backend_);
-      if (table_ && table_->IsUndecided() && shape_ && is_objects) CountTableAsRotating(*table_, &*shape_);
-      return;
-    }
-    table_ = RimOfCircle(scene_, *circle_, shape_, backend_);
-    if (table_->IsUndecided() && !is_objects) return;
-    in_masks_ = table_->region;
-    textured_top_ = TexturedShareOfTop(stations, table_->region);
-    // Photos show the shape of a top that has texture and turns.
-    if (table_->IsUndecided() || *textured_top_ < kTexturedTop) in_maps_ = table_->region;
-    if (a_.clear_plain_top && *textured_top_ < kTexturedTop) ClearPlainTop(stations);
-    if (in_maps_) LeaveTableToItsRegion(stations);
-    if (a_.table_seen && *textured_top_ >= kTexturedTop)
-      known_texture_ = TexturedTop::Learn(stations, table_->region);
-    if (!a_.cut_at_table) return;
-    const std::vector<uint32_t> standing =
-        FindStandingAroundTable(stations, table_->region, backend_->GetPlacement());
-    num_around_table_ = standing.size();
-    LeaveOut(standing, "around the table, where photos show no change");
-  }
-
-  // Splats of a table that masks and maps show anyway only blur its rim.
-  void LeaveTableToItsRegion(const std::vector<StationPhotos>& stations) {
-    // The circle is known to a pixel.
-    const double margin = PixelAtAxis(stations, in_maps_->axis);
-    LeaveOut(FindRotatingIn(*in_maps_, margin, backend_->GetPlacement()),
-             "of the table, which is known by its rim");
-  }
-
-  // Of what training builds over a plain top.
-  void ClearPlainTop(const std::vector<StationPhotos>& stations) {
-    const std::optional<PlainTop> top = PlainTop::Learn(stations, table_->region);
-    if (!top) return;
-    const LayersOverTop layers =
-        FindLayersOverTop(*top, stations, RotatingDepths(stations, backend_), backend_->GetPlacement());
-    num_over_top_ = layers.gaussians.size();
-    if (a_.table_seen) seen_top_ = SeenTop{*top, layers.evidence};
-    LeaveOut(layers.gaussians, "over the table's plain top, where photos see the top itself");
-  }
-
   RenderedView Render(RenderRequest request) {
     if (reporter_.StopRequested()) throw Interrupted();
     request.stop_requested = [this] { return reporter_.StopRequested(); };
@@ -426,7 +255,7 @@ class Renderer {
 
   PixelMask RotatingPart(const ScenePhoto& photo) {
     PixelMask mask = RotatingMask(Render(MaskRequest(scene_, shape_, photo.view)));
-    if (in_masks_) AddRegion(*in_masks_, photo.view, &mask);
+    table_.AddToMask(photo.view, &mask);
     return mask;
   }
 
@@ -454,25 +283,14 @@ class Renderer {
     return UndistortImage(ReadImage(a_.image_path / photo.name, 3), plan.source, plan.pinhole, reporter_);
   }
 
+  LoadPhoto LoadPhotos() {
+    return [this](const ScenePhoto& photo) { return Photo(photo); };
+  }
+
   RenderRequest ForMaps(const PinholeView& view) const {
     RenderRequest request = ForegroundAlone(view);
     if (a_.maps_of == MapsOf::kAll) request.drawn = DrawnBody::kAll;
     return request;
-  }
-
-  // Where the photo shows the table's plain top itself; without pixels where nothing is known of it.
-  Image8 TableSeen(const ScenePhoto& photo) {
-    const PinholeView view = StationView(photo);
-    if (known_texture_)
-      return known_texture_->Look(ResizeByArea(Photo(photo), view.width, view.height), view);
-    if (!seen_top_ || seen_top_->evidence == TopEvidence::kNone) return {};
-    const std::vector<TopSight> sights =
-        seen_top_->top.Look(ResizeByArea(Photo(photo), view.width, view.height), view, photo.station);
-    Image8 seen{view.width, view.height, 1, {}};
-    seen.pixels.reserve(sights.size());
-    for (const TopSight sight : sights)
-      seen.pixels.push_back(IsTopSeen(sight, seen_top_->evidence) ? 255 : 0);
-    return seen;
   }
 
   void WriteStereo(const ScenePhoto& photo, PinholeView view) {
@@ -480,7 +298,7 @@ class Renderer {
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
     PixelMask opaque = OpaqueMask(Render(silhouette));
-    if (in_masks_) AddRegion(*in_masks_, view, &opaque);
+    table_.AddToMask(view, &opaque);
     Later([path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"), opaque = std::move(opaque)] {
       WriteImage(path, MaskImage(opaque));
     });
@@ -488,58 +306,31 @@ class Renderer {
     view.cx += 0.5;
     view.cy += 0.5;
     RenderedView drawn = Render(ForMaps(view));
-    if (in_maps_) DrawOpaqueRegion(*in_maps_, view, &drawn);
-    const Image8 seen = TableSeen(photo);
+    table_.DrawIntoMaps(view, &drawn);
+    const Image8 seen = table_.Seen(photo, LoadPhotos());
     if (seen.width > 0) {
-      DrawRegionWhereSeen(table_->region, {seen, StationView(photo)}, view, &drawn);
+      DrawRegionWhereSeen(table_.rim->region, {seen, StationView(photo)}, view, &drawn);
       Later([path = in_workspace_.Make(workspace_.TableSeen(), name, ".png"), seen] {
         WriteImage(path, seen);
       });
     }
     Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
-           drawn = std::move(drawn), kind = a_.depth,
-           size = scene_.size] { WriteMaps(drawn, kind, size, depth_path, normal_path); });
+           drawn = std::move(drawn), kind = a_.depth, size = scene_.size] {
+      const ViewMaps maps = ColmapMapsOf(drawn, kind, size);
+      WriteColmapMap(depth_path, maps.depth);
+      WriteColmapMap(normal_path, maps.normal);
+    });
   }
 
-  static void WriteMaps(const RenderedView& rendered, DepthKind kind, double scene_size,
-                        const fs::path& depth_path, const fs::path& normal_path) {
-    const std::vector<float>& depth =
-        kind == DepthKind::kMedian ? rendered.median_depth : rendered.expected_depth;
-    ColmapMap depth_map{rendered.width, rendered.height, 1, {}};
-    ColmapMap normal_map{rendered.width, rendered.height, 3, {}};
-    const size_t count = depth.size();
-    depth_map.values.assign(count, 0);
-    normal_map.values.assign(3 * count, 0);
-    for (size_t i = 0; i < count; ++i) {
-      if (!(depth[i] > 0) || rendered.alpha[i] < 0.5F) continue;
-      const Eigen::Vector3f normal(rendered.normal[3 * i], rendered.normal[3 * i + 1],
-                                   rendered.normal[3 * i + 2]);
-      const float length = normal.norm();
-      if (!(length > 0)) continue;
-      depth_map.values[i] = static_cast<float>(depth[i] * scene_size);
-      for (int c = 0; c < 3; ++c) normal_map.values[c * count + i] = normal[c] / length;
-    }
-    WriteColmapMap(depth_path, depth_map);
-    WriteColmapMap(normal_path, normal_map);
-  }
-
-  const Arguments& a_;
+  const RendererArguments& a_;
   const Workspace& workspace_;
   TrainingScene scene_;
   Backend* backend_;
   Reporter& reporter_;
   std::optional<RotatingShape> shape_;
-  std::optional<TableRim> table_;
-  std::optional<TableCircle> circle_;
-  std::optional<RotatingRegion> in_masks_;  // the table, where it is known whose it is
-  std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape
-  std::optional<double> textured_top_;
-  std::optional<SeenTop> seen_top_;
-  std::optional<TexturedTop> known_texture_;
+  SceneTable table_;
   size_t num_beside_table_ = 0;  // Gaussians
-  size_t num_around_table_ = 0;
-  size_t num_over_top_ = 0;
   fs::path output_;
   ImageOutputs in_workspace_;
   ImageOutputs in_output_;
@@ -550,7 +341,7 @@ class Renderer {
 // The model and the scene, loaded when the first picture is wanted.
 class LazyRenderer {
  public:
-  LazyRenderer(const Arguments& arguments, const Workspace& workspace, Reporter& reporter)
+  LazyRenderer(const RendererArguments& arguments, const Workspace& workspace, Reporter& reporter)
       : a_(arguments), workspace_(workspace), reporter_(reporter) {}
 
   Renderer& Get() {
@@ -584,7 +375,7 @@ class LazyRenderer {
   size_t num_photos() const { return names_.size(); }
 
  private:
-  const Arguments& a_;
+  const RendererArguments& a_;
   const Workspace& workspace_;
   Reporter& reporter_;
   std::unique_ptr<Backend> backend_;
@@ -592,7 +383,7 @@ class LazyRenderer {
   std::set<std::string> names_;
 };
 
-void RenderForWorkspace(const Arguments& a, const std::map<std::string, PinholeView>& dense_views,
+void RenderForWorkspace(const RendererArguments& a, const std::map<std::string, PinholeView>& dense_views,
                         LazyRenderer* lazy) {
   lazy->ForEachPhoto("render", [&](Renderer& renderer, const ScenePhoto& photo) {
     const auto dense = dense_views.find(photo.name);
@@ -606,7 +397,8 @@ void RenderForWorkspace(const Arguments& a, const std::map<std::string, PinholeV
   if (a.masks) lazy->Get().WriteMaskLog();
 }
 
-void RenderFrames(const Arguments& a, const Workspace& workspace, LazyRenderer* lazy, Reporter& reporter) {
+void RenderFrames(const RendererArguments& a, const Workspace& workspace, LazyRenderer* lazy,
+                  Reporter& reporter) {
   Renderer& renderer = lazy->Get();
   const auto& photos = renderer.scene().photos;
   const auto first = std::find_if(photos.begin(), photos.end(),
@@ -627,14 +419,13 @@ void RenderFrames(const Arguments& a, const Workspace& workspace, LazyRenderer* 
 }  // namespace
 
 void RunGaussianRenderer(CommandContext& context) {
-  Arguments a;
+  RendererArguments a;
   Options& options = context.Declare(
       "Renders a trained model: masks, depth and normal maps of the rotating part into the workspace, which "
       "is skipped when it is done, and images to look at. The maps are what tsdf_mesher and colmap "
       "stereo_fusion need.",
       "--workspace_path scan --comparison 1");
-  AddOptions(&options, &a);
-  AddBackendOptions(&options, &a.backend);
+  AddRendererOptions(&options, &a);
   Reporter& reporter = context.Parse();
   if (a.num_frames < 0) throw CommandLineError("--num_frames must not be negative");
 

@@ -38,7 +38,7 @@ MODULES = ('plugin', 'sfm_split', 's2gs', 'mesh')
 # Folders of tests that reach a folder besides its own mirror, nearest first.
 COVERED_BY = {
     'mesh': ['tests/mesh', 'tests/s2gs/rotating_mask_test.cc', 'tests/plugin/outputs/texture_workspace_test.cc',
-             'tests/plugin/commands/gaussian_commands_test.cc'],
+             'tests/plugin/commands/gaussian_commands_test.cc', 'tests/plugin/commands/table_workspace_test.cc'],
     'plugin/cli': ['tests/plugin/cli', 'tests/plugin/commands/program_test.cc'],
     'plugin/stage': ['tests/plugin/stage', 'tests/plugin/commands/gaussian_commands_test.cc'],
     'plugin/report': ['tests/plugin/report', 'tests/plugin/commands/scan_evaluator_test.cc'],
@@ -48,7 +48,7 @@ COVERED_BY = {
     's2gs/image': ['tests/s2gs/image', 'tests/s2gs/training_scene_test.cc'],
     's2gs/backend': ['tests/s2gs/backend', 'tests/s2gs'],
     's2gs/cpu': ['tests/s2gs/cpu', 'tests/s2gs/backend'],
-    's2gs': ['tests/s2gs', 'tests/plugin/commands/gaussian_commands_test.cc'],
+    's2gs': ['tests/s2gs', 'tests/plugin/commands/gaussian_commands_test.cc', 'tests/plugin/commands/table_workspace_test.cc'],
     'sfm_split/base': ['tests/sfm_split/base', 'tests/sfm_split/scene'],
     'sfm_split/scene': ['tests/sfm_split/scene', 'tests/sfm_split/turntable/turntable_test.cc'],
     'sfm_split': ['tests/sfm_split'],

@@ -29,7 +29,7 @@ void Add(const Eigen::Vector3d& x, float logit, Placement* gaussians) {
 class LayersOverTopTest : public PlainTableTest {};
 
 // A card of another colour, with texture or without.
-INSTANTIATE_TEST_SUITE_P(Card, LayersOverTopTest, testing::Values(TableTop::kPlain, TableTop::kGreyCard));
+INSTANTIATE_TEST_SUITE_P(Card, LayersOverTopTest, testing::Values(TopLook::kPlain, TopLook::kGreyCard));
 
 // Rotating Gaussians at one height over bare places and over the card, and such as stand still.
 TEST_P(LayersOverTopTest, AreFoundAndWhatStandsOnTheCardStays) {
@@ -103,7 +103,7 @@ TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
 // A thing high over a table whose middle no light reaches, and layers between both.
 class LayersInShadow : public testing::Test {
  protected:
-  LayersInShadow() : scene(TableOnGround(kTablePhotos, TableTop::kPlain)), stations(LoadStations(scene)) {
+  LayersInShadow() : scene(TableOnGround(kTablePhotos, TopLook::kPlain)), stations(LoadStations(scene)) {
     for (size_t i = 0; i < kTablePhotos; ++i) {
       // Nor a part of the ring next to the rim, by which the shadow is known.
       stations[0].images[i] = ShadeTop(

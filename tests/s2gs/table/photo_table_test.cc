@@ -24,7 +24,7 @@ Placement Rotating(const std::vector<Eigen::Vector3d>& places) {
 }
 
 TEST(PhotoTable, ItsRimIsFoundInTheMedianOfAStation) {
-  const TrainingScene scene = TableOnGround(12, TableTop::kPlain);
+  const TrainingScene scene = TableOnGround(12, TopLook::kPlain);
   const std::optional<TableCircle> circle = FindTableInPhotos(scene, LoadStations(scene));
   ASSERT_TRUE(circle);
   EXPECT_NEAR(circle->radius, kTableRadius, kTablePixel);
@@ -35,7 +35,7 @@ TEST(PhotoTable, ItsRimIsFoundInTheMedianOfAStation) {
 }
 
 TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
-  TrainingScene scene = TableOnGround(41, TableTop::kPlain);
+  TrainingScene scene = TableOnGround(41, TopLook::kPlain);
   for (size_t i = 0; i < 30; i += 10) scene.photos[i].held_out = true;
   scene.photos.back().station = 1;
   const std::vector<StationPhotos> stations = LoadStations(scene);
@@ -51,10 +51,10 @@ TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
 }
 
 TEST(PhotoTable, TextureIsWhatMostPhotosShowBesideNoise) {
-  const double plain = TexturedShareOfTop(LoadStations(TableOnGround(12, TableTop::kPlain)), TableRegion());
+  const double plain = TexturedShareOfTop(LoadStations(TableOnGround(12, TopLook::kPlain)), TableRegion());
   // The card and the half patches about it: .65 x .8 of 2.3, which is the top without as much at its rim.
   EXPECT_NEAR(plain, 0.23, 0.06);
-  EXPECT_GT(TexturedShareOfTop(LoadStations(TableOnGround(12, TableTop::kTiled)), TableRegion()), 0.95);
+  EXPECT_GT(TexturedShareOfTop(LoadStations(TableOnGround(12, TopLook::kTiled)), TableRegion()), 0.95);
   EXPECT_EQ(TexturedShareOfTop({}, TableRegion()), 1);
 }
 
@@ -72,7 +72,7 @@ TEST(PhotoTable, GroundAroundItStandsAndALeafThatHangsDownTurns) {
     places.emplace_back(0.9 * std::cos(angle), 0.9 * std::sin(angle), kTableTop);  // on its top
   }
   Placement gaussians = Rotating(places);
-  const std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TableTop::kPlain));
+  const std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TopLook::kPlain));
   const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians);
   std::vector<uint32_t> expected;
   for (size_t i = num_leaf; i < num_low; ++i) expected.push_back(static_cast<uint32_t>(i));
@@ -89,7 +89,7 @@ TEST(PhotoTable, WhatReachesBeyondItStandsWherePhotosShowTheGroundsTexture) {
   for (double angle = 0; angle < 2 * kPi; angle += 0.1)
     places.emplace_back(1.2 * std::cos(angle), 1.2 * std::sin(angle), 0.15);
   const Placement gaussians = Rotating(places);
-  std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TableTop::kPlain));
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TopLook::kPlain));
   const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians);
   // Half a tile is plain between its borders.
   EXPECT_GT(standing.size(), places.size() / 3);
@@ -106,7 +106,7 @@ TEST(PhotoTable, PhotosOfACameraThatTurnedAsideDoNotCount) {
   std::vector<Eigen::Vector3d> places;
   for (double angle = 0.6; angle < 2 * kPi - 0.6; angle += 0.1)
     places.emplace_back(1.15 * std::cos(angle), 1.15 * std::sin(angle), -0.1);
-  std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TableTop::kPlain));
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TopLook::kPlain));
   // Two thirds of the photos, after the median was taken: as if their pictures had moved by 6 px.
   for (size_t i = 1; i < stations[0].views.size(); ++i) {
     if (i % 3 == 0) continue;

@@ -37,7 +37,7 @@ class PlainTopTest : public PlainTableTest {
 };
 
 // A card of another colour, with texture or without.
-INSTANTIATE_TEST_SUITE_P(Card, PlainTopTest, testing::Values(TableTop::kPlain, TableTop::kGreyCard));
+INSTANTIATE_TEST_SUITE_P(Card, PlainTopTest, testing::Values(TopLook::kPlain, TopLook::kGreyCard));
 
 TEST_P(PlainTopTest, AShadowHasItsTintAndAPhotoItsExposure) {
   ASSERT_TRUE(top);
@@ -106,7 +106,7 @@ TEST_P(PlainTopTest, OtherStationsAndNoneShowNothing) {
 }
 
 TEST(PlainTop, ATopWithTextureHasNoColor) {
-  EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kTablePhotos, TableTop::kTiled)), TableRegion()));
+  EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled)), TableRegion()));
 }
 
 }  // namespace

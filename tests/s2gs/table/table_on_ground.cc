@@ -26,7 +26,7 @@ double TileAt(uint64_t seed, double size, double x, double y) {
 // A table that has turned by `angle` above ground that stands still, with a tiled card on a twelfth of its
 // top.
 double GreyAlong(const Rigid3& object_from_cam, const Rigid3& world_from_cam, const Eigen::Vector3d& in_cam,
-                 TableTop top) {
+                 TopLook top) {
   const Eigen::Vector3d from = object_from_cam.translation;
   const Eigen::Vector3d ray = object_from_cam.rotation * in_cam;
   const auto at_height = [&](double height) -> Eigen::Vector3d {
@@ -42,8 +42,8 @@ double GreyAlong(const Rigid3& object_from_cam, const Rigid3& world_from_cam, co
   if (leaf_first) return TileAt(3, 0.08, on_leaf.y(), on_leaf.z());
   if (is_top) {
     const bool is_card = std::abs(on_top.x()) < kCardHalfSide && std::abs(on_top.y()) < kCardHalfSide;
-    if (is_card && top == TableTop::kGreyCard) return 90;
-    return is_card || top == TableTop::kTiled ? TileAt(2, 0.06, on_top.x(), on_top.y()) : 150;
+    if (is_card && top == TopLook::kGreyCard) return 90;
+    return is_card || top == TopLook::kTiled ? TileAt(2, 0.06, on_top.x(), on_top.y()) : 150;
   }
   for (double z = kTableTop; z > kTableBottom; z -= 0.004) {
     if (at_height(z).head<2>().norm() < kTableRadius) return 90;
@@ -54,7 +54,7 @@ double GreyAlong(const Rigid3& object_from_cam, const Rigid3& world_from_cam, co
   return TileAt(1, 0.4, on_ground.x(), on_ground.y());
 }
 
-ScenePhoto PhotoAt(double angle, TableTop top, uint64_t seed) {
+ScenePhoto PhotoAt(double angle, TopLook top, uint64_t seed) {
   ScenePhoto photo;
   PinholeView& view = photo.view;
   view = ViewFromAbove(kTablePhotoWidth, kTablePhotoHeight, kFocal, 0.3, kDistance);
@@ -77,7 +77,7 @@ ScenePhoto PhotoAt(double angle, TableTop top, uint64_t seed) {
 
 }  // namespace
 
-TrainingScene TableOnGround(int num_photos, TableTop top) {
+TrainingScene TableOnGround(int num_photos, TopLook top) {
   TrainingScene scene;
   scene.mode = TrainMode::kS2gs;
   scene.axis = TurntableAxis();

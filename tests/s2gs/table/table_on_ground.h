@@ -29,7 +29,7 @@ constexpr double kTablePixel = 5.0 / 200;  // at the camera's distance
 constexpr double kTableLeafAt = 1.25;      // from the axis
 constexpr double kCardHalfSide = 0.25;
 
-enum class TableTop : uint8_t {
+enum class TopLook : uint8_t {
   kPlain,     ///< the card is tiled.
   kTiled,     ///< as the card is.
   kGreyCard,  ///< the card is plain, too, and darker.
@@ -39,11 +39,11 @@ enum class TableTop : uint8_t {
 inline RotatingRegion TableRegion() { return {TurntableAxis(), kTableRadius, kTableBottom, kTableTop}; }
 
 /// \param num_photos  of one station, over a full turn.
-TrainingScene TableOnGround(int num_photos, TableTop top);
+TrainingScene TableOnGround(int num_photos, TopLook top);
 std::vector<StationPhotos> LoadStations(const TrainingScene& scene);
 
 /// Photos of a table whose top is plain but for what its parameter says, and what they tell of it.
-class PlainTableTest : public testing::TestWithParam<TableTop> {
+class PlainTableTest : public testing::TestWithParam<TopLook> {
  protected:
   PlainTableTest() : scene(TableOnGround(kTablePhotos, GetParam())), stations(LoadStations(scene)) {
     top = PlainTop::Learn(stations, TableRegion());

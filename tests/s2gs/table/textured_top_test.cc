@@ -37,7 +37,7 @@ int CountMarked(const Image8& marks) {
 
 // A thing hides a part of the top in one photo, and another in each of the others.
 TEST(TexturedTop, IsSeenWherePhotosAgreeAndNotWhereAThingHidesIt) {
-  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TableTop::kTiled));
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled));
   const Image8 bare = stations[0].images[kPhoto];
   constexpr int kHalf = 12;
   const int middle_x = kTablePhotoWidth / 2 + 15;
@@ -66,7 +66,7 @@ TEST(TexturedTop, IsSeenWherePhotosAgreeAndNotWhereAThingHidesIt) {
 }
 
 TEST(TexturedTop, IsUnknownWhereItIsPlain) {
-  const std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TableTop::kPlain));
+  const std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kPlain));
   const PinholeView& view = stations[0].views[kPhoto];
   const std::optional<TexturedTop> top = TexturedTop::Learn(stations, TableRegion());
   ASSERT_TRUE(top);  // by the card
@@ -79,7 +79,7 @@ TEST(TexturedTop, IsUnknownWhereItIsPlain) {
 
 // What photos have beside each other's noise is no texture.
 TEST(TexturedTop, NoiseAgreesOnNothing) {
-  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TableTop::kPlain));
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kPlain));
   for (size_t i = 0; i < stations[0].images.size(); ++i) {
     std::vector<uint8_t>& pixels = stations[0].images[i].pixels;
     for (size_t k = 0; k < pixels.size(); ++k)

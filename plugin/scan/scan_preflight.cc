@@ -1,4 +1,4 @@
-#include "plugin/commands/scan_preflight.h"
+#include "plugin/scan/scan_preflight.h"
 
 #include <fmt/format.h>
 #include <sys/resource.h>

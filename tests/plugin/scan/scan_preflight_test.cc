@@ -1,14 +1,17 @@
-#include "plugin/commands/scan_preflight.h"
+#include "plugin/scan/scan_preflight.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "plugin/cli/options.h"
+#include "plugin/stage/stage.h"
+#include "plugin/stage/stage_stamp.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "tests/support/temporary_folder.h"
@@ -184,6 +187,34 @@ TEST_F(ScanPreflight, LinksOutOfTheWorkspaceAreFound) {
         << place;
     std::filesystem::remove(folder_ / "scan" / place);
   }
+  EXPECT_THAT(Check().faults, IsEmpty());
+}
+
+// Where every stage is done nothing will be written, and where one is not, something will.
+TEST_F(ScanPreflight, LinksDoNotMatterOnceEverythingIsDone) {
+  const std::vector<std::string> stages = {"feature_extractor", "motion_splitter",   "turntable_mapper",
+                                           "gaussian_trainer",  "gaussian_renderer", "tsdf_mesher",
+                                           "mesh_texturer"};
+  std::filesystem::create_directories(folder_ / "scan");
+  std::filesystem::create_directories(folder_ / "elsewhere");
+  {
+    StageRunner runner(request_.workspace, reporter_);
+    for (const std::string& name : stages) runner.Run({name, {}, {}, {}, {}}, [] {});
+  }
+  std::filesystem::create_symlink(folder_ / "elsewhere", folder_ / "scan/dense");
+  EXPECT_THAT(Check().faults, IsEmpty());
+  for (const std::string& name : stages) {
+    const std::optional<StageStamp> stamp = ReadStageStamp(request_.workspace, name, reporter_);
+    ASSERT_TRUE(stamp) << name;
+    RemoveStageStamp(request_.workspace, name);
+    EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("is a symbolic link out of"))) << name;
+    WriteStageStamp(request_.workspace, name, *stamp);
+  }
+  // What is not asked for need not be done.
+  for (const char* name : {"gaussian_renderer", "tsdf_mesher", "mesh_texturer"})
+    RemoveStageStamp(request_.workspace, name);
+  EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("is a symbolic link out of")));
+  request_.meshes = request_.textures = false;
   EXPECT_THAT(Check().faults, IsEmpty());
 }
 

@@ -1,0 +1,108 @@
+#include "s2gs/table/scene_table.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "s2gs/image/photos.h"
+#include "s2gs/table/opaque_region.h"
+#include "sfm_split/base/error.h"
+
+namespace s2gs {
+namespace {
+
+// Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and more.
+constexpr double kTexturedTop = 0.5;
+
+}  // namespace
+
+void LeaveOut(const std::vector<uint32_t>& gaussians, const char* which, Backend* backend,
+              Reporter& reporter) {
+  if (gaussians.empty()) return;
+  std::vector<uint32_t> others;
+  const auto count = static_cast<uint32_t>(backend->Count());
+  for (uint32_t i = 0; i < count; ++i) {
+    if (!std::binary_search(gaussians.begin(), gaussians.end(), i)) others.push_back(i);
+  }
+  backend->Keep(others);
+  reporter.Info(fmt::format("{} rotating Gaussians left out {}", gaussians.size(), which));
+}
+
+SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
+                            const SceneTableOptions& options, std::optional<RotatingShape>* shape,
+                            Backend* backend, Reporter& reporter) {
+  SceneTable table;
+  std::vector<StationPhotos> stations;
+  try {
+    stations = LoadStationPhotos(scene, load, reporter);
+  } catch (const UserError& error) {
+    reporter.Warn(fmt::format("the table's rim is not looked for in the photos: {}", error.what()));
+  }
+  table.circle = FindTableInPhotos(scene, stations);
+  if (!table.circle) {
+    table.rim = FindTableRim(scene, backend);
+    if (table.rim && table.rim->IsUndecided() && *shape && options.plain_is_object)
+      CountTableAsRotating(*table.rim, &**shape);
+    return table;
+  }
+  table.rim = RimOfCircle(scene, *table.circle, *shape, backend);
+  const RotatingRegion& region = table.rim->region;
+  if (table.rim->IsUndecided() && !options.plain_is_object) return table;
+  table.in_masks_ = region;
+  table.textured_share = TexturedShareOfTop(stations, region);
+  const bool is_textured = *table.textured_share >= kTexturedTop;
+  // Photos show the shape of a top that has texture and turns.
+  if (table.rim->IsUndecided() || !is_textured) table.in_maps_ = region;
+  if (options.clear_plain_top && !is_textured)
+    table.ClearPlainTop(stations, options.draw_seen, backend, reporter);
+  if (table.in_maps_) {
+    // Splats of a table that masks and maps show anyway only blur its rim. The circle is known to a pixel.
+    const double margin = PixelAtAxis(stations, region.axis);
+    LeaveOut(FindRotatingIn(region, margin, backend->GetPlacement()),
+             "of the table, which is known by its rim", backend, reporter);
+  }
+  if (options.draw_seen && is_textured) table.known_texture_ = TexturedTop::Learn(stations, region);
+  if (!options.cut_around) return table;
+  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, region, backend->GetPlacement());
+  table.num_around = standing.size();
+  LeaveOut(standing, "around the table, where photos show no change", backend, reporter);
+  return table;
+}
+
+// Of what training builds over a plain top.
+void SceneTable::ClearPlainTop(const std::vector<StationPhotos>& stations, bool draw_seen, Backend* backend,
+                               Reporter& reporter) {
+  const std::optional<PlainTop> top = PlainTop::Learn(stations, rim->region);
+  if (!top) return;
+  const LayersOverTop layers =
+      FindLayersOverTop(*top, stations, RotatingDepths(stations, backend), backend->GetPlacement());
+  num_over_top = layers.gaussians.size();
+  if (draw_seen) seen_top_ = SeenTop{*top, layers.evidence};
+  LeaveOut(layers.gaussians, "over the table's plain top, where photos see the top itself", backend,
+           reporter);
+}
+
+void SceneTable::AddToMask(const PinholeView& view, PixelMask* mask) const {
+  if (in_masks_) AddRegion(*in_masks_, view, mask);
+}
+
+void SceneTable::DrawIntoMaps(const PinholeView& view, RenderedView* drawn) const {
+  if (in_maps_) DrawOpaqueRegion(*in_maps_, view, drawn);
+}
+
+bool SceneTable::IsTopSeen() const {
+  return known_texture_ || (seen_top_ && seen_top_->evidence != TopEvidence::kNone);
+}
+
+Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load) const {
+  if (!IsTopSeen()) return {};
+  const PinholeView view = StationView(photo);
+  const Image8 reduced = ResizeByArea(load(photo), view.width, view.height);
+  if (known_texture_) return known_texture_->Look(reduced, view);
+  Image8 seen{view.width, view.height, 1, {}};
+  for (const TopSight sight : seen_top_->top.Look(reduced, view, photo.station))
+    seen.pixels.push_back(s2gs::IsTopSeen(sight, seen_top_->evidence) ? 255 : 0);
+  return seen;
+}
+
+}  // namespace s2gs
