@@ -7,9 +7,11 @@
 
 #include "mesh/surface/triangle_mesh.h"
 #include "plugin/commands/scan_evaluator_command.h"
+#include "plugin/evaluation/scan_evaluation.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/reporter.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
 #include "sfm_split/scene/pose_error.h"
@@ -252,7 +254,8 @@ TEST_F(ScanEvaluator, PerfectWorkspace) {
   EXPECT_EQ(figures.at("outside_box_pct").at("value"), 0);
   // What is left is the rounding of the mesh's vertices to float, of a size of 3 units at a diameter of 3.46.
   EXPECT_LT(figures.at("chamfer_pct").at("value").get<double>(), 1e-5);
-  EXPECT_EQ(figures.at("f1_2pct").at("value"), 1);
+  for (const char* name : {"f1_0.5pct", "f1_1pct", "f1_2pct"})
+    EXPECT_EQ(figures.at(name).at("value"), 1) << name;
   // Sampling alone: an area of 6, 20,000 and 50,000 points: about 1 / (2 sqrt(density)) of the diagonal.
   const double to_truth = 100 / std::sqrt(3.0) / (2 * std::sqrt(50'000 / 6.0));
   EXPECT_NEAR(figures.at("accuracy_sampled_pct").at("value").get<double>(), to_truth, 0.05 * to_truth);
@@ -421,6 +424,34 @@ TEST_F(ScanEvaluator, RenderedImagesAgainstPhotosAndTheTruthsLabels) {
   EXPECT_EQ(bare.at("figures").at("psnr_db").at("mean"), "inf");
   EXPECT_EQ(bare.at("figures").at("image_pairs").at("value"), 1);
   EXPECT_THAT(bare.at("missing").at("mask_ssim").get<std::string>(), HasSubstr("no masks"));
+}
+
+// Before each mask and each image.
+TEST_F(ScanEvaluator, StopsWhenItIsAskedTo) {
+  class Stopping : public Reporter {
+   public:
+    bool StopRequested() const override { return true; }
+  };
+  WriteEverything();
+  fs::create_directories(folder_ / "rendered");
+  WriteImage(folder_ / "rendered" / images_[0].name, Photo(100));
+  const SceneTruth truth = ReadScanTruth(Scene()).scene;
+  Stopping stopping;
+  Reporter patient;
+  const auto evaluate = [&](Reporter& reporter) {
+    Figures figures;
+    EvaluateMasks(workspace_, truth, reporter, &figures);
+    return figures.size();
+  };
+  const auto evaluate_images = [&](Reporter& reporter) {
+    Figures figures;
+    EvaluateImages({folder_ / "rendered", {}, {}}, &truth, reporter, &figures);
+    return figures.size();
+  };
+  EXPECT_THROW(evaluate(stopping), Interrupted);
+  EXPECT_THROW(evaluate_images(stopping), Interrupted);
+  EXPECT_EQ(evaluate(patient), 3U);
+  EXPECT_EQ(evaluate_images(patient), 7U);
 }
 
 TEST_F(ScanEvaluator, CombinationsThatMeasureNothingAreRefused) {

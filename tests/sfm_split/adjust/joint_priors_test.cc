@@ -239,5 +239,19 @@ TEST(EqualSteps, DoNotDependOnNames) {
   }
 }
 
+// By the angles alone no two photos share a place: two that do are no steps.
+TEST(EqualSteps, AreNoneWhereTwoPhotosShareAPlace) {
+  Scan scan = MakeScan(42, 0);
+  Reporter reporter;
+  const JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+  // Names that say nothing, so that the angles' own order is asked.
+  std::mt19937 random(5);
+  for (size_t i = scan.places.size(); i > 1; --i)
+    std::swap(scan.places[i - 1].place, scan.places[random() % i].place);
+  EXPECT_EQ(FindEqualSteps(scan.problem, scan.places, report).size(), 1U);
+  scan.problem.images[6].angle_rad = scan.problem.images[7].angle_rad + 1 * kDegree;
+  EXPECT_TRUE(FindEqualSteps(scan.problem, scan.places, report).empty());
+}
+
 }  // namespace
 }  // namespace s2gs

@@ -408,6 +408,54 @@ TEST(ScanRefinement, OneStationNeedsNoBackground) {
   EXPECT_LT(Measure(turntable, aligned).angle_max_deg, 0.15);
 }
 
+// A photo of so few matches that they tell no angle stands where the table's equal steps put it, if most of
+// them bear that out.
+TEST(ScanRefinement, FewMatchesBearOutWhatEqualStepsSay) {
+  constexpr int kPoor = 7;
+  SyntheticTurntableOptions options = SmallScan();
+  options.stations = 1;
+  options.steps = 24;
+  options.step_deg = 15;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  ColmapModel object = SyntheticObjectModel(turntable);
+  object.images.erase(kPoor + 1);
+  for (auto& [id, point] : object.points3D) {
+    auto& track = point.track;
+    track.erase(std::remove_if(track.begin(), track.end(),
+                               [](const auto& element) { return element.image_id == kPoor + 1; }),
+                track.end());
+  }
+  for (const auto& [num_matches, num_wrong] : {std::pair(3, 0), std::pair(5, 3)}) {
+    ScanFeatures features = SyntheticScanFeatures(turntable);
+    // One with each of so many other photos.
+    int kept = 0;
+    for (ImagePairMatches& pair : features.object_pairs) {
+      if (pair.image1 != kPoor && pair.image2 != kPoor) continue;
+      const int other = pair.image1 == kPoor ? pair.image2 : pair.image1;
+      const bool is_kept = std::abs(other - kPoor) % 2 == 1 && kept < num_matches;
+      pair.matches.resize(is_kept ? 1 : 0);
+      if (!is_kept) continue;
+      if (kept++ < num_wrong) {
+        const size_t at = static_cast<size_t>(pair.image1 == kPoor ? pair.image2 : pair.image1);
+        uint32_t& index = pair.image1 == kPoor ? pair.matches[0].point2D_idx2 : pair.matches[0].point2D_idx1;
+        index = (index + 40) % static_cast<uint32_t>(features.images[at].keypoints.size());
+      }
+    }
+    AlignedScene aligned = AlignScene(object, nullptr, StationsOf(features));
+    ASSERT_EQ(aligned.scene.views.size(), 23U);
+    Reporter reporter;
+    const RefineReport report = RefineScan(features, &object, {}, {}, reporter, &aligned);
+    if (num_wrong > 0) {
+      EXPECT_EQ(aligned.scene.views.size(), 23U);
+      continue;
+    }
+    ASSERT_EQ(aligned.scene.views.size(), 24U);
+    ASSERT_EQ(report.mended.size(), 1U);
+    EXPECT_NE(report.mended[0].how.find("from its equal steps"), std::string::npos) << report.mended[0].how;
+    EXPECT_LT(Measure(turntable, aligned).angle_max_deg, 0.15);
+  }
+}
+
 TEST(ScanRefinement, AnObjectTurnedOverIsSurvived) {
   SyntheticTurntableOptions options = SmallScan();
   options.flip_from_station = 2;
