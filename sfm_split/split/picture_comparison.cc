@@ -317,7 +317,7 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
   motion.topRightCorner<2, 1>() = shift.cast<double>();
   MatchEdges(other, shift, comparison);
   if (comparison->num_edges == 0) return false;
-  motion = FitShift(comparison->tiles, motion, kSearchRadius);
+  motion = FitTurn(comparison->tiles, motion, kSearchRadius, width_, height_);
   const double max_shake = max_shake_px_ + kMaxResidualPx;
   Eigen::Matrix2d all = Eigen::Matrix2d::Zero();
   Eigen::Matrix2d agreeing = Eigen::Matrix2d::Zero();
@@ -338,8 +338,9 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
                                                                         Eigen::EigenvaluesOnly);
   comparison->num_cells = CellsOfAgreeing(comparison->tiles, width_, height_);
   double log_chance = LogPoissonTail(num, kChanceOfEdge * comparison->num_edges);
-  // A shift was chosen among as many places as differ.
-  if (!motion.isIdentity()) log_chance -= 2 * std::log(kChanceOfEdge);
+  // A shift was chosen among as many places as differ, and so was a roll of what lies at the picture's
+  // border.
+  if (!motion.isIdentity()) log_chance -= (motion(1, 0) != 0 ? 3 : 2) * std::log(kChanceOfEdge);
   return share.eigenvalues().minCoeff() >= min_share_ && comparison->num_cells >= min_cells_ &&
          log_chance <= kMaxLogChance;
 }

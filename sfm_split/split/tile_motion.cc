@@ -118,6 +118,63 @@ Eigen::Vector2d DensestDisplacement(const std::vector<const TileMatch*>& found) 
   return best;
 }
 
+// A shift and a roll about the picture's middle [px, rad].
+struct Turn {
+  Eigen::Vector2d middle;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+  double roll = 0;
+
+  Eigen::Matrix3d Homography() const {
+    const Eigen::Affine2d T =
+        Eigen::Translation2d(middle + shift) * Eigen::Rotation2Dd(roll) * Eigen::Translation2d(-middle);
+    return T.matrix();
+  }
+};
+
+// The shift of a grid as fine as a residual's bound that explains most.
+Eigen::Vector2d LikeliestShift(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& from,
+                               int radius) {
+  Eigen::Vector2d best = Eigen::Vector2d::Zero();
+  double least = Criterion(from, seen, 0);
+  const int steps = static_cast<int>(std::ceil(radius / kMaxResidualPx));
+  for (int y = -steps; y <= steps; ++y) {
+    for (int x = -steps; x <= steps; ++x) {
+      const Eigen::Vector2d d = kMaxResidualPx * Eigen::Vector2d(x, y);
+      const double cost = Criterion(Turn{{0, 0}, d, 0}.Homography() * from, seen, 2);
+      if (cost < least) {
+        least = cost;
+        best = d;
+      }
+    }
+  }
+  return best;
+}
+
+// Least squares over what agrees within falling bounds: of the shift alone (2), or of the roll, too (3).
+Turn Refined(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& from, int num_parameters,
+             Turn turn) {
+  for (const double bound : {1.0, 0.7, 0.5, 0.0, 0.0}) {
+    const Eigen::Matrix3d H = turn.Homography() * from;
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(num_parameters, num_parameters);
+    Eigen::VectorXd right = Eigen::VectorXd::Zero(num_parameters);
+    for (const TileMatch* tile : Inliers(H, seen, num_parameters == 3 ? bound : 0.0)) {
+      const Eigen::Vector2d arm = tile->centre + Moved(H, *tile) - turn.middle - turn.shift;
+      Eigen::Matrix<double, 2, 3> design;
+      design << 1, 0, -arm.y(), 0, 1, arm.x();
+      const Eigen::MatrixXd told = Told(*tile) * design.leftCols(num_parameters);
+      const double weight = 1 / (tile->sigma_px * tile->sigma_px);
+      normal += weight * told.transpose() * told;
+      right -= weight * told.transpose() * Residual(H, *tile);
+    }
+    const Eigen::LDLT<Eigen::MatrixXd> solver(normal);
+    if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) break;
+    const Eigen::VectorXd step = solver.solve(right);
+    turn.shift += step.head<2>();
+    if (num_parameters == 3) turn.roll += step(2);
+  }
+  return turn;
+}
+
 }  // namespace
 
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height) {
@@ -154,43 +211,24 @@ Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, in
   return chosen;
 }
 
-Eigen::Matrix3d FitShift(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius) {
+Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
+                        int width, int height) {
   const std::vector<const TileMatch*> seen = SeenTiles(tiles);
-  const auto shifted = [&](const Eigen::Vector2d& d) {
-    Eigen::Matrix3d H = Eigen::Matrix3d::Identity();
-    H.topRightCorner<2, 1>() = d;
-    return Eigen::Matrix3d(H * from);
-  };
-  Eigen::Vector2d best = Eigen::Vector2d::Zero();
+  Turn turn{0.5 * Eigen::Vector2d(width, height), LikeliestShift(seen, from, radius), 0};
+  Eigen::Matrix3d chosen = from;
   double least = Criterion(from, seen, 0);
-  const int steps = static_cast<int>(std::ceil(radius / kMaxResidualPx));
-  for (int y = -steps; y <= steps; ++y) {
-    for (int x = -steps; x <= steps; ++x) {
-      const Eigen::Vector2d d = kMaxResidualPx * Eigen::Vector2d(x, y);
-      const double cost = Criterion(shifted(d), seen, 2);
-      if (cost < least) {
-        least = cost;
-        best = d;
-      }
-    }
+  for (const int num_parameters : {2, 3}) {
+    // Less than a residual's bound is no shift: what stays is the likelier for it.
+    if (num_parameters == 2 && turn.shift.isZero()) continue;
+    turn = Refined(seen, from, num_parameters, turn);
+    if (turn.shift.cwiseAbs().maxCoeff() > radius) break;
+    const Eigen::Matrix3d H = turn.Homography() * from;
+    const double cost = Criterion(H, seen, num_parameters);
+    if (cost >= least) continue;
+    least = cost;
+    chosen = H;
   }
-  if (best.isZero()) return from;
-  for (int round = 0; round < 3; ++round) {
-    const Eigen::Matrix3d H = shifted(best);
-    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
-    Eigen::Vector2d right = Eigen::Vector2d::Zero();
-    for (const TileMatch* tile : seen) {
-      const Eigen::Vector2d residual = Residual(H, *tile);
-      if (residual.norm() > Bound(*tile)) continue;
-      const double weight = 1 / (tile->sigma_px * tile->sigma_px);
-      normal += weight * Told(*tile);
-      right -= weight * residual;
-    }
-    if (std::abs(normal.determinant()) <= 0) break;
-    best += normal.inverse() * right;
-  }
-  if (best.cwiseAbs().maxCoeff() > radius) return from;
-  return shifted(best);
+  return chosen;
 }
 
 }  // namespace s2gs

@@ -47,8 +47,10 @@ bool IsSeen(const TileMatch& tile);
 /// ended: none, a shift, an affine map or a homography. \param width, height  of the picture [px].
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height);
 
-/// The shift of up to `radius` that tiles and edges ask for beyond a motion, by the criterion that chooses
-/// between motions.
-Eigen::Matrix3d FitShift(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius);
+/// What a camera that was turned a little about its centre shows, as tiles and edges ask for it beyond a
+/// motion, by the criterion that chooses between motions: nothing, a shift of up to `radius`, or a shift and
+/// a roll about the picture's middle. \param width, height  of the picture [px].
+Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
+                        int width, int height);
 
 }  // namespace s2gs

@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
 """Scans as real captures are: renders them, runs s2gs on their photos up to the poses, and says what came out.
 
-usage: real_captures.py render FOLDER [--only NAME...] [--python PYTHON]
-       real_captures.py run FOLDER WORKSPACES --s2gs S2GS [--colmap_path COLMAP] [--only NAME...]
-       real_captures.py score FOLDER WORKSPACES [--only NAME...] [--json FILE]
+usage: real_captures.py render FOLDER [--list FILE] [--only NAME...] [--python PYTHON] [--jobs N]
+       real_captures.py run FOLDER WORKSPACES --s2gs S2GS [--colmap_path COLMAP] [--list FILE] [--only NAME...]
+                        [--jobs N] [--options="WORD ..."]
+       real_captures.py score FOLDER WORKSPACES [--list FILE] [--only NAME...] [--json FILE]
+       real_captures.py draw COUNT --seed SEED > LIST
 
-FOLDER holds a folder for each scan of real_captures.txt beside this file, as render_scene.py leaves it; other scans of
-render_scene.py in it count too when --only names them. A scan that is there is not rendered again.
+FOLDER holds a folder for each scan of LIST (real_captures.txt beside this file), as render_scene.py leaves it; other
+scans of render_scene.py in it count too when --only names them. A scan that is there is not rendered again. `draw` makes
+lists of scans that nobody has seen: everything that a capture may have is drawn at random, from the seed. `run` stops at
+the poses, on the CPU; --options are others of automatic_scanner in place of that.
 
 The table: photos placed of all; the errors of cam_from_object's rotation and of the table's angle after the best common
 rotation of all photos, median / largest [degrees]; what the program says of the scan; and whether that is right: a scan is
@@ -14,6 +18,7 @@ right when all photos are placed, at 0.3 degrees in the median and 1 degree at m
 alone. Where the plate wobbles the angle is that of the whole tilted pose. Needs numpy and scipy.
 """
 import argparse, json, os, subprocess, sys, time
+from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -22,32 +27,67 @@ COMMON = '--width 480 --height 360 --samples 2 --held_out 0 --things 24'.split()
 MEDIAN_DEG, MAX_DEG = 0.3, 1.0
 
 
-def scans(only):
-    path = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'real_captures.txt')
+def scans(options):
+    path = options.list or os.path.join(os.path.dirname(os.path.abspath(__file__)), 'real_captures.txt')
     lines = [line.split() for line in open(path) if line.strip() and not line.startswith('#')]
     known = {words[0]: words[1:] for words in lines}
-    return {name: known.get(name) for name in only} if only else known
+    return {name: known.get(name) for name in options.only} if options.only else known
+
+
+def draw(options):
+    """Prints a list of captures: what each is of, how it is taken and what goes wrong, each independent of the others."""
+    rng = np.random.default_rng(options.seed)
+    pick = lambda values, shares=None: values[int(rng.choice(len(values), p=shares))]
+    between = lambda low, high, digits: f'{low + (high - low) * rng.random():.{digits}f}'
+    print(f'# Drawn by real_captures.py draw {options.folder} --seed {options.seed}')
+    for k in range(int(options.folder)):
+        words = ['--object', pick(['vase', 'knot', 'rock', 'box', 'group']), '--texture', f'{0.06 * 6 ** rng.random():.2f}',
+                 '--size', between(0.09, 0.19, 2), '--fill', between(0.4, 0.75, 2), '--disc', pick(['speckled', 'plain']),
+                 '--background', pick(['cluttered', 'weak', 'bright', 'plain'], [0.4, 0.25, 0.15, 0.2]),
+                 '--focal', pick(['0.8', '1', '1.2', '1.5', '2', '2.8']), '--grey_noise', pick(['0', '1', '2', '3']),
+                 '--quality', pick(['95', '90', '80', '70']), '--seed', str(10000 * options.seed + k)]
+        stations = pick([1, 2, 3], [0.5, 0.3, 0.2])
+        low = 5 + 25 * rng.random()
+        words += ['--stations', str(stations), '--elevations', f'{low:.0f}', f'{low + 12 * (stations - 1) * (1 + rng.random()):.0f}']
+        words += pick([['--steps', pick(['24', '30', '36'])], ['--steps', pick(['16', '18', '20'])],
+                       ['--steps', pick(['20', '26']), '--step', pick(['8', '12'])]], [0.5, 0.3, 0.2])
+        words += pick([[], ['--width', '640', '--height', '480'], ['--width', '480', '--height', '640']], [0.5, 0.35, 0.15])
+        sometimes = [(0.4, '--gloss', lambda: between(0.2, 0.8, 1)), (0.3, '--uneven', lambda: pick(['0.1', '0.4'])),
+                     (0.4, '--k1', lambda: pick(['-0.3', '-0.15', '-0.05', '0.05'])),
+                     (0.3, '--exposure_jumps', lambda: '2'), (0.3, '--balance_jumps', lambda: '1.5'),
+                     (0.2, '--people', lambda: pick(['3', '6'])), (0.2, '--hands', lambda: pick(['1', '3'])),
+                     (0.15, '--wobble', lambda: pick(['0.2', '0.5'])), (0.5, '--defocus', lambda: between(1, 6, 1)),
+                     (0.5, '--vignette', lambda: between(0.1, 0.5, 1)), (0.5, '--sharpen', lambda: between(0.3, 1.2, 1)),
+                     (0.25, '--shake', lambda: pick(['0.5', '1.5'])), (0.25, '--breathing', lambda: pick(['0.0005', '0.002']))]
+        for share, word, value in sometimes:
+            if rng.random() < share:
+                words += [word, value()]
+        print(f'd{options.seed}_{k:02d}', *words)
 
 
 def render(options):
     script = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'render_scene.py')
-    for name, words in scans(options.only).items():
+
+    def one(scan):
+        name, words = scan
         folder = os.path.join(options.folder, name)
         if os.path.exists(f'{folder}/gt/scene.json'):
-            continue
+            return
         if words is None:
-            sys.exit(f'real_captures.txt has no scan {name}')
+            sys.exit(f'the list has no scan {name}')
         start = time.time()
         subprocess.run([options.python, script, folder, *COMMON, *words], check=True)
         print(f'{name}: {time.time() - start:.0f} s', flush=True)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        list(pool.map(one, scans(options).items()))
 
 
 def run(options):
-    for name in scans(options.only):
+    def one(name):
         workspace = os.path.join(options.workspaces, name)
         os.makedirs(workspace, exist_ok=True)
         command = [options.s2gs, 'automatic_scanner', '--workspace_path', workspace, '--image_path',
-                   f'{options.folder}/{name}/images', '--until', 'split']
+                   f'{options.folder}/{name}/images', *options.options.split()]
         if options.colmap_path:
             command += ['--colmap_path', options.colmap_path]
         start = time.time()
@@ -55,6 +95,8 @@ def run(options):
             code = subprocess.run(command, stdout=log, stderr=subprocess.STDOUT).returncode
         json.dump(dict(exit_code=code, seconds=time.time() - start), open(f'{workspace}/run.json', 'w'))
         print(f'{name}: exit code {code}, {time.time() - start:.0f} s', flush=True)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        list(pool.map(one, scans(options)))
 
 
 def read_poses(model):
@@ -140,7 +182,7 @@ def score_scan(folder, workspace):
 
 
 def score(options):
-    names, table = scans(options.only), {}
+    names, table = scans(options), {}
     print('| scan | photos | rotation | angle | verdict | right | exit | seconds |')
     print('|---|---|---|---|---|---|---|---|')
     for name in names:
@@ -162,18 +204,22 @@ def score(options):
 
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument('do', choices=['render', 'run', 'score'])
-    p.add_argument('folder')
+    p.add_argument('do', choices=['render', 'run', 'score', 'draw'])
+    p.add_argument('folder', help='of the scans; of draw: how many')
     p.add_argument('workspaces', nargs='?')
     p.add_argument('--only', nargs='+', default=[])
     p.add_argument('--python', default=sys.executable, help='with what render_scene.py needs')
     p.add_argument('--s2gs', default='s2gs')
     p.add_argument('--colmap_path', default='')
     p.add_argument('--json', default='')
+    p.add_argument('--list', default='', help='of scans, instead of real_captures.txt')
+    p.add_argument('--jobs', type=int, default=1, help='scans at a time')
+    p.add_argument('--options', default='--until split', help='of automatic_scanner')
+    p.add_argument('--seed', type=int, default=1, help='of draw')
     options = p.parse_args()
-    if options.do != 'render' and not options.workspaces:
+    if options.do in ('run', 'score') and not options.workspaces:
         p.error('the folder of workspaces is missing')
-    {'render': render, 'run': run, 'score': score}[options.do](options)
+    {'render': render, 'run': run, 'score': score, 'draw': draw}[options.do](options)
 
 
 if __name__ == '__main__':

@@ -6,7 +6,8 @@ usage: render_scene.py OUTPUT_FOLDER [--object vase|knot|rock|box|group] [option
 Everything is made from the seed: a displaced, lathed, knotted or assembled object with a solid or printed texture on a
 disc that turns, a room with pictures on its walls and things on its desk, lights that stand still (so that shadows and
 shading move over the object, the disc and the desk), ambient occlusion, sensor noise and JPEG. What real captures have
-can be asked for: exposure and white balance that jump, a plate that wobbles, hands and people. Written are images/,
+can be asked for: exposure and white balance that jump, a plate that wobbles, hands and people, a lens that is open, dark
+in its corners or focused anew for each photo, a tripod that shakes. Written are images/,
 images_test/ (held-out angles), gt/masks/NAME.png (255 object, 128 disc, 0 static), gt/object.ply, gt/disc.ply and
 gt/scene.json, as `s2gs scan_evaluator` reads them. Units are metres.
 
@@ -343,7 +344,7 @@ def may_meet(origins, directions, centre, radius):
 
 
 def render(camera, pose, turn, room, table, bound, cache, options):
-    """One noiseless linear picture and its labels; what stands still is kept in the cache for the next."""
+    """One noiseless linear picture, its labels and distances; what stands still is kept in the cache for the next."""
     width, height = camera[:2]
     if not cache:
         o, d, lights = primary_rays(camera, pose, options.samples)
@@ -356,7 +357,8 @@ def render(camera, pose, turn, room, table, bound, cache, options):
         seen = np.nonzero(may_meet(o, d, *bound))[0]
         shaded = np.nonzero(lit & may_meet(points, to_light, *bound))[0]
         cache.update(picture=np.where(lit[:, None], bright, dark), dark=dark[shaded], shaded=shaded, start=start[shaded],
-                     to_light=to_light[shaded], seen=seen, o=o[seen], d=d[seen], lights=lights[seen], t=hit['t_hit'][seen])
+                     to_light=to_light[shaded], seen=seen, o=o[seen], d=d[seen], lights=lights[seen], t=hit['t_hit'][seen],
+                     all_t=hit['t_hit'])
     R, p = turn[:3, :3], turn[:3, 3]
     picture, label = cache['picture'].copy(), np.zeros(len(cache['picture']), np.uint8)
     fallen = table.blocked((cache['start'] - p) @ R, cache['to_light'] @ R, 1)
@@ -372,21 +374,60 @@ def render(camera, pose, turn, room, table, bound, cache, options):
     dark, bright = shade(surface, d, to_light)
     at = cache['seen'][front]
     picture[at], label[at] = np.where(lit[:, None], bright, dark), surface[4]
-    return picture.reshape(-1, height, width, 3)[:-1].mean(0), label.reshape(-1, height, width)[-1]
+    distance = cache['all_t'].copy()
+    distance[at] = hit['t_hit']
+    return (picture.reshape(-1, height, width, 3)[:-1].mean(0), label.reshape(-1, height, width)[-1],
+            distance.reshape(-1, height, width)[-1])
 
 
-def develop(picture, exposure, rng, noise, grey_noise=0):
+def develop(picture, exposure, rng, noise, grey_noise=0, sharpen=0):
     """Shot and read noise, tone curve, 8 bits. `exposure`: a factor, or one a channel; `grey_noise` comes after the tone
-    curve [grey levels]."""
+    curve [grey levels], and so does a mask of `sharpen` times what 1.2 pixels of blur take away."""
     picture = gaussian_filter(np.clip(picture * exposure, 0, 1), (0.45, 0.45, 0))
     picture = picture + rng.standard_normal(picture.shape) * noise * (0.3 + np.sqrt(picture))
     picture = np.clip(picture, 0, 1) ** (1 / 2.2) * 255
+    if sharpen:
+        picture = picture + sharpen * (picture - gaussian_filter(picture, (1.2, 1.2, 0)))
     if grey_noise:
         picture = picture + grey_noise * rng.standard_normal(picture.shape)
     return Image.fromarray(np.clip(picture + 0.5, 0, 255).astype(np.uint8))
 
 
 # ---- what real captures have ----
+
+def defocused(picture, distance, focus, at_infinity, layers=8):
+    """A picture as an open lens takes it: what lies at `distance` is blurred by a Gaussian of at_infinity |1 - focus / distance|
+    [pixels]. Layers from far to near, each blurred by itself and laid over those behind."""
+    inverse = np.where(np.isfinite(distance), focus / np.maximum(distance, 1e-6), 0)
+    knots = np.linspace(inverse.min(), inverse.max(), layers)
+    at = (inverse - knots[0]) / max(knots[1] - knots[0], 1e-9)
+    out, known = np.zeros_like(picture), np.zeros(distance.shape + (1,))
+    for k, knot in enumerate(knots):
+        share = np.clip(1 - np.abs(at - k), 0, 1)[..., None]
+        sigma = max(at_infinity * abs(1 - knot), 1e-3)
+        colour, share = gaussian_filter(picture * share, (sigma, sigma, 0)), gaussian_filter(share, (sigma, sigma, 0))
+        out, known = out * (1 - share) + colour, known * (1 - share) + share
+    return out / np.maximum(known, 1e-6)
+
+
+def vignette(shape, loss):
+    """Factors that fall by `loss` from the middle of a picture to its corners."""
+    height, width = shape
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    return (1 - loss * ((x - width / 2) ** 2 + (y - height / 2) ** 2) / ((width ** 2 + height ** 2) / 4))[..., None]
+
+
+def shaken(pose, pixels, focal, normals):
+    """A pose turned about its own centre by `pixels` times each of three normals: right, down, and in the picture's corners."""
+    turn = np.asarray(normals) * pixels / focal
+    angle = np.linalg.norm(turn) + 1e-12
+    x, y, z = turn / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    out = pose.copy()
+    out[:3] = rotation @ pose[:3]
+    return out
+
 
 def jumps(rng, count, factor):
     """Factors, one a photo, within `factor` of one another: each holds for a few photos, as automatic settings do."""
@@ -501,6 +542,11 @@ def parse_options():
     p.add_argument('--wobble', type=float, default=0, help='largest tilt of the plate [degrees]')
     p.add_argument('--hands', type=int, default=0, help='photos with a hand in them')
     p.add_argument('--people', type=int, default=0, help='photos with a person in the background')
+    p.add_argument('--defocus', type=float, default=0, help='blur of what is infinitely far, the object being sharp [pixels]')
+    p.add_argument('--vignette', type=float, default=0, help='light lost in the corners, 0 to 1')
+    p.add_argument('--sharpen', type=float, default=0, help="strength of the camera's own sharpening")
+    p.add_argument('--shake', type=float, default=0, help='turns of the camera from photo to photo [pixels]')
+    p.add_argument('--breathing', type=float, default=0, help='changes of the focal length from photo to photo [share]')
     p.add_argument('--quality', type=int, default=93, help='of JPEG')
     p.add_argument('--held_out', type=int, default=6, help='photos for images_test')
     p.add_argument('--seed', type=int, default=1)
@@ -564,6 +610,10 @@ def main():
 
     fixed = [place(s, 0) for s in stations]
     poses = [place(stations[s], 1) if options.hand_held else fixed[s] for s, _, _ in shots]
+    lens = np.random.default_rng([options.seed, 2])
+    if options.shake:
+        poses = [shaken(pose, options.shake, camera[2], lens.standard_normal(3)) for pose in poses]
+    focals = camera[2] * (1 + options.breathing * lens.standard_normal(len(shots)))
     eyes = [-p[:3, :3].T @ p[:3, 3] for p in (poses if options.hand_held else fixed)]
     room = build_room(options, rng, volume, eyes, reach)
     keep_occlusion(table, [room], rng)
@@ -581,23 +631,28 @@ def main():
 
     images, cache, cached, exposure = [], {}, None, None
     for index, ((station, angle, split), pose) in sorted(enumerate(zip(shots, poses)), key=lambda i: (i[1][0][0], i[0])):
-        key = index if options.hand_held else station
+        key = index if options.hand_held or options.shake or options.breathing else station
         if key != cached:
             cache, cached = {}, key
         turn = turn_about_axis(angle)
         if options.wobble:
             turn = wobbled(turn, options.wobble, angle, np.concatenate([phases[station], 2 * real.random(2) - 1]))
-        picture, label = render(camera, pose, turn, room, table, bound, cache, options)
+        photo_camera = (*camera[:2], focals[index], camera[3])
+        picture, label, distance = render(photo_camera, pose, turn, room, table, bound, cache, options)
+        if options.defocus:
+            picture = defocused(picture, distance, stations[station]['distance'], options.defocus)
+        if options.vignette:
+            picture = picture * vignette(label.shape, options.vignette)
         exposure = exposure or 0.5 / np.percentile(picture, 75)
         if index in people:
-            o, d, _ = primary_rays(camera, pose, 1)
+            o, d, _ = primary_rays(photo_camera, pose, 1)
             at = slice(-options.width * options.height, None)
             behind = (room.cast(o[at], d[at])['t_hit'] > stations[station]['distance'] + 0.2).reshape(label.shape) & (label == 0)
             picture = add_person(picture, behind, 0.1 + 0.8 * (index - train[first]) / max(1, options.people), real, volume)
         if index in hands:
             picture = add_hand(picture, label, real, volume)
         folder, name = 'images' if split == 'train' else 'images_test', f's{station}_{index:03d}'
-        develop(picture, exposure * gains[index], rng, options.noise, options.grey_noise).save(os.path.join(options.folder, folder, name + '.jpg'), quality=options.quality)
+        develop(picture, exposure * gains[index], rng, options.noise, options.grey_noise, options.sharpen).save(os.path.join(options.folder, folder, name + '.jpg'), quality=options.quality)
         Image.fromarray(label).save(os.path.join(options.folder, 'gt/masks', name + '.png'))
         images.append(dict(file=f'{folder}/{name}.jpg', mask=f'gt/masks/{name}.png', split=split,
                            station=index if options.hand_held else station, angle_deg=float(angle),

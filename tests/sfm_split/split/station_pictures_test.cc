@@ -149,6 +149,7 @@ TEST(PictureStandard, IgnoresAHand) {
 
 struct PlainShot {
   double turn_deg = 0;
+  double roll_rad = 0;  // of the camera about the picture's middle, before the shift
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();
   double flatness = 0.5;   // of the disc's ellipse: how high the camera stands
   bool has_shelf = false;  // two long edges instead of the disc's rim
@@ -168,8 +169,11 @@ GreyPicture TakePlain(const PlainShot& shot) {
   cv::Mat picture(2 * kHeight, 2 * kWidth, CV_32F);  // twice as fine, against steps along the rim
   for (int y = 0; y < picture.rows; ++y) {
     for (int x = 0; x < picture.cols; ++x) {
-      const double u = 0.5 * x - kDiscCentre.x() - shot.shift.x();
-      const double v = 0.5 * y - kDiscCentre.y() - shot.shift.y();
+      const Eigen::Vector2d middle(0.5 * kWidth, 0.5 * kHeight);
+      const Eigen::Vector2d unturned =
+          middle + Eigen::Rotation2Dd(-shot.roll_rad) * (0.5 * Eigen::Vector2d(x, y) - shot.shift - middle);
+      const double u = unturned.x() - kDiscCentre.x();
+      const double v = unturned.y() - kDiscCentre.y();
       double grey = 170 - 0.05 * y;
       if (shot.has_shelf ? v > -120 && v < 60 : std::hypot(u, v / shot.flatness) < kRadius) grey = 110;
       if (std::hypot(u, 2 * v) < kObjectRadius)
@@ -209,6 +213,28 @@ TEST(PictureStandard, KnowsACameraBeforeAPlainWallByEdges) {
       // .09 px at most were measured.
       const Eigen::Vector3d middle = comparison.second_from_first * Eigen::Vector3d(200, 190, 1);
       EXPECT_LT((middle.hnormalized() - Eigen::Vector2d(200, 190) - shift).norm(), 0.15);
+    }
+  }
+}
+
+// What rolls by a pixel at the picture's border is no shift, and leaves one more than an edge may differ by.
+TEST(PictureStandard, TellsARollByEdges) {
+  uint64_t seed = 1;
+  for (const double roll : {-0.008, 0.008, 0.012}) {
+    PlainShot other;
+    other.turn_deg = 40;
+    other.roll_rad = roll;
+    other.shift = {1.2, -0.8};
+    other.seed = ++seed;
+    const PictureComparison comparison = ComparePlain({}, other);
+    EXPECT_EQ(comparison.verdict, Verdict::kStill) << roll;
+    // Of the disc's rim, which is all that tells it: .09 px at most were measured.
+    const Eigen::Vector2d middle(0.5 * kWidth, 0.5 * kHeight);
+    for (const Eigen::Vector2d& at :
+         {Eigen::Vector2d(70, 190), Eigen::Vector2d(330, 190), Eigen::Vector2d(200, 255)}) {
+      const Eigen::Vector2d truth = middle + Eigen::Rotation2Dd(roll) * (at - middle) + other.shift;
+      const Eigen::Vector3d found = comparison.second_from_first * at.homogeneous();
+      EXPECT_LT((found.hnormalized() - truth).norm(), 0.15) << roll << " " << at.transpose();
     }
   }
 }
