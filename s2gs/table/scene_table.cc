@@ -1,8 +1,7 @@
 #include "s2gs/table/scene_table.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
+#include <string>
 
 #include "s2gs/image/photos.h"
 #include "s2gs/table/opaque_region.h"
@@ -25,7 +24,7 @@ void LeaveOut(const std::vector<uint32_t>& gaussians, const char* which, Backend
     if (!std::binary_search(gaussians.begin(), gaussians.end(), i)) others.push_back(i);
   }
   backend->Keep(others);
-  reporter.Info(fmt::format("{} rotating Gaussians left out {}", gaussians.size(), which));
+  reporter.Info(std::to_string(gaussians.size()) + " rotating Gaussians left out " + which);
 }
 
 SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
@@ -36,7 +35,7 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   try {
     stations = LoadStationPhotos(scene, load, reporter);
   } catch (const UserError& error) {
-    reporter.Warn(fmt::format("the table's rim is not looked for in the photos: {}", error.what()));
+    reporter.Warn(std::string("the table's rim is not looked for in the photos: ") + error.what());
   }
   table.circle = FindTableInPhotos(scene, stations);
   if (!table.circle) {

@@ -194,6 +194,39 @@ TEST_F(SplitFiles, BackgroundsOfStationsStandAfterTheOwnKeypoints) {
   EXPECT_EQ(copy.NumKeypoints(features.rows[0].image_id), 2U);
 }
 
+// A photo's keypoints have two, four or six columns: what is added has as many.
+TEST_F(SplitFiles, WhatIsAddedHasAsManyColumnsAsTheOthers) {
+  Make({"a.jpg", "b.jpg", "c.jpg"}, [](ColmapDatabase& database) {
+    database.WriteKeypoints(2, KeypointMatrix::Ones(2, 4));
+    database.WriteKeypoints(3, KeypointMatrix::Ones(2, 6));
+  });
+  SplitFeatures features = ReadSplitFeatures(path_);
+  SiftFeatures more;
+  more.keypoints = {{7.25F, 8.5F}};
+  more.scales = {3};
+  more.orientations = {0.5F};
+  more.descriptors.assign(kDescriptorSize, 45);
+  features.added.assign(3, more);
+  for (SplitImage& image : features.images) {
+    image.keypoints.push_back(more.keypoints[0]);
+    image.descriptors.insert(image.descriptors.end(), more.descriptors.begin(), more.descriptors.end());
+  }
+  const std::filesystem::path copy_path = folder_.path() / "copy.db";
+  WriteSplitDatabase(path_, copy_path, features, {}, nullptr, reporter_);
+  const ColmapDatabase copy = ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly);
+  const float c = 3 * std::cos(0.5F);
+  const float s = 3 * std::sin(0.5F);
+  const std::vector<std::vector<float>> expected = {
+      {7.25F, 8.5F}, {7.25F, 8.5F, 3, 0.5F}, {7.25F, 8.5F, c, -s, s, c}};
+  for (uint32_t id = 1; id <= 3; ++id) {
+    const KeypointMatrix keypoints = copy.ReadKeypoints(id);
+    ASSERT_EQ(keypoints.rows(), 3) << id;
+    ASSERT_EQ(keypoints.cols(), static_cast<Eigen::Index>(expected[id - 1].size())) << id;
+    for (Eigen::Index k = 0; k < keypoints.cols(); ++k)
+      EXPECT_FLOAT_EQ(keypoints(2, k), expected[id - 1][static_cast<size_t>(k)]) << id << " " << k;
+  }
+}
+
 TEST_F(SplitFiles, LabelsComeBack) {
   const Workspace workspace{folder_.path()};
   Make({"b.jpg", "a.jpg", "c\xC3\xA9.jpg"});
