@@ -7,6 +7,8 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <set>
+#include <sstream>
 #include <string>
 
 #include "mesh/surface/triangle_mesh.h"
@@ -138,6 +140,45 @@ TEST_F(SweepTest, ArgumentsGoBeforeWhatTheKnobAsksFor) {
   EXPECT_THAT(calls, testing::HasSubstr("--size 800"));
   EXPECT_THAT(calls, testing::Not(testing::HasSubstr("1600")));
   EXPECT_THAT(calls, testing::HasSubstr("--other 2"));
+}
+
+// Where a value stands for several options, a run has those of its own value, for its own command.
+TEST_F(SweepTest, AValueMayStandForSeveralOptions) {
+  options_.values = {"1", "2", "4"};
+  options_.seeds = {0};
+  for (const std::string value : {"1", "2", "4"}) {
+    options_.knob.settings.push_back({value, "tsdf_mesher", {{"knob", value}, {"size", value + value}}});
+    options_.knob.settings.push_back({value, "mesh_texturer", {{"texels", value}}});
+  }
+  RunSweep(options_, silent_);
+  std::istringstream calls(folder_.Read("calls"));
+  std::string line;
+  std::set<std::string> sizes;
+  while (std::getline(calls, line)) {
+    const size_t at = line.find("--size ");
+    ASSERT_NE(at, std::string::npos) << line;
+    EXPECT_EQ(line.find("--size ", at + 1), std::string::npos) << line;
+    EXPECT_EQ(line.find("--texels"), std::string::npos) << line;
+    sizes.insert(line.substr(at + 7, 2));
+  }
+  EXPECT_EQ(sizes, (std::set<std::string>{"11", "22", "44"}));
+}
+
+// A stage before those that run again has run anew: so do they.
+TEST_F(SweepTest, EarlierStagesCount) {
+  StageStamp stamp;
+  stamp.run_id = "1";
+  WriteStageStamp(scan_, "gaussian_renderer", stamp);
+  WriteStageStamp(scan_, "tsdf_mesher", stamp);
+  RunSweep(options_, silent_);
+  EXPECT_EQ(Calls(), 8);
+  stamp.run_id = "2";
+  WriteStageStamp(scan_, "tsdf_mesher", stamp);  // which runs anyway
+  RunSweep(options_, silent_);
+  EXPECT_EQ(Calls(), 8);
+  WriteStageStamp(scan_, "gaussian_renderer", stamp);
+  RunSweep(options_, silent_);
+  EXPECT_EQ(Calls(), 16);
 }
 
 TEST_F(SweepTest, OtherSettingsRunAgain) {

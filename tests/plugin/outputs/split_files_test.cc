@@ -158,6 +158,13 @@ TEST_F(SplitFiles, DatabaseOfOneBody) {
   EXPECT_EQ(geometry->inlier_matches[0].point2D_idx2, 1U);
   EXPECT_TRUE(geometry->F->isApprox(pair.F));
   EXPECT_TRUE(geometry->H->isApprox(pair.H));
+  // A pair whose points are no plane has none.
+  VerifiedPair solid = pair;
+  solid.is_planar = false;
+  WriteSplitDatabase(path_, folder_ / "solid.db", features, {solid}, &matches, reporter_);
+  EXPECT_FALSE(ColmapDatabase::Open(folder_ / "solid.db", ColmapDatabase::Access::kReadOnly)
+                   .ReadTwoViewGeometry(2, 1)
+                   ->H.has_value());
   EXPECT_EQ(copy.ReadMatches(2, 1).size(), 2U);
   EXPECT_EQ(copy.NumKeypoints(3), 2U);
   WriteSplitDatabase(path_, copy_path, features, {pair}, nullptr, reporter_);

@@ -65,6 +65,28 @@ TEST(TexturedTop, IsSeenWherePhotosAgreeAndNotWhereAThingHidesIt) {
   EXPECT_GT(MarkedShare(top->Look(bare, view), view, 0.8), 0.4);
 }
 
+// Far below and beside the world's origin photos show the same top.
+TEST(TexturedTop, DoesNotDependOnTheOrigin) {
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled));
+  const std::optional<TexturedTop> top = TexturedTop::Learn(stations, TableRegion());
+  ASSERT_TRUE(top);
+  const Image8 marks = top->Look(stations[0].images[kPhoto], stations[0].views[kPhoto]);
+  const Rigid3 back{Eigen::Quaterniond::Identity(), Eigen::Vector3d(-5, 3, 20)};
+  for (PinholeView& view : stations[0].views) {
+    view.cam_from_world = view.cam_from_world * back;
+    view.cam_from_object = view.cam_from_object * back;
+  }
+  RotatingRegion table = TableRegion();
+  table.axis.point = back.Inverse().translation;
+  const std::optional<TexturedTop> moved = TexturedTop::Learn(stations, table);
+  ASSERT_TRUE(moved);
+  const Image8 same = moved->Look(stations[0].images[kPhoto], stations[0].views[kPhoto]);
+  // Rounding decides of a few.
+  int other = 0;
+  for (size_t i = 0; i < marks.pixels.size(); ++i) other += marks.pixels[i] != same.pixels[i] ? 1 : 0;
+  EXPECT_LT(other, CountMarked(marks) / 50);
+}
+
 TEST(TexturedTop, IsUnknownWhereItIsPlain) {
   const std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kPlain));
   const PinholeView& view = stations[0].views[kPhoto];
