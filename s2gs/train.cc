@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 #include <numeric>
 #include <optional>
 #include <system_error>
@@ -125,6 +126,10 @@ class Trainer {
     }
     DecideBands();
     if (!resumed_) DecideWhetherToStop();
+    // It depends on the photos alone, and a GPU leaves the cores idle.
+    if (UsesEvidence() && options_.settle_until < 1 && backend_->Info().kind == BackendKind::kCuda) {
+      evidence_to_come_ = std::async(std::launch::async, [&scene] { return TurnEvidence(scene); });
+    }
   }
 
   TrainResult Run() {
@@ -422,11 +427,16 @@ class Trainer {
     log_.AddDecision(Point(), decision);
   }
 
+  bool UsesEvidence() const { return options_.use_turn_evidence && scene_.bodies() == SceneBodies::kBoth; }
+  void TakeEvidence() {
+    evidence_.emplace(evidence_to_come_.valid() ? evidence_to_come_.get() : TurnEvidence(scene_));
+  }
+
   // Rotating Gaussians where photos show the background, once p is frozen: others take their place.
   void RemoveStanding() {
-    if (!options_.use_turn_evidence || scene_.bodies() != SceneBodies::kBoth) return;
+    if (!UsesEvidence()) return;
     if (!evidence_) {
-      evidence_.emplace(scene_);
+      TakeEvidence();
       if (!evidence_->IsAvailable()) {
         log_.AddNote(Point(),
                      "no camera stood still for enough photos to show what stands behind the rotating part");
@@ -613,8 +623,8 @@ class Trainer {
     result.measuring_seconds = cursor_.measuring_seconds;
     result.foreground_frozen = cursor_.foreground_frozen;
     result.held_out = held_out_;
-    if (cursor_.foreground_frozen && options_.use_turn_evidence && scene_.bodies() == SceneBodies::kBoth) {
-      if (!evidence_) evidence_.emplace(scene_);
+    if (cursor_.foreground_frozen && UsesEvidence()) {
+      if (!evidence_) TakeEvidence();
       if (const std::optional<SightShares> shares = MeasureSights(*evidence_, backend_)) {
         log_.AddSights(Point(), *shares);
       }
@@ -644,7 +654,8 @@ class Trainer {
   int height_ = 0;
   std::vector<PinholeView> training_views_;
   std::optional<HeldOutErrors> held_out_;
-  std::optional<TurnEvidence> evidence_;  // made when it is first asked.
+  std::optional<TurnEvidence> evidence_;  // taken, or made, when it is first asked.
+  std::future<TurnEvidence> evidence_to_come_;
   int64_t not_finite_ = 0;
   int bad_reports_ = 0;
   double last_message_ = 0;

@@ -7,8 +7,9 @@ namespace s2gs::cuda {
 namespace {
 
 constexpr int kThreads = 128;
-constexpr int kBox = 64;
-constexpr int kBits = 21;  // of the Morton code, per axis.
+constexpr int kBox = 64;         // points of a box,
+constexpr int kBoxesOfOne = 32;  // and boxes of a large one.
+constexpr int kBits = 21;        // of the Morton code, per axis.
 
 // Unsigned integers in the order of floats.
 __device__ uint32_t Ordered(float value) {
@@ -82,6 +83,20 @@ __global__ void BoxesKernel(const float4* points, int count, int num_boxes, floa
   boxes[2 * box + 1] = upper;
 }
 
+// Boxes about kBoxesOfOne boxes each.
+__global__ void LargeBoxesKernel(const float4* boxes, int num_boxes, int num_large, float4* large) {
+  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  if (i >= num_large) return;
+  float4 lower = {INFINITY, INFINITY, INFINITY, 0}, upper = {-INFINITY, -INFINITY, -INFINITY, 0};
+  for (int box = i * kBoxesOfOne; box < min((i + 1) * kBoxesOfOne, num_boxes); ++box) {
+    const float4 its_lower = boxes[2 * box], its_upper = boxes[2 * box + 1];
+    lower = {fminf(lower.x, its_lower.x), fminf(lower.y, its_lower.y), fminf(lower.z, its_lower.z), 0};
+    upper = {fmaxf(upper.x, its_upper.x), fmaxf(upper.y, its_upper.y), fmaxf(upper.z, its_upper.z), 0};
+  }
+  large[2 * i] = lower;
+  large[2 * i + 1] = upper;
+}
+
 __device__ float DistanceToBox(const float4& p, const float4& lower, const float4& upper) {
   const float x = fmaxf(fmaxf(lower.x - p.x, p.x - upper.x), 0.0F);
   const float y = fmaxf(fmaxf(lower.y - p.y, p.y - upper.y), 0.0F);
@@ -123,6 +138,7 @@ __device__ void SearchBox(const float4* points, int count, int box, int self, Ne
   }
 }
 
+// \param boxes  the large ones behind the others.
 template <int kMax>
 __global__ __launch_bounds__(kThreads) void FindKernel(const float4* points, const float4* boxes,
                                                        const uint32_t* sorted_ids, int count, int num_boxes,
@@ -140,10 +156,15 @@ __global__ __launch_bounds__(kThreads) void FindKernel(const float4* points, con
   if (own > 0) SearchBox(points, count, own - 1, self, &nearest);
   if (own + 1 < num_boxes) SearchBox(points, count, own + 1, self, &nearest);
   const float4 p = points[self];
-  for (int box = 0; box < num_boxes; ++box) {
-    if (box >= own - 1 && box <= own + 1) continue;
-    if (DistanceToBox(p, boxes[2 * box], boxes[2 * box + 1]) >= nearest.distance[kMax - 1]) continue;
-    SearchBox(points, count, box, self, &nearest);
+  const float4* const large = boxes + 2 * num_boxes;
+  for (int first = 0; first < num_boxes; first += kBoxesOfOne) {
+    const float4* const its = large + 2 * (first / kBoxesOfOne);
+    if (DistanceToBox(p, its[0], its[1]) >= nearest.distance[kMax - 1]) continue;
+    for (int box = first; box < min(first + kBoxesOfOne, num_boxes); ++box) {
+      if (box >= own - 1 && box <= own + 1) continue;
+      if (DistanceToBox(p, boxes[2 * box], boxes[2 * box + 1]) >= nearest.distance[kMax - 1]) continue;
+      SearchBox(points, count, box, self, &nearest);
+    }
   }
   const uint32_t id = sorted_ids[self];
 #pragma unroll
@@ -170,13 +191,14 @@ void NeighbourFinder::Find(const float* centres, size_t stride, int64_t count, i
   const auto n = static_cast<int>(count);
   const auto size = static_cast<size_t>(count);
   const int num_boxes = (n + kBox - 1) / kBox;
+  const int num_large = (num_boxes + kBoxesOfOne - 1) / kBoxesOfOne;
   bounds_.Reserve(6);
   codes_.Reserve(size);
   sorted_codes_.Reserve(size);
   ids_.Reserve(size);
   sorted_ids_.Reserve(size);
   points_.Reserve(size);
-  boxes_.Reserve(2 * static_cast<size_t>(num_boxes));
+  boxes_.Reserve(2 * static_cast<size_t>(num_boxes + num_large));
   const unsigned blocks = NumBlocks(n, kThreads);
   ResetBoundsKernel<<<1, 32, 0, stream>>>(bounds_.get());
   BoundsKernel<<<blocks, kThreads, 0, stream>>>(centres, stride, n, bounds_.get());
@@ -192,6 +214,8 @@ void NeighbourFinder::Find(const float* centres, size_t stride, int64_t count, i
   SortPointsKernel<<<blocks, kThreads, 0, stream>>>(centres, stride, n, sorted_ids_.get(), points_.get());
   BoxesKernel<<<NumBlocks(num_boxes, kThreads), kThreads, 0, stream>>>(points_.get(), n, num_boxes,
                                                                        boxes_.get());
+  LargeBoxesKernel<<<NumBlocks(num_large, kThreads), kThreads, 0, stream>>>(
+      boxes_.get(), num_boxes, num_large, boxes_.get() + 2 * static_cast<size_t>(num_boxes));
   const auto find = [&](auto most) {
     FindKernel<decltype(most)::value><<<blocks, kThreads, 0, stream>>>(
         points_.get(), boxes_.get(), sorted_ids_.get(), n, num_boxes, k, neighbours);
