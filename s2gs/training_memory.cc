@@ -23,11 +23,11 @@ constexpr int64_t kCpuPerGaussian = 2 * kState + kNeighbours + 120 + kPairs * (8
 constexpr int64_t kCpuPerPixel = 4 * 52;  // maps, their gradients, scratch of SSIM
 
 // CUDA's: planes are 1.5 times as long as the model had Gaussians when they were made longer; a second model
-// beside the first where it grows; a packed splat and its gradient, the planes of the parameters' gradients,
-// keys and numbers of both sorts with their scratch; a pair's places in the lists of hits of its tile's eight
-// warps.
+// beside the first where it grows; a packed splat and its gradient, the planes of the colours' derivatives
+// and of the last steps' gradients by them, keys and numbers of both sorts with their scratch; a pair's
+// places in the lists of hits of its tile's eight warps.
 constexpr int64_t kCudaPerGaussian = 2 * 3 * kModel + kNeighbours + (64 + 4 + 4 + 8 + 4) +
-                                     (64 + 4 + 4 + 15 * 4 + 8 + 4 + 1) + 60 + kPairs * (24 + 8 * 8);
+                                     (64 + 4 + 4 + 33 * 4 + 1 + 8 + 4 + 4 + 1) + 60 + kPairs * (24 + 8 * 8);
 constexpr int64_t kCudaPerPixel = 4 * 33;
 // On the host beside CUDA: a checkpoint, or the model that is written.
 constexpr int64_t kHostPerGaussian = 2 * kState;

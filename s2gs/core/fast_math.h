@@ -7,8 +7,8 @@
 
 namespace s2gs {
 
-/// e^x and 1 / x by the GPU's own approximations (about 2 units in the last place) where the code runs on one
-/// in float; elsewhere the exact functions. For the inner loops over pixels.
+/// e^x, 1 / x and a / b by the GPU's own approximations (about 2 units in the last place) where the code runs
+/// on one in float; elsewhere the exact functions. For the inner loops over pixels and parameters.
 template <typename T>
 S2GS_HD inline T FastExp(const T& x) {
 #if defined(__CUDA_ARCH__)
@@ -24,6 +24,15 @@ S2GS_HD inline T FastReciprocal(const T& x) {
   if constexpr (std::is_same_v<T, float>) return __fdividef(1.0F, x);
 #endif
   return T(1) / x;
+}
+
+/// \param b  below 2^126.
+template <typename T>
+S2GS_HD inline T FastQuotient(const T& a, const T& b) {
+#if defined(__CUDA_ARCH__)
+  if constexpr (std::is_same_v<T, float>) return __fdividef(a, b);
+#endif
+  return a / b;
 }
 
 }  // namespace s2gs

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <optional>
 #include <string>
 
 #include "s2gs/backend/backend.h"
@@ -21,9 +20,11 @@
 #include "s2gs/cuda/view_maps.h"
 
 // All work goes to one stream, in order, but for the colours' bands 1 to 3, three quarters of the model's
-// numbers: a step leaves their update to the next one, which makes it together with the new view's colours on
+// numbers: a step leaves their update to the next ones, which make it together with the new view's colours on
 // a stream beside, while its splats are projected and sorted. Memory is the bound of the one and not of the
-// other. Whatever else looks at the model makes the update first (FinishColors()).
+// other. Each writes a part of the model back (ColorLog), and whatever else looks at the model has all of it
+// written first (FinishColors()). The losses of the maps and of the model go beside those of the colours,
+// too.
 //
 // Step() never waits for the GPU: how many pairs of a splat and a tile a view will have is not known when its
 // sort is launched, so each step sorts as many as recent steps had and a margin. The GPU compares, and a step
@@ -42,23 +43,26 @@ class CudaBackend : public Backend {
     cudaDeviceProp properties;
     CheckCuda(cudaGetDeviceProperties(&properties, gpu_index), "cudaGetDeviceProperties");
     device_name_ = properties.name;
+    num_processors_ = properties.multiProcessorCount;
     int least_priority = 0, greatest_priority = 0;
     CheckCuda(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority), "stream priorities");
     CheckCuda(cudaStreamCreateWithPriority(&stream_, cudaStreamNonBlocking, greatest_priority), "streams");
-    CheckCuda(cudaStreamCreateWithPriority(&color_stream_, cudaStreamNonBlocking, least_priority), "streams");
-    CheckCuda(cudaEventCreateWithFlags(&step_begins_, cudaEventDisableTiming), "events");
-    CheckCuda(cudaEventCreateWithFlags(&colors_drawn_, cudaEventDisableTiming), "events");
-    is_skipped_.Reserve(1);
+    CheckCuda(cudaStreamCreateWithPriority(&side_stream_, cudaStreamNonBlocking, least_priority), "streams");
+    for (cudaEvent_t* event : {&step_begins_, &colors_drawn_, &maps_drawn_, &maps_judged_, &model_judged_}) {
+      CheckCuda(cudaEventCreateWithFlags(event, cudaEventDisableTiming), "events");
+    }
+    is_skipped_.Reserve(kColorLogSize);
     sums_.Reserve(1);
     CheckCuda(cudaMemsetAsync(sums_.get(), 0, sizeof(LossSums), stream_), "losses");
   }
 
   ~CudaBackend() override {
-    cudaStreamSynchronize(color_stream_);
+    cudaStreamSynchronize(side_stream_);
     cudaStreamSynchronize(stream_);
-    cudaEventDestroy(step_begins_);
-    cudaEventDestroy(colors_drawn_);
-    cudaStreamDestroy(color_stream_);
+    for (const cudaEvent_t event : {step_begins_, colors_drawn_, maps_drawn_, maps_judged_, model_judged_}) {
+      cudaEventDestroy(event);
+    }
+    cudaStreamDestroy(side_stream_);
     cudaStreamDestroy(stream_);
   }
 
@@ -103,7 +107,7 @@ class CudaBackend : public Backend {
 
   void SetState(const TrainState& state) override {
     Wait();
-    color_update_.reset();
+    color_log_.WroteAll();
     count_ = static_cast<int64_t>(state.gaussians.size());
     S2GS_INVARIANT(count_ <= std::numeric_limits<int32_t>::max() - 1024);
     sh_degree_ = state.gaussians.sh_degree;
@@ -259,21 +263,23 @@ class CudaBackend : public Backend {
 
     reports_.Read(&sorter_);
     sorter_.Reserve(count_, photo.view.width, photo.view.height);
-    if (color_update_ && color_update_->sh_degree != step.sh_degree) FinishColors();
-    CheckCuda(cudaEventRecord(step_begins_, stream_), "colours");
-    CheckCuda(cudaStreamWaitEvent(color_stream_, step_begins_), "colours");
+    if (color_log_.sh_degree() != step.sh_degree) FinishColors();
+    HandOver(stream_, step_begins_, side_stream_);
+    DrawColors(color_input(), color_log_.updates(), optimise.view, sorter_.splats().splats,
+               color_traits_.get(), side_stream_);
+    color_log_.WroteOne();
+    CheckCuda(cudaEventRecord(colors_drawn_, side_stream_), "colours");
     Project(parameters(), count_, optimise.view, sorter_.splats(), stream_);
-    DrawColors(color_input(), color_update_ ? &*color_update_ : nullptr, optimise.view,
-               sorter_.splats().splats, color_stream_);
-    color_update_.reset();
-    CheckCuda(cudaEventRecord(colors_drawn_, color_stream_), "colours");
     S2GS_INVARIANT(!step.only_rotating_tiles || !learns_foreground);
     const uint8_t* is_listed = step.only_rotating_tiles
                                    ? sorter_.ListTilesOf(parameters().At(kForeground), optimise.view.rule,
                                                          count_, photo.view.width, photo.view.height, stream_)
                                    : nullptr;
-    sorter_.SortByDepth(count_, reports_.report(), stream_);
-    if (reports_.room() == 0) reports_.MakeRoom(reports_.Count(stream_), &sorter_);
+    sorter_.SortByDepth(count_, stream_);
+    if (reports_.room() == 0) {
+      sorter_.ReportTotal(count_, reports_.report(), stream_);
+      reports_.MakeRoom(reports_.Count(stream_), &sorter_);
+    }
     const RenderInput input = {sorter_.splats(),
                                sorter_.SortByTile(count_, photo.view.width, photo.view.height,
                                                   reports_.room(), reports_.report(), stream_, is_listed),
@@ -297,11 +303,10 @@ class CudaBackend : public Backend {
     loss.cy = optimise.view.camera.cy;
     loss.report = reports_.report();
     const MapGradients d_maps = maps_.ReserveGradients(photo.view.width, photo.view.height, channels);
+    HandOver(stream_, maps_drawn_, side_stream_);
+    MapLoss(loss, channels.geometry, channels.foreground, maps, d_maps, sums_.get(), side_stream_);
+    CheckCuda(cudaEventRecord(maps_judged_, side_stream_), "streams");
     ColorLoss(loss, maps, d_maps, maps_.partials(), sums_.get(), stream_);
-    MapLoss(loss, channels.geometry, channels.foreground, maps, d_maps, sums_.get(), stream_);
-    RenderBackward(input, channels, maps, hit_lists, d_maps, loss.background, d_splats_.get(),
-                   d_normal_z_.get(), stream_);
-
     const bool has_neighbours = num_neighbours_ > 0 && weights.local_consistency != 0;
     if (learns_foreground && (has_neighbours || weights.entropy_3d != 0)) {
       const ModelLossInput model = {parameters().At(kForeground),
@@ -311,9 +316,13 @@ class CudaBackend : public Backend {
                                     has_neighbours ? weights.local_consistency : 0,
                                     weights.entropy_3d,
                                     reports_.report()};
-      ModelLoss(model, d_logits_.get(), sums_.get(), stream_);
+      ModelLoss(model, d_logits_.get(), sums_.get(), side_stream_);
       optimise.d_logits = d_logits_.get();
     }
+    CheckCuda(cudaStreamWaitEvent(stream_, maps_judged_), "streams");
+    RenderBackward(input, channels, maps, hit_lists, d_maps, loss.background, d_splats_.get(),
+                   d_normal_z_.get(), stream_);
+    HandOver(side_stream_, model_judged_, stream_);
 
     optimise.parameters = parameters();
     optimise.first_moments = first_moments();
@@ -323,6 +332,8 @@ class CudaBackend : public Backend {
     optimise.d_splats = d_splats_.get();
     optimise.d_normal_z = d_normal_z_.get();
     optimise.scratch = {scratch_.get(), stride_};
+    optimise.color_traits = color_traits_.get();
+    optimise.color_slot = color_log_.next_slot();
     optimise.is_skipped = is_skipped_.get();
     optimise.has_geometry = channels.geometry;
     optimise.learns_foreground = learns_foreground;
@@ -336,9 +347,11 @@ class CudaBackend : public Backend {
     optimise.report = reports_.report();
     optimise.sums = sums_.get();
     Optimise(optimise, stream_);
-    color_update_ =
-        ColorUpdate{step.sh_degree, optimise.adam, step.rates.sh_rest,
-                    step.only_rotating_tiles ? sorter_.splats().tile_counts : nullptr, is_skipped_.get()};
+    if (step.sh_degree > 0) {
+      color_log_.Add({optimise.adam, step.rates.sh_rest, optimise.color_slot,
+                      step.only_rotating_tiles ? sorter_.splats().tile_counts : nullptr},
+                     step.sh_degree);
+    }
     // The next projection counts tiles anew.
     if (step.only_rotating_tiles) FinishColors();
   }
@@ -444,15 +457,22 @@ class CudaBackend : public Backend {
   Planes first_moments() const { return {model_.get() + kNumPlanes * stride_, stride_}; }
   Planes second_moments() const { return {model_.get() + 2 * kNumPlanes * stride_, stride_}; }
 
-  // --- Colours ---
-  ColorInput color_input() const {
-    return {parameters(), first_moments(), second_moments(), {scratch_.get(), stride_}, count_};
+  // What `to` does from now on begins when `from` has done what it has.
+  static void HandOver(cudaStream_t from, cudaEvent_t event, cudaStream_t to) {
+    CheckCuda(cudaEventRecord(event, from), "streams");
+    CheckCuda(cudaStreamWaitEvent(to, event), "streams");
   }
 
-  // Makes the update that the last step left to the next.
+  // --- Colours ---
+  ColorInput color_input() const {
+    return {parameters(),      first_moments(), second_moments(), {scratch_.get(), stride_},
+            is_skipped_.get(), count_,          num_processors_};
+  }
+
+  // Makes the updates that steps left to the next ones.
   void FinishColors() const {
-    if (color_update_) LearnColors(color_input(), *color_update_, stream_);
-    color_update_.reset();
+    LearnColors(color_input(), color_log_.updates(), stream_);
+    color_log_.WroteAll();
   }
 
   // --- Memory ---
@@ -480,6 +500,7 @@ class CudaBackend : public Backend {
     }
     d_logits_.Reserve(stride_);
     scratch_.Reserve(kNumScratchPlanes * stride_);
+    color_traits_.Reserve(stride_);
     gradient_sum_.Reserve(stride_);
     view_count_.Reserve(stride_);
     sorter_.Reserve(static_cast<int64_t>(stride_), 1, 1);
@@ -515,8 +536,9 @@ class CudaBackend : public Backend {
     int64_t room = 0;
     if (count_ > 0) {
       Project(parameters(), count_, options, sorter_.splats(), stream_);
-      DrawColors(color_input(), nullptr, options, sorter_.splats().splats, stream_);
-      sorter_.SortByDepth(count_, reports_.report(), stream_);
+      DrawColors(color_input(), {}, options, sorter_.splats().splats, color_traits_.get(), stream_);
+      sorter_.SortByDepth(count_, stream_);
+      sorter_.ReportTotal(count_, reports_.report(), stream_);
       room = reports_.Count(stream_);
       sorter_.ReserveIntersections(room);
     }
@@ -564,8 +586,10 @@ class CudaBackend : public Backend {
   }
 
   std::string device_name_;
-  cudaStream_t stream_ = nullptr, color_stream_ = nullptr;
-  cudaEvent_t step_begins_ = nullptr, colors_drawn_ = nullptr;
+  int num_processors_ = 0;
+  cudaStream_t stream_ = nullptr, side_stream_ = nullptr;
+  cudaEvent_t step_begins_ = nullptr, colors_drawn_ = nullptr, maps_drawn_ = nullptr, maps_judged_ = nullptr,
+              model_judged_ = nullptr;
   DeviceMemoryCount memory_;
 
   // The model: parameters, first and second moments, each kNumPlanes planes of stride_.
@@ -589,9 +613,9 @@ class CudaBackend : public Backend {
   DeviceBuffer<uint32_t> hit_counts_{&memory_};
   DeviceBuffer<float> d_splats_{&memory_}, d_normal_z_{&memory_}, d_logits_{&memory_}, scratch_{&memory_},
       peak_weights_{&memory_};
-  DeviceBuffer<uint8_t> is_seen_{&memory_};
-  mutable std::optional<ColorUpdate> color_update_;  // of the last step
-  DeviceBuffer<uint32_t> is_skipped_{&memory_};      // the last step, for lack of room
+  DeviceBuffer<uint8_t> is_seen_{&memory_}, color_traits_{&memory_};
+  mutable ColorLog color_log_;
+  DeviceBuffer<uint32_t> is_skipped_{&memory_};  // by slot of the log: that step, for lack of room
 
   DeviceBuffer<LossSums> sums_{&memory_};
   StepReports reports_{&memory_};

@@ -1,3 +1,5 @@
+#include <thrust/iterator/transform_iterator.h>
+
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_scan.cuh>
 #include <limits>
@@ -12,11 +14,10 @@ namespace {
 constexpr int kThreads = 128;
 
 // Tile counts in depth order, as 64-bit numbers for the scan.
-__global__ void GatherCountsKernel(const uint32_t* sorted_ids, const uint32_t* tile_counts, int count,
-                                   uint64_t* gathered) {
-  const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-  if (i < count) gathered[i] = tile_counts[sorted_ids[i]];
-}
+struct CountOf {
+  const uint32_t* tile_counts;
+  __host__ __device__ uint64_t operator()(uint32_t id) const { return tile_counts[id]; }
+};
 
 // offsets holds inclusive sums.
 __global__ void ReportTotalKernel(const uint64_t* offsets, int count, StepReport* report) {
@@ -43,7 +44,8 @@ __global__ __launch_bounds__(kThreads) void ListTilesKernel(ProjectedSplats spla
     reach = ReachOf(splats, static_cast<uint32_t>(i));
     reach.end = ~uint64_t{0};
   }
-  ForEachTile(reach, width, height, nullptr,
+  uint32_t mask = 0;
+  ForEachTile(reach, width, height, nullptr, &mask,
               [&](uint32_t /*id*/, uint64_t /*position*/, int tile) { is_listed[tile] = 1; });
 }
 
@@ -55,10 +57,12 @@ __global__ __launch_bounds__(kThreads) void CountListedKernel(ProjectedSplats sp
   TileReach reach{};
   const bool is_drawn = i < count && splats.tile_counts[i] > 0;
   if (is_drawn) reach = ReachOf(splats, static_cast<uint32_t>(i));
-  const int tiles = ForEachTile(reach, width, height, is_listed,
+  uint32_t mask = 0;
+  const int tiles = ForEachTile(reach, width, height, is_listed, &mask,
                                 [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
   if (!is_drawn) return;
   splats.tile_counts[i] = static_cast<uint32_t>(tiles);
+  splats.tile_masks[i] = mask;
   if (tiles == 0) splats.depth_keys[i] = kNotDrawn;
 }
 
@@ -66,22 +70,39 @@ template <typename Key>
 __global__ __launch_bounds__(kThreads) void EmitKernel(EmitInput in, Key* keys, uint32_t* ids,
                                                        StepReport* report) {
   const int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+  const int tiles_in_row = NumTiles(in.width);
   TileReach reach{};
+  const auto put = [&](uint32_t id, uint64_t position, int tile) {
+    keys[position] = static_cast<Key>(tile);
+    ids[position] = id;
+  };
   if (i < in.count) {
     const uint32_t id = in.sorted_ids[i];
     const uint32_t num_tiles = in.splats.tile_counts[id];
     const uint64_t end = in.offsets[i];
-    if (i == in.count - 1 && end > in.bound) report->overflow = 1;
+    if (i == in.count - 1) *report = {end, end > in.bound ? 1U : 0U};
     if (num_tiles > 0 && end - num_tiles < in.bound) {
-      reach = ReachOf(in.splats, id);
-      reach.offset = end - num_tiles;
-      reach.end = end < in.bound ? end : in.bound;
+      const uint64_t bounded_end = end < in.bound ? end : in.bound;
+      uint64_t position = end - num_tiles;
+      const PixelRect tiles = TilesOf(in.splats.rects[id]);
+      if (NumCandidates(tiles) <= kMaskTiles) {
+        const int columns = tiles.x_end - tiles.x_begin;
+        uint32_t mask = in.splats.tile_masks[id];
+        for (; mask != 0 && position < bounded_end; mask &= mask - 1, ++position) {
+          const int candidate = __ffs(static_cast<int>(mask)) - 1;
+          put(id, position,
+              (tiles.y_begin + candidate / columns) * tiles_in_row + tiles.x_begin + candidate % columns);
+        }
+      } else {
+        reach = ReachOf(in.splats, id);
+        reach.offset = position;
+        reach.end = bounded_end;
+      }
     }
   }
-  ForEachTile(reach, in.width, in.height, in.is_listed, [&](uint32_t id, uint64_t position, int tile) {
-    keys[position] = static_cast<Key>(tile);
-    ids[position] = id;
-  });
+  if (!__any_sync(0xFFFFFFFFU, NumCandidates(reach.tiles) > 0)) return;
+  uint32_t mask = 0;
+  ForEachTile(reach, in.width, in.height, in.is_listed, &mask, put);
 }
 
 // Where each tile's entries begin and end in the sorted list. Unused entries at the end have the key
@@ -157,6 +178,7 @@ TileSorter::TileSorter(DeviceMemoryCount* memory)
       depth_keys_(memory),
       ids_(memory),
       tile_counts_(memory),
+      tile_masks_(memory),
       rects_(memory),
       sorted_depth_keys_(memory),
       sorted_ids_(memory),
@@ -178,6 +200,7 @@ void TileSorter::Reserve(int64_t num_gaussians, int width, int height) {
   depth_keys_.Reserve(n);
   ids_.Reserve(n);
   tile_counts_.Reserve(n);
+  tile_masks_.Reserve(n);
   rects_.Reserve(n);
   cutoffs_.Reserve(n);
   sorted_depth_keys_.Reserve(n);
@@ -217,25 +240,27 @@ const uint8_t* TileSorter::ListTilesOf(const float* logits, ForegroundRule rule,
   return is_listed_.get();
 }
 
-void TileSorter::SortByDepth(int64_t num_gaussians, StepReport* report, cudaStream_t stream) {
+void TileSorter::SortByDepth(int64_t num_gaussians, cudaStream_t stream) {
   const auto n = static_cast<int>(num_gaussians);
+  const auto counts = thrust::make_transform_iterator(static_cast<const uint32_t*>(sorted_ids_.get()),
+                                                      CountOf{tile_counts_.get()});
   size_t sort_bytes = 0, scan_bytes = 0;
   CheckCuda(cub::DeviceRadixSort::SortPairs(nullptr, sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
                                             ids_.get(), sorted_ids_.get(), n, 0, kDepthBits, stream),
             "sort by depth");
-  CheckCuda(cub::DeviceScan::InclusiveSum(nullptr, scan_bytes, offsets_.get(), offsets_.get(), n, stream),
+  CheckCuda(cub::DeviceScan::InclusiveSum(nullptr, scan_bytes, counts, offsets_.get(), n, stream),
             "scan of tile counts");
   scratch_.Reserve(sort_bytes > scan_bytes ? sort_bytes : scan_bytes);
   CheckCuda(
       cub::DeviceRadixSort::SortPairs(scratch_.get(), sort_bytes, depth_keys_.get(), sorted_depth_keys_.get(),
                                       ids_.get(), sorted_ids_.get(), n, 0, kDepthBits, stream),
       "sort by depth");
-  GatherCountsKernel<<<NumBlocks(n, kThreads), kThreads, 0, stream>>>(sorted_ids_.get(), tile_counts_.get(),
-                                                                      n, offsets_.get());
-  CheckCuda(
-      cub::DeviceScan::InclusiveSum(scratch_.get(), scan_bytes, offsets_.get(), offsets_.get(), n, stream),
-      "scan of tile counts");
-  ReportTotalKernel<<<1, 1, 0, stream>>>(offsets_.get(), n, report);
+  CheckCuda(cub::DeviceScan::InclusiveSum(scratch_.get(), scan_bytes, counts, offsets_.get(), n, stream),
+            "scan of tile counts");
+}
+
+void TileSorter::ReportTotal(int64_t num_gaussians, StepReport* report, cudaStream_t stream) {
+  ReportTotalKernel<<<1, 1, 0, stream>>>(offsets_.get(), static_cast<int>(num_gaussians), report);
   CheckCuda(cudaGetLastError(), "tile counts");
 }
 

@@ -16,8 +16,8 @@ class TileSorter {
   void ReserveIntersections(int64_t num_intersections);
 
   ProjectedSplats splats() const {
-    return {splats_.get(),      normal_z_.get(), depth_keys_.get(), ids_.get(),
-            tile_counts_.get(), rects_.get(),    cutoffs_.get()};
+    return {splats_.get(),      normal_z_.get(),   depth_keys_.get(), ids_.get(),
+            tile_counts_.get(), tile_masks_.get(), rects_.get(),      cutoffs_.get()};
   }
 
   /// After the projection, before the sorts: only tiles that splats of the rotating part reach are listed,
@@ -25,10 +25,12 @@ class TileSorter {
   const uint8_t* ListTilesOf(const float* foreground_logits, ForegroundRule rule, int64_t num_gaussians,
                              int width, int height, cudaStream_t stream);
 
-  /// Depth order and the number of intersections; report->num_intersections is then on its way.
-  void SortByDepth(int64_t num_gaussians, StepReport* report, cudaStream_t stream);
-  /// The lists of all tiles. \param bound  room for intersections, at most what was reserved; if there are
-  /// more, the rest is left out and report->overflow is set.
+  /// Depth order and the places of all pairs.
+  void SortByDepth(int64_t num_gaussians, cudaStream_t stream);
+  /// How many pairs there are, before they are sorted by tile.
+  void ReportTotal(int64_t num_gaussians, StepReport* report, cudaStream_t stream);
+  /// The lists of all tiles, and the report. \param bound  room for intersections, at most what was reserved;
+  /// if there are more, the rest is left out and report->overflow is set. 0: the report is left alone.
   /// \param is_listed  as ListTilesOf() gave it; null: all tiles.
   TileLists SortByTile(int64_t num_gaussians, int width, int height, int64_t bound, StepReport* report,
                        cudaStream_t stream, const uint8_t* is_listed = nullptr);
@@ -36,7 +38,7 @@ class TileSorter {
  private:
   DeviceBuffer<PackedSplat> splats_;
   DeviceBuffer<float> normal_z_, cutoffs_;
-  DeviceBuffer<uint32_t> depth_keys_, ids_, tile_counts_;
+  DeviceBuffer<uint32_t> depth_keys_, ids_, tile_counts_, tile_masks_;
   DeviceBuffer<ushort4> rects_;
   DeviceBuffer<uint32_t> sorted_depth_keys_, sorted_ids_;
   DeviceBuffer<uint64_t> offsets_;

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <cfloat>
+#include <iterator>
 #include <type_traits>
 
 #include "s2gs/core/cuda.h"
@@ -9,36 +11,115 @@ namespace s2gs::cuda {
 namespace {
 
 constexpr int kThreads = 128;
-// Blocks of a multiprocessor, each of which goes through many Gaussians: enough to keep memory busy, and few
-// enough to leave room for the kernels beside.
-constexpr int kBlocks = 3;
-constexpr int kBlocksOfRegisters = 5;  // there would be registers for so many.
-// Coefficients whose moments are on their way at once, before any of them is stored.
-constexpr int kAtOnce = 5;
+// Blocks of a multiprocessor, each of which goes through many chunks of kThreads Gaussians. With three the
+// kernel is faster by itself, but leaves the sorts beside too few registers.
+constexpr int kBlocks = 2;
+constexpr int kBlocksOfRegisters = 4;  // there would be registers for so many.
 
 template <int kDegree>
 constexpr int kRestCount = ShRestCount(kDegree);
 
-template <int kDegree, bool kLearns, bool kDraws>
-__global__ __launch_bounds__(kThreads, kBlocksOfRegisters) void ColorKernel(ColorInput in, ColorUpdate update,
-                                                                            ProjectOptions view,
-                                                                            PackedSplat* splats) {
+// The class of the log that a chunk belongs to.
+__device__ int ClassOf(int chunk) { return chunk % kColorLogSize; }
+
+__device__ Vec3<float> LoadThree(const Planes& planes, int plane, int i) {
+  return {planes.At(plane)[i], planes.At(plane + 1)[i], planes.At(plane + 2)[i]};
+}
+
+// Gradients of the updates that a block's Gaussians lack, a column a thread.
+struct MissingUpdates {
+  float values[kColorLogSize][kPlanesOfSlot][kThreads];
+
+  // \param first  of the updates. \return  a bit for each that the thread's Gaussian learns from.
+  __device__ unsigned Load(const ColorInput& in, const ColorUpdates& log, int first, int i) {
+    unsigned learnt = 0;
+#pragma unroll
+    for (int u = 0; u < kColorLogSize; ++u) {
+      if (u < first || u >= log.size) continue;
+      const ColorUpdate& update = log.updates[u];
+      const Planes slot = ColorSlot(in.scratch, update.slot);
+#pragma unroll
+      for (int k = 0; k < kPlanesOfSlot; ++k) values[u][k][threadIdx.x] = slot.At(k)[i];
+      const bool is_left = update.tile_counts != nullptr && update.tile_counts[i] == 0;
+      if (in.is_skipped[update.slot] == 0 && !is_left) learnt |= 1U << u;
+    }
+    return learnt;
+  }
+  __device__ float ByColor(int update, int channel) const {
+    return values[update][kByColor + channel][threadIdx.x];
+  }
+  __device__ Vec3<float> Direction(int update) const {
+    const auto at = [&](int k) { return values[update][kViewDirection + k][threadIdx.x]; };
+    return {at(0), at(1), at(2)};
+  }
+};
+
+// One channel's coefficients of bands 1 to 3 of one Gaussian, and their moments.
+template <int kCount>
+struct Coefficients {
+  static constexpr int kRoom = kCount > 0 ? kCount : 1;
+  float x[kRoom], m[kRoom], v[kRoom];
+
+  // Arrays of numbers that are read once: they leave the cache to what is read again.
+  __device__ void Load(const ColorInput& in, int channel, int i, bool with_moments) {
+    const size_t next = 3 * in.parameters.stride;  // from a coefficient's plane to the next one's
+    const float* from = in.parameters.At(kShRest + channel) + i;
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) x[k] = __ldcs(from + k * next);
+    if (!with_moments) return;
+    from = in.first_moments.At(kShRest + channel) + i;
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) m[k] = __ldcs(from + k * next);
+    from = in.second_moments.At(kShRest + channel) + i;
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) v[k] = __ldcs(from + k * next);
+  }
+  __device__ void Store(const ColorInput& in, int channel, int i) const {
+    const size_t next = 3 * in.parameters.stride;
+    float* to = in.parameters.At(kShRest + channel) + i;
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) __stcs(to + k * next, x[k]);
+    to = in.first_moments.At(kShRest + channel) + i;
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) __stcs(to + k * next, m[k]);
+    to = in.second_moments.At(kShRest + channel) + i;
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) __stcs(to + k * next, v[k]);
+  }
+  // \param basis  finite.
+  __device__ void Learn(const ColorUpdate& update, float by_color, const float* basis) {
+    // As BoundedGradient() of each product, with two operations for its four.
+    constexpr auto kMax = static_cast<float>(kMaxAdamGradient);
+    const float finite = isnan(by_color) ? 0 : fminf(fmaxf(by_color, -FLT_MAX), FLT_MAX);
+#pragma unroll
+    for (int k = 0; k < kCount; ++k) {
+      const float gradient = fminf(fmaxf(finite * basis[k], -kMax), kMax);
+      UpdateByBounded(update.adam, update.rate, gradient, &x[k], &m[k], &v[k]);
+    }
+  }
+};
+
+template <int kDegree, bool kDraws>
+__global__ __launch_bounds__(kThreads,
+                             kBlocksOfRegisters) void ColorKernel(const __grid_constant__ ColorInput in,
+                                                                  const __grid_constant__ ColorUpdates log,
+                                                                  const __grid_constant__ ProjectOptions view,
+                                                                  PackedSplat* splats, uint8_t* traits) {
   constexpr int kCount = kRestCount<kDegree>;
-  constexpr int kRoom = kCount > 0 ? kCount : 1;
-  const bool learns_any = kLearns && *update.is_skipped == 0;
+  __shared__ MissingUpdates missing;
   const auto count = static_cast<int>(in.count);
-  const auto num_threads = static_cast<int>(gridDim.x) * kThreads;
-  const size_t next = 3 * in.parameters.stride;  // from a coefficient's plane to that of the next, R to R
 #pragma unroll 1
-  for (int i = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x); i < count; i += num_threads) {
-    const auto load3 = [&](const Planes& planes, int plane) {
-      return Vec3<float>{planes.At(plane)[i], planes.At(plane + 1)[i], planes.At(plane + 2)[i]};
-    };
-    const bool learns = learns_any && (update.tile_counts == nullptr || update.tile_counts[i] > 0);
-    if (!kDraws && !learns) continue;
-    float basis_then[kRoom], basis[kRoom];
-    if (learns) ShRestBasis(kDegree, load3(in.scratch, kViewDirection), basis_then);
+  for (auto chunk = static_cast<int>(blockIdx.x); chunk * kThreads < count;
+       chunk += static_cast<int>(gridDim.x)) {
+    const int i = chunk * kThreads + static_cast<int>(threadIdx.x);
+    if (i >= count) continue;
+    const int its_class = ClassOf(chunk);
+    const int first = log.size - log.num_missing[its_class];
+    const unsigned learnt = missing.Load(in, log, first, i);
+    const bool is_written = learnt != 0 && (!kDraws || its_class == log.written);
+    if (!kDraws && !is_written) continue;
     Vec3<float> direction{};
+    float basis[Coefficients<kCount>::kRoom];
     float4 packed{};  // opacity and colour
     if constexpr (kDraws) {
       packed.x = Sigmoid(in.parameters.At(kOpacity)[i]);
@@ -46,50 +127,33 @@ __global__ __launch_bounds__(kThreads, kBlocksOfRegisters) void ColorKernel(Colo
       const bool is_foreground = IsForeground(logit, view.rule);
       const float p = ForegroundProbability(logit, view.rule);
       direction = ViewDirection(
-          CentreInCamera(load3(in.parameters, kCentre), p, is_foreground, view.camera, view.rule),
+          CentreInCamera(LoadThree(in.parameters, kCentre, i), p, is_foreground, view.camera, view.rule),
           is_foreground, view.camera);
       ShRestBasis(kDegree, direction, basis);
     }
 #pragma unroll 1
     for (int channel = 0; channel < 3; ++channel) {
-      float values[kRoom];
-      float* const x = in.parameters.At(kShRest + channel) + i;
-#pragma unroll
-      for (int k = 0; k < kCount; ++k) values[k] = x[k * next];
-      if (learns) {
-        const float by_color = in.scratch.At(kByColor + channel)[i];
-        float* const m = in.first_moments.At(kShRest + channel) + i;
-        float* const v = in.second_moments.At(kShRest + channel) + i;
-#pragma unroll
-        for (int begin = 0; begin < kCount; begin += kAtOnce) {
-          float first[kAtOnce], second[kAtOnce];
-#pragma unroll
-          for (int j = 0; j < kAtOnce && begin + j < kCount; ++j) {
-            first[j] = m[(begin + j) * next];
-            second[j] = v[(begin + j) * next];
-          }
-#pragma unroll
-          for (int j = 0; j < kAtOnce && begin + j < kCount; ++j) {
-            const int k = begin + j;
-            UpdateByAdam(update.adam, update.rate, by_color * basis_then[k], &values[k], &first[j],
-                         &second[j]);
-            x[k * next] = values[k];
-            m[k * next] = first[j];
-            v[k * next] = second[j];
-          }
-        }
+      Coefficients<kCount> c;
+      c.Load(in, channel, i, learnt != 0);
+#pragma unroll 1
+      for (int u = first; u < log.size; ++u) {
+        if ((learnt >> u & 1U) == 0) continue;
+        float basis_then[Coefficients<kCount>::kRoom];
+        ShRestBasis(kDegree, missing.Direction(u), basis_then);
+        c.Learn(log.updates[u], missing.ByColor(u, channel), basis_then);
       }
+      if (is_written) c.Store(in, channel, i);
       if constexpr (kDraws) {
         float color = 0.5F + static_cast<float>(kShBand0) * in.parameters.At(kShDc + channel)[i];
 #pragma unroll
-        for (int k = 0; k < kCount; ++k) color += basis[k] * values[k];
+        for (int k = 0; k < kCount; ++k) color += basis[k] * c.x[k];
         // Not a number stays what it is, for IsDrawableColor.
         color = color < 0 ? 0 : color;
         if (channel == 0) packed.y = color;
         if (channel == 1) packed.z = color;
         if (channel == 2) packed.w = color;
         if constexpr (kDegree > 0) {
-          const Vec3<float> by_direction = ShRestBasisAdjoint(kDegree, direction, values);
+          const Vec3<float> by_direction = ShRestBasisAdjoint(kDegree, direction, c.x);
           float* const out = in.scratch.At(kColorByDirection + 3 * channel) + i;
           out[0] = by_direction.x;
           out[in.scratch.stride] = by_direction.y;
@@ -97,7 +161,13 @@ __global__ __launch_bounds__(kThreads, kBlocksOfRegisters) void ColorKernel(Colo
         }
       }
     }
-    if constexpr (kDraws) splats[i].c = packed;
+    if constexpr (kDraws) {
+      splats[i].c = packed;
+      const Vec3<float> color = {packed.y, packed.z, packed.w};
+      traits[i] =
+          static_cast<uint8_t>((color.x > 0 ? kRedIsLit : 0) | (color.y > 0 ? kGreenIsLit : 0) |
+                               (color.z > 0 ? kBlueIsLit : 0) | (IsDrawableColor(color) ? kIsDrawable : 0));
+    }
   }
 }
 
@@ -116,36 +186,56 @@ void WithDegree(int degree, const Run& run) {
   }
 }
 
-unsigned Grid(int64_t count) {
-  int device = 0, processors = 0;
-  CheckCuda(cudaGetDevice(&device), "cudaGetDevice");
-  CheckCuda(cudaDeviceGetAttribute(&processors, cudaDevAttrMultiProcessorCount, device), "multiprocessors");
-  return std::min(NumBlocks(count, kThreads), static_cast<unsigned>(processors * kBlocks));
+unsigned Grid(const ColorInput& input) {
+  return std::min(NumBlocks(input.count, kThreads), static_cast<unsigned>(input.num_processors * kBlocks));
 }
 
 }  // namespace
 
-void DrawColors(const ColorInput& input, const ColorUpdate* update, const ProjectOptions& view,
-                PackedSplat* splats, cudaStream_t stream) {
+void ColorLog::Add(const ColorUpdate& update, int sh_degree) {
+  ColorUpdates& all = updates_;
+  S2GS_INVARIANT(update.slot == next_slot_ && (IsEmpty() || all.sh_degree == sh_degree));
+  Forget();
+  S2GS_INVARIANT(all.size < kColorLogSize);
+  all.sh_degree = sh_degree;
+  all.updates[all.size++] = update;
+  for (int& num_missing : all.num_missing) ++num_missing;
+  next_slot_ = (next_slot_ + 1) % kColorLogSize;
+}
+
+void ColorLog::WroteOne() {
+  updates_.num_missing[updates_.written] = 0;
+  updates_.written = (updates_.written + 1) % kColorLogSize;
+}
+
+void ColorLog::WroteAll() {
+  for (int& num_missing : updates_.num_missing) num_missing = 0;
+  updates_.size = 0;
+}
+
+// The updates that no class lacks any more.
+void ColorLog::Forget() {
+  const int kept = *std::max_element(std::begin(updates_.num_missing), std::end(updates_.num_missing));
+  for (int i = 0; i < kept; ++i) updates_.updates[i] = updates_.updates[updates_.size - kept + i];
+  updates_.size = kept;
+}
+
+void DrawColors(const ColorInput& input, const ColorUpdates& updates, const ProjectOptions& view,
+                PackedSplat* splats, uint8_t* traits, cudaStream_t stream) {
   if (input.count == 0) return;
-  S2GS_INVARIANT(update == nullptr || update->sh_degree == view.sh_degree);
+  S2GS_INVARIANT(updates.size == 0 || updates.sh_degree == view.sh_degree);
   WithDegree(view.sh_degree, [&](auto degree) {
-    constexpr int kDegree = decltype(degree)::value;
-    if (update != nullptr) {
-      ColorKernel<kDegree, true, true>
-          <<<Grid(input.count), kThreads, 0, stream>>>(input, *update, view, splats);
-    } else {
-      ColorKernel<kDegree, false, true><<<Grid(input.count), kThreads, 0, stream>>>(input, {}, view, splats);
-    }
+    ColorKernel<decltype(degree)::value, true>
+        <<<Grid(input), kThreads, 0, stream>>>(input, updates, view, splats, traits);
   });
   CheckCuda(cudaGetLastError(), "colours");
 }
 
-void LearnColors(const ColorInput& input, const ColorUpdate& update, cudaStream_t stream) {
-  if (input.count == 0 || update.sh_degree == 0) return;
-  WithDegree(update.sh_degree, [&](auto degree) {
-    ColorKernel<decltype(degree)::value, true, false>
-        <<<Grid(input.count), kThreads, 0, stream>>>(input, update, {}, nullptr);
+void LearnColors(const ColorInput& input, const ColorUpdates& updates, cudaStream_t stream) {
+  if (input.count == 0 || updates.size == 0 || updates.sh_degree == 0) return;
+  WithDegree(updates.sh_degree, [&](auto degree) {
+    ColorKernel<decltype(degree)::value, false>
+        <<<Grid(input), kThreads, 0, stream>>>(input, updates, {}, nullptr, nullptr);
   });
   CheckCuda(cudaGetLastError(), "colours' optimiser");
 }

@@ -29,12 +29,25 @@ inline size_t PaddedStride(size_t count) {
   return (count + kPlaneAlignment - 1) / kPlaneAlignment * kPlaneAlignment;
 }
 
+/// Steps whose gradients by the colours are kept, to be learnt from later (ColorLog).
+constexpr int kColorLogSize = 4;
+
 /// Planes that a step's kernels hand on to each other.
 enum ScratchPlane {
-  kByColor = 0,                            ///< the loss by R, G, B, from which with
+  kColorByDirection = 0,                   ///< R by the view direction's x, y, z; G; B
+  kColorLogPlane = kColorByDirection + 9,  ///< the first of the log's, slot by slot
+  kByColor = 0,                            ///< in a slot: the loss by R, G, B, from which with
   kViewDirection = kByColor + 3,           ///< the view direction that by all SH coefficients follows
-  kColorByDirection = kViewDirection + 3,  ///< R by the view direction's x, y, z; G; B
-  kNumScratchPlanes = kColorByDirection + 9,
+  kPlanesOfSlot = kViewDirection + 3,
+  kNumScratchPlanes = kColorLogPlane + kColorLogSize * kPlanesOfSlot,
+};
+
+/// What the pass back has to know of a splat's colour.
+enum ColorTrait : uint8_t {
+  kRedIsLit = 1,  ///< above 0, where it is cut off.
+  kGreenIsLit = 2,
+  kBlueIsLit = 4,
+  kIsDrawable = 8,  ///< IsDrawableColor
 };
 
 /// Planes of `stride` floats each.
@@ -44,6 +57,11 @@ struct Planes {
 
   __host__ __device__ float* At(int plane) const { return data + plane * stride; }
 };
+
+/// A slot of the colours' log.
+__host__ __device__ inline Planes ColorSlot(const Planes& scratch, int slot) {
+  return {scratch.At(kColorLogPlane + slot * kPlanesOfSlot), scratch.stride};
+}
 
 __device__ inline SurfelParameters<float> LoadSurfel(const Planes& planes, int i) {
   const auto at = [&](int plane) { return planes.data[plane * planes.stride + i]; };
@@ -120,6 +138,7 @@ struct ProjectedSplats {
   uint32_t* depth_keys;   ///< DepthKey, or kNotDrawn.
   uint32_t* ids;          ///< 0, 1, 2, ...
   uint32_t* tile_counts;  ///< 0 for splats that are not drawn.
+  uint32_t* tile_masks;   ///< which tiles of the rectangle these are, where it has few (kMaskTiles).
   ushort4* rects;         ///< what it may reach: x begin, y begin, x end, y end [warps' rectangles].
   float* cutoffs;         ///< CutoffSquaredRadius of the opacity.
 };

@@ -41,19 +41,18 @@ __global__ __launch_bounds__(kThreads, 5) void LearnKernel(OptimiseInput in) {
   bool is_drawn = i < in.count && in.splats.tile_counts[i] > 0;
   const unsigned drawn = __ballot_sync(0xFFFFFFFFU, is_drawn);
   const bool is_overflow = in.report->overflow != 0;
-  if (i == 0) *in.is_skipped = is_overflow ? 1 : 0;
+  if (i == 0) in.is_skipped[in.color_slot] = is_overflow ? 1 : 0;
   // All that is read of a Gaussian is on its way before anything is waited for.
   const auto warp_begin = static_cast<size_t>(i) - threadIdx.x % 32;
   auto* const warp_rows = reinterpret_cast<float4*>(in.d_splats + warp_begin * kPackedFloats);
   rows.Load(warp_rows, drawn);
   SurfelParameters<float> g{};
-  Vec3<float> color = {0, 0, 0};
+  unsigned traits = 0;
   Vec3<float> by_direction[3] = {};
   float d_normal_z = 0;
   if (is_drawn && !is_overflow) {
     g = LoadSurfel(in.parameters, i);
-    const float4 packed_color = in.splats.splats[i].c;
-    color = {packed_color.y, packed_color.z, packed_color.w};
+    traits = in.color_traits[i];
     if constexpr (kHasBands) {
       const auto at = [&](int k) { return in.scratch.At(kColorByDirection + k)[i]; };
 #pragma unroll
@@ -67,7 +66,7 @@ __global__ __launch_bounds__(kThreads, 5) void LearnKernel(OptimiseInput in) {
   if (is_drawn && in.has_geometry) in.d_normal_z[i] = 0;
   if (i >= in.count || is_overflow) return;
   if (i == 0) in.sums->steps += 1;
-  is_drawn = is_drawn && IsDrawableColor(color);
+  is_drawn = is_drawn && (traits & kIsDrawable) != 0;
 
   SurfelParameters<float> gradient{};
   Vec3<float> d_color = {0, 0, 0};
@@ -82,7 +81,8 @@ __global__ __launch_bounds__(kThreads, 5) void LearnKernel(OptimiseInput in) {
     Surfel<float> d_surfel{};
     d_surfel.opacity = d.opacity;
     d_surfel.foreground = d.foreground;
-    d_color = {color.x > 0 ? d.color.x : 0, color.y > 0 ? d.color.y : 0, color.z > 0 ? d.color.z : 0};
+    d_color = {(traits & kRedIsLit) != 0 ? d.color.x : 0, (traits & kGreenIsLit) != 0 ? d.color.y : 0,
+               (traits & kBlueIsLit) != 0 ? d.color.z : 0};
     d_surfel.view_direction =
         d_color.x * by_direction[0] + d_color.y * by_direction[1] + d_color.z * by_direction[2];
     direction = surfel.view_direction;
@@ -91,9 +91,11 @@ __global__ __launch_bounds__(kThreads, 5) void LearnKernel(OptimiseInput in) {
     gradient = TransformSurfelAdjoint(g, in.view.camera, in.view.rule, surfel, d_surfel);
   }
   if constexpr (kHasBands) {
-    const float handed_on[6] = {d_color.x, d_color.y, d_color.z, direction.x, direction.y, direction.z};
+    const float handed_on[kPlanesOfSlot] = {d_color.x,   d_color.y,   d_color.z,
+                                            direction.x, direction.y, direction.z};
+    const Planes slot = ColorSlot(in.scratch, in.color_slot);
 #pragma unroll
-    for (int k = 0; k < 6; ++k) in.scratch.At(kByColor + k)[i] = handed_on[k];
+    for (int k = 0; k < kPlanesOfSlot; ++k) slot.At(k)[i] = handed_on[k];
   }
   if (!is_drawn && in.only_drawn) return;
   if (in.learns_foreground && in.d_logits != nullptr) gradient.foreground_logit += in.d_logits[i];

@@ -15,8 +15,10 @@ struct OptimiseInput {
   float* d_splats = nullptr;  ///< read, and set to zero for the next step.
   float* d_normal_z = nullptr;
   const float* d_logits = nullptr;  ///< loss of the model by the foreground logits; null: none.
-  Planes scratch;                   ///< ScratchPlane's: kColorByDirection in, the others out.
-  uint32_t* is_skipped = nullptr;   ///< out: 1 when nothing was changed.
+  const uint8_t* color_traits = nullptr;
+  Planes scratch;                  ///< ScratchPlane's: kColorByDirection in, a slot of the colours' log out.
+  int color_slot = 0;              ///< that slot.
+  uint32_t* is_skipped = nullptr;  ///< by slot; out: 1 when nothing was changed.
   bool has_geometry = false;
   bool learns_foreground = false;
   bool only_drawn = false;  ///< the others stay as they are, with their moments.

@@ -44,7 +44,8 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
              static_cast<uint16_t>((rect.y_end + kWarpHeight - 1) / kWarpHeight)};
     reach.tiles = TilesOf(warps);
   }
-  const int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr,
+  uint32_t mask = 0;
+  const int tiles = ForEachTile(reach, options.camera.width, options.camera.height, nullptr, &mask,
                                 [](uint32_t /*id*/, uint64_t /*position*/, int /*tile*/) {});
   const unsigned drawn = __ballot_sync(0xFFFFFFFFU, tiles > 0);
   rows.Put(Pack(splat));
@@ -58,6 +59,7 @@ __global__ __launch_bounds__(kThreads) void ProjectKernel(Planes parameters, int
   if (tiles > 0) {
     out.normal_z[i] = splat.footprint.normal.z;
     out.rects[i] = warps;
+    out.tile_masks[i] = mask;
     out.cutoffs[i] = reach.cutoff2;
   }
 }

@@ -29,13 +29,14 @@ struct PixelRow {
   static constexpr int kDepth = kByDepthSum + 1;
   static constexpr int kDistortion = kDepth + 1;  // the loss by it, then weight, m1 and m2
   static constexpr int kCount = C::kDistortion ? kDistortion + 4 : C::kGeometry ? kDistortion : kNormal;
+  static constexpr int kQuads = (kCount + 3) / 4;  // in shared memory: a row is read 16 bytes at a time
 };
 
 template <typename C>
 struct BackwardScratch {
   SplatGroup group;
-  uint32_t first_pair[kGroup], pixels[kGroup];  // of each splat
-  float rows[PixelRow<C>::kCount][32];          // what each pixel has to say
+  uint2 pairs_of[kGroup];                // of each splat: its first pair, and its pixels
+  float4 rows[PixelRow<C>::kQuads][32];  // what each pixel has to say
   union {
     float2 pairs[kMaxPairs];  // alpha and dL/dw, then weight and dL/dalpha, by splat
     float sums[kGroup][kSumsStride];
@@ -69,43 +70,58 @@ __device__ PixelAdjoint<float> LoadPixel(const RenderInput& in, const Maps& maps
 
 template <typename C>
 __device__ void StoreRow(const PixelGradient<float>& d, const PixelTotals<float>& totals, unsigned pixel,
-                         float (*rows)[32]) {
+                         float4 (*rows)[32]) {
   using Row = PixelRow<C>;
-  rows[Row::kColor][pixel] = d.color.x;
-  rows[Row::kColor + 1][pixel] = d.color.y;
-  rows[Row::kColor + 2][pixel] = d.color.z;
-  if constexpr (C::kForeground) rows[Row::kForeground][pixel] = d.foreground;
+  float values[4 * Row::kQuads] = {};
+  values[Row::kColor] = d.color.x;
+  values[Row::kColor + 1] = d.color.y;
+  values[Row::kColor + 2] = d.color.z;
+  if constexpr (C::kForeground) values[Row::kForeground] = d.foreground;
   if constexpr (C::kGeometry) {
-    rows[Row::kNormal][pixel] = d.normal.x;
-    rows[Row::kNormal + 1][pixel] = d.normal.y;
-    rows[Row::kNormal + 2][pixel] = d.normal.z;
-    rows[Row::kByDepthSum][pixel] = totals.by_depth_sum;
-    rows[Row::kDepth][pixel] = totals.depth;
+    values[Row::kNormal] = d.normal.x;
+    values[Row::kNormal + 1] = d.normal.y;
+    values[Row::kNormal + 2] = d.normal.z;
+    values[Row::kByDepthSum] = totals.by_depth_sum;
+    values[Row::kDepth] = totals.depth;
   }
   if constexpr (C::kDistortion) {
-    rows[Row::kDistortion][pixel] = d.distortion;
-    rows[Row::kDistortion + 1][pixel] = totals.weight;
-    rows[Row::kDistortion + 2][pixel] = totals.m1;
-    rows[Row::kDistortion + 3][pixel] = totals.m2;
+    values[Row::kDistortion] = d.distortion;
+    values[Row::kDistortion + 1] = totals.weight;
+    values[Row::kDistortion + 2] = totals.m1;
+    values[Row::kDistortion + 3] = totals.m2;
+  }
+#pragma unroll
+  for (int quad = 0; quad < Row::kQuads; ++quad) {
+    const float* const v = values + 4 * quad;
+    rows[quad][pixel] = {v[0], v[1], v[2], v[3]};
   }
 }
 
 template <typename C>
-__device__ void ReadRow(const float (*rows)[32], unsigned pixel, PixelGradient<float>* d,
+__device__ void ReadRow(const float4 (*rows)[32], unsigned pixel, PixelGradient<float>* d,
                         PixelTotals<float>* totals) {
   using Row = PixelRow<C>;
-  d->color = {rows[Row::kColor][pixel], rows[Row::kColor + 1][pixel], rows[Row::kColor + 2][pixel]};
-  if constexpr (C::kForeground) d->foreground = rows[Row::kForeground][pixel];
+  float values[4 * Row::kQuads];
+#pragma unroll
+  for (int quad = 0; quad < Row::kQuads; ++quad) {
+    const float4 v = rows[quad][pixel];
+    values[4 * quad] = v.x;
+    values[4 * quad + 1] = v.y;
+    values[4 * quad + 2] = v.z;
+    values[4 * quad + 3] = v.w;
+  }
+  d->color = {values[Row::kColor], values[Row::kColor + 1], values[Row::kColor + 2]};
+  if constexpr (C::kForeground) d->foreground = values[Row::kForeground];
   if constexpr (C::kGeometry) {
-    d->normal = {rows[Row::kNormal][pixel], rows[Row::kNormal + 1][pixel], rows[Row::kNormal + 2][pixel]};
-    totals->by_depth_sum = rows[Row::kByDepthSum][pixel];
-    totals->depth = rows[Row::kDepth][pixel];
+    d->normal = {values[Row::kNormal], values[Row::kNormal + 1], values[Row::kNormal + 2]};
+    totals->by_depth_sum = values[Row::kByDepthSum];
+    totals->depth = values[Row::kDepth];
   }
   if constexpr (C::kDistortion) {
-    d->distortion = rows[Row::kDistortion][pixel];
-    totals->weight = rows[Row::kDistortion + 1][pixel];
-    totals->m1 = rows[Row::kDistortion + 2][pixel];
-    totals->m2 = rows[Row::kDistortion + 3][pixel];
+    d->distortion = values[Row::kDistortion];
+    totals->weight = values[Row::kDistortion + 1];
+    totals->m1 = values[Row::kDistortion + 2];
+    totals->m2 = values[Row::kDistortion + 3];
   }
 }
 
@@ -118,24 +134,38 @@ __device__ PixelHit<float> HitOf(const Splat<float>& splat, const WarpPixel& whe
   return hit;
 }
 
-// Adds the sums of each splat's shares to global memory: half a warp a splat, a lane a value.
+__device__ void AddFour(float* to, const float4& values) {
+#if __CUDA_ARCH__ >= 900
+  atomicAdd(reinterpret_cast<float4*>(to), values);
+#else
+  atomicAdd(to, values.x);
+  atomicAdd(to + 1, values.y);
+  atomicAdd(to + 2, values.z);
+  atomicAdd(to + 3, values.w);
+#endif
+}
+
+// Adds the sums of each splat's shares to global memory: four lanes a splat, four values a lane.
 // \param own_shares  of the lane's splat: the first, and how many.
 template <typename C>
 __device__ void FlushSums(const float (*sums)[kSumsStride], unsigned num_splats, uint32_t own_id,
                           ushort2 own_shares, float* d_splats) {
-  constexpr unsigned kUsed = C::kGeometry ? 16 : C::kForeground ? 13 : 12;
+  constexpr unsigned kParts = kPackedFloats / 4, kAtOnce = 32 / kParts;
+  constexpr unsigned kUsed = C::kGeometry || C::kForeground ? kParts : kParts - 1;
   const unsigned lane = threadIdx.x % 32;
-  const unsigned value = lane % kPackedFloats;
+  const unsigned part = lane % kParts;
   const unsigned packed_shares = own_shares.x | own_shares.y << 16U;
-  for (unsigned pair = 0; pair < num_splats; pair += 2) {
-    const unsigned slot = pair + lane / kPackedFloats;
+  for (unsigned first = 0; first < num_splats; first += kAtOnce) {
+    const unsigned slot = first + lane / kParts;
     const uint32_t id = __shfl_sync(kAllLanes, own_id, slot);
     const unsigned shares = __shfl_sync(kAllLanes, packed_shares, slot);
-    if (slot >= num_splats || value >= kUsed) continue;
-    const float* source = sums[shares & 0xFFFFU] + value;
-    float sum = source[0];
-    for (unsigned i = 1; i < shares >> 16U; ++i) sum += source[i * kSumsStride];
-    atomicAdd(d_splats + static_cast<size_t>(id) * kPackedFloats + value, sum);
+    if (slot >= num_splats || part >= kUsed) continue;
+    float4 sum = {0, 0, 0, 0};
+    for (unsigned i = 0; i < shares >> 16U; ++i) {
+      const float4 more = reinterpret_cast<const float4*>(sums[(shares & 0xFFFFU) + i])[part];
+      sum = {sum.x + more.x, sum.y + more.y, sum.z + more.z, sum.w + more.w};
+    }
+    AddFour(d_splats + static_cast<size_t>(id) * kPackedFloats + 4 * part, sum);
   }
 }
 
@@ -181,18 +211,23 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
     left -= num_splats;
     const unsigned pixels = is_taken ? own.pixels : 0;
     const unsigned first_pair = (end & 0xFFFFU) - num_pairs, first_share = (end >> 16U) - num_shares;
-    scratch.first_pair[lane] = first_pair;
-    scratch.pixels[lane] = pixels;
+    scratch.pairs_of[lane] = make_uint2(first_pair, pixels);
     scratch.group.Load(in.splats, own.id, taken, C::kGeometry);
     if (is_taken) {
-      unsigned place = first_pair;
-      for (unsigned rest = pixels; rest != 0; rest &= rest - 1) {
-        const unsigned pixel = __ffs(static_cast<int>(rest)) - 1;
-        scratch.splat_and_pixel[place++] = static_cast<uint16_t>(lane * 32 + pixel);
-      }
       for (unsigned i = 0; i < num_shares; ++i) {
         scratch.splat_and_share[first_share + i] = static_cast<uint16_t>(lane * kMaxShares + i);
       }
+    }
+    // A lane lists its own pixel's pairs: pixels have about as many each, splats have not.
+    const unsigned hits = Transpose(pixels);
+    __syncwarp();
+    const auto place_of = [&](unsigned slot) {
+      const uint2 its = scratch.pairs_of[slot];
+      return its.x + __popc(its.y & lanes_before);
+    };
+    for (unsigned rest = hits; rest != 0; rest &= rest - 1) {
+      const unsigned slot = __ffs(static_cast<int>(rest)) - 1;
+      scratch.splat_and_pixel[place_of(slot)] = static_cast<uint16_t>(slot * 32 + lane);
     }
     scratch.group.Wait();
 
@@ -205,13 +240,10 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
       ReadRow<C>(scratch.rows, pixel, &d, &totals);
       scratch.pairs[i] = {hit.alpha, LossByWeight<C>(splat, hit.depth, d, totals, in.near_depth)};
     }
-    unsigned hits = Transpose(pixels);
     __syncwarp();
 
-    for (; hits != 0; hits &= hits - 1) {
-      const unsigned slot = __ffs(static_cast<int>(hits)) - 1;
-      float2* const pair =
-          scratch.pairs + scratch.first_pair[slot] + __popc(scratch.pixels[slot] & lanes_before);
+    for (unsigned rest = hits; rest != 0; rest &= rest - 1) {
+      float2* const pair = scratch.pairs + place_of(__ffs(static_cast<int>(rest)) - 1);
       const HitAdjoint<float> by_hit = UndoWeight(pair->x, pair->y, &state);
       *pair = {by_hit.weight, by_hit.d_alpha};
     }
@@ -221,8 +253,9 @@ __global__ __launch_bounds__(kDrawThreads) void RenderBackwardKernel(RenderInput
     if (lane < all >> 16U) {
       const unsigned slot = scratch.splat_and_share[lane] / kMaxShares;
       const unsigned first = scratch.splat_and_share[lane] % kMaxShares * kShare;
-      const auto count = static_cast<unsigned>(__popc(scratch.pixels[slot]));
-      const unsigned begin = scratch.first_pair[slot] + first, share_end = begin + min(count - first, kShare);
+      const uint2 its = scratch.pairs_of[slot];
+      const auto count = static_cast<unsigned>(__popc(its.y));
+      const unsigned begin = its.x + first, share_end = begin + min(count - first, kShare);
       const Splat<float> splat = scratch.group.template At<C>(slot);
       for (unsigned i = begin; i < share_end; ++i) {
         const unsigned pixel = scratch.splat_and_pixel[i] % 32U;

@@ -44,22 +44,32 @@ __device__ inline bool ReachesTile(const TileReach& splat, int tile_x, int tile_
   return ReachesRect(splat.footprint, splat.cutoff2, x0, y0, x1, y1);
 }
 
+/// Splats of at most so many candidates have a bit for each that they reach, row by row; the others have
+/// none.
+constexpr int kMaskTiles = 32;
+
+__device__ inline int NumCandidates(const PixelRect& tiles) {
+  return max(tiles.x_end - tiles.x_begin, 0) * max(tiles.y_end - tiles.y_begin, 0);
+}
+
 /// Calls emit(id, position, tile) for each tile that the splats of the warp's lanes reach, position counting
 /// each splat's tiles from its offset, and returns the number of tiles of the calling lane's splat. Small
 /// splats are left to their lanes, large ones are shared by the whole warp. All lanes must call it.
 /// Positions from `end` on are left out: two kernels may round a tile on a splat's border to different sides,
 /// so the second to look may find one more tile than the first, or leave one place unfilled.
 /// \param is_listed  by tile: the others are passed over. Null: none is.
+/// \param mask       out: of the calling lane's splat, if it has one.
 template <typename Emit>
 __device__ int ForEachTile(const TileReach& splat, int width, int height, const uint8_t* is_listed,
-                           const Emit& emit) {
+                           uint32_t* mask, const Emit& emit) {
   constexpr int kAlone = 12;
   constexpr unsigned kAll = 0xFFFFFFFFU;
   const int lane = static_cast<int>(threadIdx.x % 32);
   const int tiles_in_row = NumTiles(width);
   const int columns = splat.tiles.x_end - splat.tiles.x_begin;
-  const int area = max(columns, 0) * max(splat.tiles.y_end - splat.tiles.y_begin, 0);
+  const int area = NumCandidates(splat.tiles);
   int count = 0;
+  uint32_t reached = 0;
   if (area <= kAlone) {
     for (int i = 0; i < area; ++i) {
       const int tile_x = splat.tiles.x_begin + i % columns, tile_y = splat.tiles.y_begin + i / columns;
@@ -67,6 +77,7 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
       if (area > 1 && !ReachesTile(splat, tile_x, tile_y, width, height)) continue;
       const uint64_t position = splat.offset + static_cast<uint64_t>(count);
       if (position < splat.end) emit(splat.id, position, tile_y * tiles_in_row + tile_x);
+      reached |= 1U << i;
       ++count;
     }
   }
@@ -99,10 +110,12 @@ __device__ int ForEachTile(const TileReach& splat, int width, int height, const 
             one.offset + static_cast<uint64_t>(found + __popc(hits & ((1U << lane) - 1)));
         if (position < one.end) emit(one.id, position, tile_y * tiles_in_row + tile_x);
       }
+      if (lane == source) reached = hits;
       found += __popc(hits);
     }
     if (lane == source) count = found;
   }
+  *mask = reached;
   return count;
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "s2gs/core/fast_math.h"
 #include "s2gs/core/host_device.h"
 
 namespace s2gs {
@@ -25,20 +26,35 @@ inline AdamStep<T> MakeAdamStep(int64_t iteration) {
   return {T(1 / (1 - std::pow(kAdamBeta1, t))), T(1 / std::sqrt(1 - std::pow(kAdamBeta2, t)))};
 }
 
-/// One parameter's update by Adam (Kingma and Ba, 2015). A gradient that is not finite counts as zero, and
-/// one whose square would overflow is cut, so that moments stay finite.
+/// A gradient that is not finite counts as zero, and one whose square would overflow is cut, so that moments
+/// stay finite.
+constexpr double kMaxAdamGradient = 1e15;
 template <typename T>
-S2GS_HD inline void UpdateByAdam(const AdamStep<T>& step, T rate, T gradient, T* parameter, T* first_moment,
-                                 T* second_moment) {
+S2GS_HD inline T BoundedGradient(T gradient) {
+  constexpr double kMax = kMaxAdamGradient;
+  if (!(gradient <= T(kMax))) gradient = gradient > T(0) ? T(kMax) : T(0);
+  if (!(gradient >= T(-kMax))) gradient = T(-kMax);
+  return gradient;
+}
+
+/// One parameter's update by Adam (Kingma and Ba, 2015). \param gradient  a bounded one.
+template <typename T>
+S2GS_HD inline void UpdateByBounded(const AdamStep<T>& step, T rate, T gradient, T* parameter,
+                                    T* first_moment, T* second_moment) {
   using std::sqrt;
-  constexpr double kMaxGradient = 1e15;
-  if (!(gradient <= T(kMaxGradient))) gradient = gradient > T(0) ? T(kMaxGradient) : T(0);
-  if (!(gradient >= T(-kMaxGradient))) gradient = T(-kMaxGradient);
   const T m = *first_moment + T(1 - kAdamBeta1) * (gradient - *first_moment);
   const T v = *second_moment + T(1 - kAdamBeta2) * (gradient * gradient - *second_moment);
   *first_moment = m;
   *second_moment = v;
-  *parameter -= rate * (m * step.first_correction) / (sqrt(v) * step.second_correction + T(kAdamEpsilon));
+  const T divisor = sqrt(v) * step.second_correction + T(kAdamEpsilon);
+  *parameter -= FastQuotient(rate * (m * step.first_correction), divisor);
+}
+
+/// The same of any gradient.
+template <typename T>
+S2GS_HD inline void UpdateByAdam(const AdamStep<T>& step, T rate, T gradient, T* parameter, T* first_moment,
+                                 T* second_moment) {
+  UpdateByBounded(step, rate, BoundedGradient(gradient), parameter, first_moment, second_moment);
 }
 
 }  // namespace s2gs

@@ -188,6 +188,20 @@ std::vector<LossCase> LossCases() {
           {"static", all, SceneBodies::kStaticOnly, false, false}};
 }
 
+// Splats that reach one tile, some, and most of the seventy of an image.
+TEST_P(BackendTest, SplatsReachAllTheirTiles) {
+  const auto scene = RandomScene(60, 21, -1);
+  TrainState state;
+  state.gaussians = FromReference(scene, 3);
+  backend_->SetState(state);
+  RenderRequest request;
+  request.view = TestView(150, 110);
+  const ReferenceMaps expected = RenderReference(scene, request, 3);
+  const RenderedView actual = backend_->Render(request);
+  ExpectMapNear(actual.color, expected.color, 2e-5, 1e-2, "color");
+  ExpectMapNear(actual.alpha, expected.alpha, 2e-5, 1e-2, "alpha");
+}
+
 // By Adam's first moment after one step from zero: (1 - beta1) times the gradient.
 // Drawing on the CPU is long enough to be stopped, and leaves everything as it was.
 TEST_P(BackendTest, DrawingHearsAStop) {
@@ -728,7 +742,7 @@ TEST_P(BackendTest, CountsPairsIn64Bits) {
 }
 
 TEST_P(BackendTest, NeighboursAreTheNearest) {
-  for (const size_t count : {2U, 3U, 70U, 3000U}) {
+  for (const size_t count : {2U, 3U, 70U, 9000U}) {
     auto scene = RandomScene(count, 17, -2);
     if (count > 60) {
       scene[7] = scene[8];                                                  // duplicates
@@ -952,6 +966,53 @@ TEST_P(BackendTest, WhateverComesNextSeesTheLastStep) {
   const RenderedView expected = backend_->Render(request);
   for (size_t i = 0; i < expected.color.size(); ++i)
     EXPECT_NEAR(drawn.color[i], expected.color[i], 1e-5) << i;
+}
+
+// Steps of a model that is looked at after each of them, so that all of it must have been learnt then, and of
+// one that is looked at once, in the middle or at the end: a backend may put off what colours alone need.
+TEST_P(BackendTest, WhenItIsLookedAtDoesNotMatter) {
+  constexpr int kSteps = 11;
+  const TrainingPhoto photo = RandomPhoto(TestView(96, 64), 8);
+  TrainState state;
+  state.gaussians = FromReference(RandomScene(1500, 14, -3), 3);
+  backend_->SetPhotos({photo});
+  TrainStep step = UsualStep();
+  step.sh_degree = 3;
+  step.weights.dssim = 0;
+  step.rates = {};
+  step.rates.sh_rest = 1e-3F;
+  RenderRequest request;
+  request.view = photo.view;
+  const auto train = [&](const std::function<bool(int64_t)>& looks) {
+    backend_->SetState(state);
+    for (step.iteration = 1; step.iteration <= kSteps; ++step.iteration) {
+      backend_->Step(step);
+      if (looks(step.iteration)) backend_->Render(request);
+    }
+    return backend_->GetState();
+  };
+  const TrainState expected = train([](int64_t /*i*/) { return true; });
+  const auto expect_near = [&](const std::vector<float>& actual, const std::vector<float>& wanted,
+                               const char* what) {
+    double square = 0, difference = 0;
+    for (size_t i = 0; i < wanted.size(); ++i) {
+      square += std::pow(static_cast<double>(wanted[i]), 2);
+      difference += std::pow(static_cast<double>(actual[i]) - static_cast<double>(wanted[i]), 2);
+    }
+    ASSERT_GT(square, 0) << what;
+    EXPECT_LE(std::sqrt(difference / square), GetParam() == BackendKind::kCpu ? 0 : 1e-4) << what;
+  };
+  for (const int64_t once : {0, 3, 4, 5, 10}) {
+    const TrainState actual = train([&](int64_t i) { return i == once; });
+    std::vector<float> moved = actual.gaussians.sh_rest, wanted = expected.gaussians.sh_rest;
+    for (size_t i = 0; i < moved.size(); ++i) {
+      moved[i] -= state.gaussians.sh_rest[i];
+      wanted[i] -= state.gaussians.sh_rest[i];
+    }
+    expect_near(moved, wanted, "coefficients' movement");
+    expect_near(actual.first_moment.sh_rest, expected.first_moment.sh_rest, "first moments");
+    expect_near(actual.second_moment.sh_rest, expected.second_moment.sh_rest, "second moments");
+  }
 }
 
 // What is given is what the next call reads, whatever lies between the host and the device: arrays larger
