@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <utility>
 
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/small_scene.h"
@@ -52,6 +53,27 @@ TEST(ToldBands, AWholeTurnTellsAllAndOneSideNone) {
   EXPECT_EQ(told.degree, 0);
   EXPECT_EQ(told.last.band, 1);
   EXPECT_LT(told.last.own_part, kGreyLevel);
+}
+
+// Photos of what turns from one side before a background that is seen from all of them: what counts are the
+// bodies that are trained.
+TEST(ToldBands, AreThoseOfTheBodiesThatAreTrained) {
+  TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 32, 24, 1, 12);
+  for (ScenePhoto& photo : scene.photos) {
+    photo.view.cam_from_world = photo.view.cam_from_object;
+    photo.view.cam_from_object = scene.photos[0].view.cam_from_object;
+  }
+  EXPECT_EQ(FindToldBands(scene, 3).degree, 3);
+  scene.mode = TrainMode::kStatic;
+  EXPECT_EQ(FindToldBands(scene, 3).degree, 3);
+  scene.mode = TrainMode::kMasks;
+  EXPECT_EQ(FindToldBands(scene, 3).degree, 0);
+  for (ScenePhoto& photo : scene.photos) std::swap(photo.view.cam_from_world, photo.view.cam_from_object);
+  EXPECT_EQ(FindToldBands(scene, 3).degree, 3);
+  scene.mode = TrainMode::kStatic;
+  EXPECT_EQ(FindToldBands(scene, 3).degree, 0);
+  scene.mode = TrainMode::kS2gs;
+  EXPECT_EQ(FindToldBands(scene, 3).degree, 3);
 }
 
 }  // namespace

@@ -2,13 +2,15 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
+#include "tests/s2gs/backend/reference_render.h"
 #include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {
@@ -48,6 +50,51 @@ TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
   }
   scene.region.reset();
   EXPECT_TRUE(LoadStations(scene).empty());
+}
+
+// What the model takes to turn of the top, or of the side: whichever stands still more counts.
+TEST(PhotoTable, TheStaticShareIsThatOfTheTopOrTheSide) {
+  const TrainingScene scene = TableOnGround(12, TopLook::kPlain);
+  const TableCircle circle = {kTableTop, kTableRadius, 0.9, 1e-4, kTableBottom};
+  const auto splat = [](const Eigen::Vector3d& x, const Eigen::Vector3d& normal) {
+    ReferenceGaussian g{};
+    for (int k = 0; k < 3; ++k) g[kRefCentre + k] = x[k];
+    g[kRefLogScale] = g[kRefLogScale + 1] = std::log(0.05);
+    const Eigen::Quaterniond q = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), normal);
+    g[kRefRotation] = q.w();
+    for (int k = 0; k < 3; ++k) g[kRefRotation + 1 + k] = q.vec()[k];
+    g[kRefOpacity] = 8;
+    g[kRefForeground] = 10;
+    return g;
+  };
+  const auto share = [&](bool has_top, bool has_side) {
+    std::vector<ReferenceGaussian> splats = {splat({0, 0, 0.5}, Eigen::Vector3d::UnitZ())};
+    for (int i = -20; i <= 20 && has_top; ++i) {
+      for (int j = -20; j <= 20; ++j)
+        if (std::hypot(i, j) <= 20)
+          splats.push_back(splat({0.05 * i, 0.05 * j, kTableTop}, Eigen::Vector3d::UnitZ()));
+    }
+    for (int i = 0; i < 120 && has_side; ++i) {
+      const Eigen::Vector3d outwards(std::cos(2 * kPi * i / 120), std::sin(2 * kPi * i / 120), 0);
+      for (double z = kTableBottom; z <= kTableTop; z += 0.05)
+        splats.push_back(splat(outwards + z * Eigen::Vector3d::UnitZ(), outwards));
+    }
+    const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+    TrainState state;
+    state.gaussians = FromReference(splats, 0);
+    backend->SetState(state);
+    const TableRim rim = RimOfCircle(scene, circle, std::nullopt, backend.get());
+    EXPECT_EQ(rim.region.radius, kTableRadius);
+    EXPECT_EQ(rim.region.low, kTableBottom);
+    EXPECT_EQ(rim.region.high, kTableTop);
+    EXPECT_EQ(rim.share, 0.9);
+    EXPECT_EQ(rim.false_alarms, 1e-4);
+    return rim.static_share;
+  };
+  EXPECT_LT(share(true, true), 0.1);
+  EXPECT_GT(share(true, false), 0.5);
+  EXPECT_GT(share(false, true), 0.5);
+  EXPECT_GT(share(false, false), 0.9);
 }
 
 TEST(PhotoTable, TextureIsWhatMostPhotosShowBesideNoise) {
