@@ -278,6 +278,21 @@ TEST(MeshRefinement, DropsWhatPhotosRefute) {
   EXPECT_GT(num_before(mesh), 150);
 }
 
+// A bulge that photos contradict, further before the sphere than they are compared.
+TEST(MeshRefinement, LetsPartsSinkOnlyWhenTold) {
+  const SpherePhotos photos(12, kThreeRings, Waves);
+  for (const bool carve : {true, false}) {
+    std::vector<size_t> front;
+    TriangleMesh mesh = SphereWithFalseFront(9, &front);
+    MeshRefinementOptions options;
+    options.carve = carve;
+    options.drop_refuted = false;
+    const MeshRefinementSummary summary = Refine(photos, &mesh, options);
+    ASSERT_TRUE(summary.has_moved);
+    EXPECT_EQ(summary.num_carved > 0, carve);
+  }
+}
+
 TEST(MeshRefinement, LeavesTheMeshAloneWhenPhotosDoNotSuffice) {
   const TriangleMesh start = Sphere(0.99, 30);
   for (const int num_photos : {0, 1, 3}) {
