@@ -36,6 +36,29 @@ ScanStep MakeStep(const std::string& command, const std::string& title, std::vec
   return {command, title, std::move(arguments)};
 }
 
+// An option that is left out where it has no value.
+std::vector<std::string> With(std::vector<std::string> arguments, const std::string& name,
+                              const std::string& value) {
+  if (!value.empty()) arguments.insert(arguments.end(), {name, value});
+  return arguments;
+}
+
+std::vector<std::string> TrainingArguments(const ScanSettings& settings) {
+  std::vector<std::string> training = {"--workspace_path", settings.workspace_path.string(),
+                                       "--image_path",     settings.image_path.string(),
+                                       "--use_gpu",        settings.use_gpu,
+                                       "--quality",        QualityName(settings.quality),
+                                       "--test_every",     std::to_string(settings.test_every)};
+  training = With(training, "--mask_path", settings.mask_path.string());
+  if (settings.num_iterations) {
+    training = With(training, "--Train.num_iterations", FormatValue(*settings.num_iterations));
+  }
+  if (settings.max_image_size) {
+    training = With(training, "--max_image_size", FormatValue(*settings.max_image_size));
+  }
+  return training;
+}
+
 }  // namespace
 
 ScanStep ReportStep(const ScanSettings& settings) {
@@ -56,29 +79,23 @@ std::vector<ScanStep> ScanSteps(const ScanSettings& settings) {
     arguments.insert(arguments.end(), forced.begin(), forced.end());
     steps.push_back(MakeStep(command, title, std::move(arguments), settings));
   };
-  const auto with = [](std::vector<std::string> arguments, const std::string& name,
-                       const std::string& value) {
-    if (!value.empty()) arguments.insert(arguments.end(), {name, value});
-    return arguments;
-  };
-
   if (settings.Imports()) {
     std::vector<std::string> arguments = {"--workspace_path", root, "--image_path",
                                           settings.given_path.string()};
     if (settings.is_video)
-      arguments = with(arguments, "--video_frames", std::to_string(settings.video_frames));
+      arguments = With(arguments, "--video_frames", std::to_string(settings.video_frames));
     add("photo_importer", "Photos that COLMAP reads",
-        with(arguments, "--ffmpeg_path", settings.ffmpeg_path.string()));
+        With(arguments, "--ffmpeg_path", settings.ffmpeg_path.string()));
   }
   add("motion_splitter", "What stands still and what turns",
-      with(with(with({"--database_path", workspace.Database().string(), "--image_path", images,
+      With(With(With({"--database_path", workspace.Database().string(), "--image_path", images,
                       "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
                      "--SiftExtraction.first_octave",
                      settings.first_octave ? std::to_string(*settings.first_octave) : ""),
                 "--mask_path", settings.forced.count("motion") > 0 ? "" : settings.mask_path.string()),
            "--colmap_path", settings.colmap_path.string()));
   add("turntable_mapper", "Cameras, table, and both sparse models",
-      with(with(with({"--workspace_path", root, "--image_path", images}, "--colmap_path",
+      With(With(With({"--workspace_path", root, "--image_path", images}, "--colmap_path",
                      settings.colmap_path.string()),
                 "--angles_path", settings.angles_path.string()),
            "--step_deg", settings.step_deg != 0 ? FormatValue(settings.step_deg) : ""));
@@ -89,19 +106,7 @@ std::vector<ScanStep> ScanSteps(const ScanSettings& settings) {
   }
   if (settings.until == ScanUntil::kSplit) return steps;
 
-  std::vector<std::string> training = {"--workspace_path", root,
-                                       "--image_path",     images,
-                                       "--use_gpu",        settings.use_gpu,
-                                       "--quality",        QualityName(settings.quality),
-                                       "--test_every",     std::to_string(settings.test_every)};
-  training = with(training, "--mask_path", settings.mask_path.string());
-  if (settings.num_iterations) {
-    training = with(training, "--Train.num_iterations", FormatValue(*settings.num_iterations));
-  }
-  if (settings.max_image_size) {
-    training = with(training, "--max_image_size", FormatValue(*settings.max_image_size));
-  }
-  add("gaussian_trainer", "The Gaussian model", training);
+  add("gaussian_trainer", "The Gaussian model", TrainingArguments(settings));
   if (settings.until == ScanUntil::kTrain) return steps;
 
   add("gaussian_renderer", "Masks, depth and normal maps",

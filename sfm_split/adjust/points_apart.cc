@@ -24,8 +24,8 @@ constexpr size_t kLeastKnown = 20;   // a judgement: points that tell a density,
 constexpr size_t kMostKnown = 2000;  // more tell no more of it, and cost time.
 // Widths that are tried, from a quarter of the distance between neighbours to the body's size.
 constexpr int kNumWidths = 16;
-constexpr int kMaxRounds = 100;  // of expectation and maximisation
-constexpr double kSameShare = 1e-6;
+constexpr int kMaxRounds = 100;      // of expectation and maximisation
+constexpr double kSameShare = 1e-6;  // of points that are right, from round to round: it is settled
 
 // Falls with the sixth power: a point some widths away is none of the body's where the next is a width away,
 // and is where all of its neighbours are as far.
