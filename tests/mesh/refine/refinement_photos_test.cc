@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "mesh/surface/vertex_normals.h"
@@ -96,6 +97,43 @@ TEST(RefinementPhotos, AreShrunkToASixteenthAtMost) {
     EXPECT_NE(std::string(error.what()).find("4 photos need "), std::string::npos) << error.what();
     EXPECT_NE(std::string(error.what()).find(" even at 0.0625 of their size"), std::string::npos)
         << error.what();
+  }
+}
+
+// One photo that looks straight down, its principal point here [px].
+class LookingDown : public RefinementPhotoSource {
+ public:
+  LookingDown(double cx, double cy) : view_{kSide, kSide, kFocal, kFocal, cx, cy, {}} {
+    view_.cam_from_object.rotation = Eigen::AngleAxisd(3.141592653589793, Eigen::Vector3d::UnitX());
+    view_.cam_from_object.translation = {0, 0, kDistance};
+  }
+  int size() const override { return 1; }
+  const ObjectView& Camera(int /*index*/) const override { return view_; }
+  Image8 Load(int /*index*/) const override {
+    return {kSide, kSide, 1, std::vector<uint8_t>(static_cast<size_t>(kSide) * kSide, 120)};
+  }
+
+ private:
+  ObjectView view_;
+};
+
+// With 16 pixels around it less than twice as many are hardly any, whichever side of the photo it passes.
+TEST(RefinementPhotos, OfHardlyAnyOfTheMeshAreLeftOut) {
+  const TriangleMesh mesh = Level(0.4F);
+  const double half = 2.5 * 0.4 * kFocal / kDistance;  // of it in a photo [px]
+  const auto is_taken = [&](double cx, double cy) {
+    Reporter silent;
+    RefinementPhotos photos(1, silent);
+    photos.Load(LookingDown(cx, cy), mesh, 1);
+    return photos.size() == 1;
+  };
+  constexpr double kMiddle = kSide / 2.0;
+  EXPECT_TRUE(is_taken(kMiddle, kMiddle));
+  for (const auto& [inside, expected] : {std::pair(10.0, false), std::pair(20.0, true)}) {
+    EXPECT_EQ(is_taken(inside - half, kMiddle), expected);
+    EXPECT_EQ(is_taken(kSide - inside + half, kMiddle), expected);
+    EXPECT_EQ(is_taken(kMiddle, inside - half), expected);
+    EXPECT_EQ(is_taken(kMiddle, kSide - inside + half), expected);
   }
 }
 
