@@ -105,6 +105,10 @@ Rigid3 JointProblem::WorldFromObject(int image) const {
   return {Eigen::Quaterniond(turn), AxisPoint() - turn * AxisPoint()};
 }
 
+bool AreOnePose(const Rigid3& a, const Rigid3& b) {
+  return AngleBetween(a.rotation, b.rotation) < 1e-12 && (a.translation - b.translation).norm() < 1e-12;
+}
+
 JointProblem MakeJointProblem(const AlignedScene& aligned) {
   JointProblem problem;
   std::map<uint32_t, int> camera_of_id;
@@ -117,24 +121,25 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
       aligned.scene.axis.point - direction * (aligned.scene.axis.point.z() / direction.z());
   problem.axis << direction.x() / direction.z(), direction.y() / direction.z(), point.x(), point.y();
 
-  std::map<int, int> pose_of_station;
+  std::map<int, std::vector<int>> poses_of_station;
   std::map<std::string, int> image_of_name;
   // Images of a station whose poses differ (hand-held) keep poses of their own.
-  const auto same = [](const Rigid3& a, const Rigid3& b) {
-    return AngleBetween(a.rotation, b.rotation) < 1e-12 && (a.translation - b.translation).norm() < 1e-12;
-  };
   for (const View& view : aligned.scene.views) {
     JointImage image;
     image.name = view.name;
     image.camera = camera_of_id.at(view.camera_id);
     image.angle_rad = view.angle_deg * kPi / 180;
     image.world_from_object = view.world_from_object;
-    const auto next = static_cast<int>(problem.cam_from_world.size());
-    const auto [entry, is_new] = pose_of_station.try_emplace(view.station, next);
-    image.pose = entry->second;
-    if (is_new || !same(problem.cam_from_world[image.pose], view.cam_from_world)) {
-      image.pose = next;
+    std::vector<int>& poses = poses_of_station[view.station];
+    const auto shared = std::find_if(poses.begin(), poses.end(), [&](int pose) {
+      return AreOnePose(problem.cam_from_world[static_cast<size_t>(pose)], view.cam_from_world);
+    });
+    if (shared == poses.end()) {
+      image.pose = static_cast<int>(problem.cam_from_world.size());
+      poses.push_back(image.pose);
       problem.cam_from_world.push_back(view.cam_from_world);
+    } else {
+      image.pose = *shared;
     }
     if (view.name == aligned.scene.reference) problem.reference = static_cast<int>(problem.images.size());
     image_of_name[view.name] = static_cast<int>(problem.images.size());

@@ -59,8 +59,11 @@ struct JointProblem {
   Rigid3 WorldFromObject(int image) const;
 };
 
-/// Gathers unknowns and observations of an aligned scene. Views of one station share one pose, that of the
-/// station's first view. Views of objects that were moved on the table make it a `free_object` problem.
+/// Whether two poses are one but for rounding: those of a station's photos, which share it, are.
+bool AreOnePose(const Rigid3& a, const Rigid3& b);
+
+/// Gathers unknowns and observations of an aligned scene. Views of one station that have one pose share it.
+/// Views of objects that were moved on the table make it a `free_object` problem.
 JointProblem MakeJointProblem(const AlignedScene& aligned);
 
 /// Writes an adjusted problem back: poses, points, cameras, views; observations that are no longer active

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
@@ -292,6 +293,41 @@ void ScanRefiner::SettleLoneCameras(int enough_observations) {
                                 UpperMedian(of_station[2]));
     const TurntableAxis& axis = aligned_->scene.axis;
     TurnView(axis, AngleAboutAxis(axis, there, CameraCentre(view.cam_from_world)), &view);
+  }
+}
+
+// A photo that the object's points placed has a camera of its own, which misses its station's by these
+// points' errors, and nothing need tie it to the others. Where the photos of a station agree on one pose it
+// has that of most, and what its camera was off about the axis its angle is.
+void ScanRefiner::ShareCameras() {
+  std::vector<View>& views = aligned_->scene.views;
+  std::map<int, std::vector<const View*>> of_station;
+  for (const View& view : views) of_station[view.station].push_back(&view);
+  std::map<int, const View*> most;  // one of those that share a camera, where these are more than half
+  for (const auto& [station, members] : of_station) {
+    for (const View* view : members) {
+      const auto sharing = std::count_if(members.begin(), members.end(), [&](const View* other) {
+        return AreOnePose(other->cam_from_world, view->cam_from_world);
+      });
+      if (2 * static_cast<size_t>(sharing) <= members.size()) continue;
+      most[station] = view;
+      break;
+    }
+  }
+  const auto is_apart = [&](const View& view) {
+    const auto found = most.find(view.station);
+    return found != most.end() && !AreOnePose(view.cam_from_world, found->second->cam_from_world);
+  };
+  if (is_apart(*aligned_->scene.Reference())) {
+    const View other = *most.at(aligned_->scene.Reference()->station);
+    MakeReference(other);
+  }
+  const TurntableAxis& axis = aligned_->scene.axis;
+  for (View& view : views) {
+    if (!is_apart(view)) continue;
+    const Rigid3& shared = most.at(view.station)->cam_from_world;
+    TurnView(axis, AngleAboutAxis(axis, CameraCentre(shared), CameraCentre(view.cam_from_world)), &view);
+    view.cam_from_world = shared;
   }
 }
 

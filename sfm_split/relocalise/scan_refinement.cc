@@ -464,6 +464,7 @@ RefineReport ScanRefiner::Run() {
     }
   }
   DropUntiedStations();
+  if (model == JointModel::kSharedStations) ShareCameras();
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;
   if (cameras_are_free_ && has_background_) SettleLoneCameras(1);

@@ -68,6 +68,7 @@ class ScanRefiner {
   void PlaceByReconstruction(const std::set<int>& stations, const TieOptions& options);
   void SettleLoneCameras(int enough_observations);
   void StandCamerasStill();
+  void ShareCameras();
   std::vector<StationMatches> MatchesOfStations() const;
   void TurnStation(int station, double turn_rad, const RelocalisedImage& how);
   void DropUntiedStations();

@@ -297,6 +297,32 @@ TEST(ScanRefinement, ShakenPhotosComeBackAndKeepTheirAngles) {
   EXPECT_LT(figures.angle_max_deg, 0.3);      // measured: 0.095
 }
 
+// As a photo that the object's points placed stands, which sees none of the background.
+TEST(ScanRefinement, APhotoBesideItsStationsCameraHasThatCamera) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const ColmapModel object = SyntheticObjectModel(turntable);
+  const ColmapModel background = SyntheticStaticModel(turntable);
+  AlignedScene aligned = AlignScene(object, &background, StationsOf(features));
+  for (const size_t apart : {size_t{0}, size_t{17}}) {  // the reference, and another station's
+    View& view = aligned.scene.views[apart];
+    const Rigid3 turn = {Eigen::Quaterniond(Eigen::AngleAxisd(0.004, Vector3d(1, 2, 3).normalized())),
+                         Vector3d(0.001, 0, -0.002)};
+    view.cam_from_world = turn * view.cam_from_world;
+  }
+  Reporter reporter;
+  const RefineReport report = RefineScan(features, &object, {}, {}, reporter, &aligned);
+  ASSERT_EQ(report.model, JointModel::kSharedStations);
+  ASSERT_EQ(aligned.scene.views.size(), 36U);
+  std::map<int, Rigid3> camera;
+  for (const View& view : aligned.scene.views) {
+    const auto [entry, is_new] = camera.try_emplace(view.station, view.cam_from_world);
+    EXPECT_EQ((entry->second.Matrix() - view.cam_from_world.Matrix()).norm(), 0) << view.name;
+  }
+  for (const double sigma : report.joint.angle_sigma_deg) EXPECT_LT(sigma, 0.1);  // measured: .013
+  EXPECT_LT(Measure(turntable, aligned).angle_max_deg, 0.1);                      // measured: .03
+}
+
 TEST(ScanRefinement, AWrongReferenceImageIsTakenOutToo) {
   const SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
   const ScanFeatures features = SyntheticScanFeatures(turntable);
