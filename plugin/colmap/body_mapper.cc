@@ -72,6 +72,15 @@ std::vector<ColmapOption> Combine(const std::vector<std::vector<ColmapOption>>& 
   return result;
 }
 
+fs::path TrialFolder(const fs::path& output) { return output.string() + ".trial"; }
+fs::path TrialDatabase(const fs::path& output) { return output.string() + ".trial.db"; }
+
+void RemoveTrial(const fs::path& output) {
+  std::error_code ec;
+  fs::remove_all(TrialFolder(output), ec);
+  for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(TrialDatabase(output).string() + suffix, ec);
+}
+
 }  // namespace
 
 BodyMapping ObjectMapping() {
@@ -98,9 +107,9 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
   std::error_code ec;
   fs::remove_all(mapping.output, ec);
   CreateFolder(mapping.output);
-  const fs::path trial = mapping.output.string() + ".trial";
+  const fs::path trial = TrialFolder(mapping.output);
   // COLMAP opens databases for writing and leaves traces: it gets a copy.
-  const fs::path database = mapping.output.string() + ".trial.db";
+  const fs::path database = TrialDatabase(mapping.output);
   ColmapDatabase::SafeCopy(mapping.database, database, reporter);
   for (const Relaxation& relaxation : Relaxations()) {
     if (static_cast<int>(attempts.size()) == mapping.max_attempts) break;
@@ -146,10 +155,15 @@ std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* c
                     ": trying more tolerant settings");
     }
   }
-  fs::remove_all(trial, ec);
-  for (const char* suffix : {"", "-wal", "-shm"}) fs::remove(database.string() + suffix, ec);
+  RemoveTrial(mapping.output);
   if (best == 0 && killed) throw ColmapKilled(*killed);
   return attempts;
+}
+
+void RemoveMapping(const fs::path& output) {
+  std::error_code ec;
+  fs::remove_all(output, ec);
+  RemoveTrial(output);
 }
 
 std::vector<ColmapModel> ReadMappedModels(const fs::path& folder, Reporter& reporter) {

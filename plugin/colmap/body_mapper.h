@@ -34,6 +34,9 @@ BodyMapping BackgroundMapping();
 /// UserError when an option of `options` is no NAME=VALUE.
 std::vector<MappingAttempt> MapBody(const BodyMapping& mapping, ColmapProgram* colmap, Reporter& reporter);
 
+/// Takes away what MapBody left in and beside `output`, also where it was stopped.
+void RemoveMapping(const std::filesystem::path& output);
+
 /// The models in numbered folders, those with most images first. Models that cannot be read are left out with
 /// a warning.
 std::vector<ColmapModel> ReadMappedModels(const std::filesystem::path& folder, Reporter& reporter);

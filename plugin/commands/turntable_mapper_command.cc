@@ -13,21 +13,25 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/colmap/attempt_beside.h"
 #include "plugin/colmap/body_mapper.h"
 #include "plugin/colmap/colmap_process.h"
 #include "plugin/colmap/point_colors.h"
 #include "plugin/commands/mapping_failure.h"
+#include "plugin/commands/turntable_mapper_options.h"
 #include "plugin/outputs/steady_photo.h"
 #include "plugin/outputs/turntable_report.h"
 #include "plugin/report/verdict_json.h"
 #include "plugin/stage/angle_list.h"
 #include "plugin/stage/scan_input.h"
 #include "plugin/stage/stage.h"
+#include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/circular_motion/circular_search.h"
 #include "sfm_split/evidence/scan_evidence.h"
@@ -43,92 +47,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-
-struct Settings {
-  fs::path workspace_path;
-  fs::path image_path;
-  fs::path colmap_path;
-  int max_attempts = 3;
-  std::vector<std::string> mapper_options;
-  fs::path angles_path;
-  double step_deg = 0;
-  bool adjust_to_photos = true;
-  PlacementOptions placement;
-};
-
-void AddOptions(Options& options, Settings* settings) {
-  options.Add("workspace_path", &settings->workspace_path, "the workspace, with split/ from motion_splitter")
-      .Required();
-  options.Add("image_path", &settings->image_path, "the photos; empty: images in the workspace");
-  options.Add("colmap_path", &settings->colmap_path,
-              "the colmap executable or its folder; empty: searched for on PATH");
-  options.AddEnum(
-      "path", &settings->placement.path,
-      {{"auto", PlacementPath::kAuto},
-       {"free_sfm", PlacementPath::kFreeSfm},
-       {"circular_motion", PlacementPath::kCircular},
-       {"single_axis", PlacementPath::kSingleAxis}},
-      "how the object is placed: by free SfM, by the circular motion that each station's matches show, by "
-      "the "
-      "table's axis and angles from the background's cameras, or by whichever explains the matches best");
-  options.Add("max_mapper_attempts", &settings->max_attempts,
-              "runs of `colmap mapper` for one body, each more tolerant");
-  options.Add("mapper_options", &settings->mapper_options,
-              "options for `colmap mapper` in its own spelling, like Mapper.ba_global_max_refinements=2");
-  options.Add("angles_path", &settings->angles_path,
-              "table angles that are known: a CSV file of NAME,ANGLE in degrees, or the folder of OpenScan's "
-              "scan or project; compared with the photos' and, where these bear them out, a prior of the "
-              "adjustment; empty: none");
-  options
-      .Add("step_deg", &settings->step_deg,
-           "the table's step from photo to photo by name, within each station; as --angles_path; 0: unknown")
-      .Unit("degrees");
-  options.Add(
-      "adjust_to_photos", &settings->adjust_to_photos,
-      "find each point's places by patches in all photos that it faces, and adjust everything to them "
-      "where patches that were held back bear it out");
-  auto joint = options.Group("Joint", &settings->placement.joint);
-  joint.AddEnum("model", &JointOptions::model,
-                {{"auto", JointModel::kAuto},
-                 {"shared_stations", JointModel::kSharedStations},
-                 {"free_cameras", JointModel::kFreeCameras},
-                 {"free_object", JointModel::kFreeObject}},
-                "what the poses share");
-  joint.Add("refine_focal_length", &JointOptions::refine_focal_length, "adjust the focal lengths");
-  joint.Add("refine_principal_point", &JointOptions::refine_principal_point, "adjust the principal points");
-  joint.Add("refine_extra_params", &JointOptions::refine_extra_params, "adjust the distortion");
-  joint.AddEnum(
-      "loss", &JointOptions::loss,
-      {{"squared", JointLoss::kSquared}, {"huber", JointLoss::kHuber}, {"cauchy", JointLoss::kCauchy}},
-      "of the reprojection errors");
-  joint
-      .Add("loss_scale_px", &JointOptions::loss_scale_px,
-           "where the loss turns from squared; 0: at twice the keypoints' standard deviation")
-      .Unit("px");
-  joint
-      .Add("max_reprojection_error_px", &JointOptions::max_reprojection_error_px,
-           "observations beyond are taken out")
-      .Unit("px");
-  joint
-      .Add("min_triangulation_deg", &JointOptions::min_triangulation_deg,
-           "points whose rays all meet at less are taken out")
-      .Unit("degrees");
-  joint.Add("max_rounds", &JointOptions::max_rounds, "of adjusting and taking out");
-  joint.Add("max_iterations", &JointOptions::max_iterations, "of Levenberg-Marquardt in a round");
-  joint.Add("function_tolerance", &JointOptions::function_tolerance, "relative decrease at which it stops");
-  joint.Add("compute_covariance", &JointOptions::compute_covariance, "report standard deviations");
-  joint.Add(
-      "num_threads", &JointOptions::num_threads,
-      "0: all cores; results depend on it only beyond a thousand camera-side parameters, where 0 is one");
-  auto refine = options.Group("Refine", &settings->placement.refine);
-  refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
-  refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")
-      .Unit("px");
-  auto axis = options.Group("SingleAxis", &settings->placement.single_axis);
-  axis.Add("noise_px", &SingleAxisOptions::noise_px, "expected standard deviation of a keypoint").Unit("px");
-  auto circular = options.Group("Circular", &settings->placement.circular);
-  circular.Add("noise_px", &CircularOptions::noise_px, "largest standard deviation of a keypoint").Unit("px");
-}
 
 void WriteJson(const fs::path& path, const json& content) {
   WriteFileAtomically(path, [&](std::ostream& stream) { stream << content.dump(1) << '\n'; });
@@ -157,7 +75,7 @@ size_t CountImages(const std::vector<ImagePairMatches>& pairs) {
 
 class TurntableMapper {
  public:
-  TurntableMapper(const Settings& settings, const Workspace& workspace, Reporter& reporter)
+  TurntableMapper(const TurntableMapperSettings& settings, const Workspace& workspace, Reporter& reporter)
       : settings_(settings),
         workspace_(workspace),
         reporter_(reporter),
@@ -169,23 +87,48 @@ class TurntableMapper {
 
   void ReadInput() { input_ = ReadScanInput(workspace_); }
   /// What is stated of the table's angles goes into the options of the adjustment.
-  void ReadStatedAngles(Settings* settings) const;
+  void ReadStatedAngles(TurntableMapperSettings* settings) const;
   const ScanInput& input() const { return input_; }
   bool HasBackground() const {
     return input_.capture_case == CaptureCase::kTurntable && CountImages(input_.features.static_pairs) >= 2;
   }
 
-  /// Begins a part of Place() that needs no model, while COLMAP's mapper makes the object's on one thread.
-  /// Place() finds it in the options.
-  void BeginCircularSearch(Settings* settings);
-  void Map(bool of_object, ColmapProgram* colmap);
+  /// Begins a part of PlaceByCircle() and Place() that needs no model, while COLMAP's mapper makes the
+  /// object's on one thread. They find it in the options.
+  void BeginCircularSearch(TurntableMapperSettings* settings);
+  void Map(bool of_object, ColmapProgram* colmap, Reporter& reporter) const;
+  /// Whether circular motion is asked whether it does without the object's model.
+  bool TriesCircleFirst() const {
+    return settings_.circle_first && settings_.placement.path == PlacementPath::kAuto &&
+           input_.capture_case != CaptureCase::kOneBody;
+  }
+  /// Whether it does. Place() writes what it came to; otherwise it says why not. May be called from another
+  /// thread than the one that made this.
+  bool PlaceByCircle(Reporter& reporter);
   void Place();
 
  private:
+  // Photos as cameras that stand still would have taken them, and what was found of them.
+  struct Steadied {
+    SteadyCameras cameras;
+    std::optional<ScanFeatures> features;  // none: no camera moved
+  };
+  Steadied Steady(const std::map<uint32_t, Camera>& cameras) const {
+    Steadied steadied{SteadyCameras(input_.features, cameras), std::nullopt};
+    if (steadied.cameras.AnyMoved()) steadied.features = steadied.cameras.Steady(input_.features);
+    return steadied;
+  }
+  const ScanFeatures& FeaturesOf(const Steadied& steadied) const {
+    return steadied.features ? *steadied.features : input_.features;
+  }
+  ReadGreyPhoto PhotosOf(const SteadyCameras& cameras) const;
+  void SayTurn(const Steadied& steadied, json* report) const;
+  void WritePlaced(const Steadied& steadied, ScanPlacement* placement, json report);
   std::vector<uint8_t> ReadDescriptorsOf(const ColmapDatabase& database, int image) const;
   GreyPhoto ReadPhoto(const std::string& name) const;
+  // \param evidence  of the candidate, where it was gathered before.
   void WriteScene(const ScanFeatures& steady, const SteadyCameras& cameras, ScanCandidate* candidate,
-                  json report);
+                  std::optional<ScanEvidence> evidence, json report);
   ScanVerdict RecordFailure(json report);
   [[noreturn]] void Fail(json report, const std::string& problem);
   void WriteOneBody(const std::vector<ColmapModel>& models, json report);
@@ -193,16 +136,18 @@ class TurntableMapper {
   bool PlaceBeforeCamera(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
                          json report);
 
-  const Settings& settings_;
+  const TurntableMapperSettings& settings_;
   Workspace workspace_;
   Reporter& reporter_;
   fs::path split_;
   ScanInput input_;
   json seconds_ = json::object();
+  std::optional<std::pair<Steadied, ScanPlacement>> by_circle_;
+  std::string not_by_circle_;  // why circular motion did not do; empty: it was not asked, or it did
   std::optional<CircularSearch> circular_search_;  // after what it searches, so that it ends first
 };
 
-void TurntableMapper::ReadStatedAngles(Settings* settings) const {
+void TurntableMapper::ReadStatedAngles(TurntableMapperSettings* settings) const {
   std::map<std::string, double>& stated = settings->placement.refine.stated_angles_deg;
   if (settings->step_deg != 0) {
     std::map<int, int> num_of_station;
@@ -220,7 +165,7 @@ void TurntableMapper::ReadStatedAngles(Settings* settings) const {
                  " names are none of the photos': " + unknown[0] + ", for example");
 }
 
-void TurntableMapper::BeginCircularSearch(Settings* settings) {
+void TurntableMapper::BeginCircularSearch(TurntableMapperSettings* settings) {
   // Where the tripod moved, Place() searches the features of a camera that stood still, which the model tells
   // of.
   const bool is_searched = settings->placement.path == PlacementPath::kAuto &&
@@ -231,7 +176,7 @@ void TurntableMapper::BeginCircularSearch(Settings* settings) {
   settings->placement.circular.begun = &*circular_search_;
 }
 
-void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
+void TurntableMapper::Map(bool of_object, ColmapProgram* colmap, Reporter& reporter) const {
   BodyMapping mapping = of_object ? ObjectMapping() : BackgroundMapping();
   mapping.database = of_object ? workspace_.ObjectDatabase() : workspace_.StaticDatabase();
   mapping.images = settings_.image_path;
@@ -240,8 +185,37 @@ void TurntableMapper::Map(bool of_object, ColmapProgram* colmap) {
       static_cast<int>(CountImages(of_object ? input_.features.object_pairs : input_.features.static_pairs));
   mapping.max_attempts = settings_.max_attempts;
   mapping.options = settings_.mapper_options;
-  reporter_.Info("mapping " + mapping.body + " with colmap " + colmap->version());
-  WriteJson(mapping.output / "attempts.json", ToJson(MapBody(mapping, colmap, reporter_)));
+  reporter.Info("mapping " + mapping.body + " with colmap " + colmap->version());
+  WriteJson(mapping.output / "attempts.json", ToJson(MapBody(mapping, colmap, reporter)));
+}
+
+ReadGreyPhoto TurntableMapper::PhotosOf(const SteadyCameras& cameras) const {
+  if (!settings_.adjust_to_photos) return {};
+  return [this, &cameras](const std::string& name) { return SteadyPhoto(ReadPhoto(name), name, cameras); };
+}
+
+bool TurntableMapper::PlaceByCircle(Reporter& reporter) {
+  CircularFinding finding;
+  const Steadied searched = Steady({});
+  const AlignedScene circle =
+      SceneFromCircularMotion(FeaturesOf(searched), settings_.placement.circular, reporter, &finding);
+  std::map<uint32_t, Camera> cameras;
+  for (const Camera& camera : circle.scene.cameras) cameras.emplace(camera.camera_id, camera);
+  by_circle_.emplace(Steady(cameras), ScanPlacement());
+  auto& [steadied, placement] = *by_circle_;
+  std::vector<ColmapModel> backgrounds;
+  if (HasBackground()) backgrounds = ReadMappedModels(BackgroundFolder(), reporter);
+  if (steadied.features) {
+    for (ColmapModel& model : backgrounds) model = steadied.cameras.Steady(model);
+  }
+  placement = PlaceByCircleAlone(FeaturesOf(steadied), circle, finding,
+                                 backgrounds.empty() ? nullptr : backgrounds.data(),
+                                 PhotosOf(steadied.cameras), settings_.placement, reporter);
+  if (placement.outcome == PlacementOutcome::kPlaced) return true;
+  not_by_circle_ = placement.findings;
+  by_circle_.reset();
+  reporter.Info("circular motion does not do by itself: " + not_by_circle_);
+  return false;
 }
 
 std::vector<uint8_t> TurntableMapper::ReadDescriptorsOf(const ColmapDatabase& database, int image) const {
@@ -273,13 +247,16 @@ GreyPhoto TurntableMapper::ReadPhoto(const std::string& name) const {
 }
 
 void TurntableMapper::WriteScene(const ScanFeatures& steady, const SteadyCameras& cameras,
-                                 ScanCandidate* candidate, json report) {
+                                 ScanCandidate* candidate, std::optional<ScanEvidence> evidence,
+                                 json report) {
   Stopwatch watch;
   AlignedScene& aligned = candidate->aligned;
   const RefineReport& refined = candidate->refined;
   report.update(DescribeScene(aligned, refined));
-  const ScanEvidence evidence = GatherEvidence(steady, aligned, refined.joint, refined.held_back,
-                                               candidate->matches, settings_.placement.refine.max_error_px);
+  if (!evidence) {
+    evidence = GatherEvidence(steady, aligned, refined.joint, refined.held_back, candidate->matches,
+                              settings_.placement.refine.max_error_px);
+  }
   cameras.Shake(&aligned);
   ColorPoints(settings_.image_path, {&aligned.object, &aligned.background}, reporter_);
   WriteColmapModel(workspace_.ObjectModel(), aligned.object, ColmapFormat::kBinary);
@@ -298,7 +275,7 @@ void TurntableMapper::WriteScene(const ScanFeatures& steady, const SteadyCameras
     reporter_.Info(fmt::format("station {}: {} stated angles hold to {:.3f} degrees", angles.station,
                                angles.prior.places.size(), angles.scatter_rad / kDegree));
   }
-  report["verdict"] = ToJson(JudgeScan(evidence), evidence);
+  report["verdict"] = ToJson(JudgeScan(*evidence), *evidence);
   seconds_["write"] = watch.Lap();
   report["seconds"] = seconds_;
   WriteJson(ReportPath(), report);
@@ -385,8 +362,24 @@ bool TurntableMapper::PlaceBeforeCamera(const std::vector<ColmapModel>& objects,
   report["reason"] = scan->finding;
   Describe(scan->placement, &report);
   const SteadyCameras cameras(input_.features, objects[0].cameras);
-  WriteScene(input_.features, cameras, &scan->placement.best, std::move(report));
+  WriteScene(input_.features, cameras, &scan->placement.best, std::nullopt, std::move(report));
   return true;
+}
+
+void TurntableMapper::SayTurn(const Steadied& steadied, json* report) const {
+  if (!steadied.features) return;
+  const double turn_deg = steadied.cameras.LargestTurn() / kDegree;
+  reporter_.Info(
+      fmt::format("the tripod moved: its camera turned by up to {:.3f} degrees, which the "
+                  "background tells and is taken off",
+                  turn_deg));
+  (*report)["tripod_turn_deg"] = turn_deg;
+}
+
+void TurntableMapper::WritePlaced(const Steadied& steadied, ScanPlacement* placement, json report) {
+  Describe(*placement, &report);
+  WriteScene(FeaturesOf(steadied), steadied.cameras, &placement->best, placement->evidence,
+             std::move(report));
 }
 
 void TurntableMapper::Place() {
@@ -404,6 +397,12 @@ void TurntableMapper::Place() {
     for (const MappingAttempt& attempt : attempts) sum += attempt.seconds;
     seconds_[std::string("map_") + body] = sum;
     report["mapping"][body] = ToJson(attempts);
+  }
+  if (TriesCircleFirst()) report["circle_alone"] = not_by_circle_;
+  if (by_circle_) {
+    SayTurn(by_circle_->first, &report);
+    WritePlaced(by_circle_->first, &by_circle_->second, std::move(report));
+    return;
   }
   std::vector<ColmapModel> objects = ReadMappedModels(ObjectFolder(), reporter_);
   std::optional<ColmapDatabase> database;
@@ -429,31 +428,19 @@ void TurntableMapper::Place() {
   }
   seconds_["read"] = watch.Lap();
 
-  const SteadyCameras cameras(input_.features,
-                              objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
-  ScanFeatures steadied;  // a copy only where there is something to take off
-  if (cameras.AnyMoved()) {
-    reporter_.Info(
-        fmt::format("the tripod moved: its camera turned by up to {:.3f} degrees, which the "
-                    "background tells and is taken off",
-                    cameras.LargestTurn() / kDegree));
-    report["tripod_turn_deg"] = cameras.LargestTurn() / kDegree;
-    for (ColmapModel& model : objects) model = cameras.Steady(model);
-    for (ColmapModel& model : backgrounds) model = cameras.Steady(model);
-    steadied = cameras.Steady(input_.features);
+  const Steadied steadied = Steady(objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
+  if (steadied.features) {
+    for (ColmapModel& model : objects) model = steadied.cameras.Steady(model);
+    for (ColmapModel& model : backgrounds) model = steadied.cameras.Steady(model);
   }
-  const ScanFeatures& steady = cameras.AnyMoved() ? steadied : input_.features;
-  ReadGreyPhoto read_photo;
-  if (settings_.adjust_to_photos) {
-    read_photo = [&](const std::string& name) { return SteadyPhoto(ReadPhoto(name), name, cameras); };
-  }
-  ScanPlacement placement =
-      PlaceScan(steady, objects, background, read_descriptors, read_photo, settings_.placement, reporter_);
-  Describe(placement, &report);
+  SayTurn(steadied, &report);
+  ScanPlacement placement = PlaceScan(FeaturesOf(steadied), objects, background, read_descriptors,
+                                      PhotosOf(steadied.cameras), settings_.placement, reporter_);
   if (placement.outcome == PlacementOutcome::kPlaced) {
-    WriteScene(steady, cameras, &placement.best, report);
+    WritePlaced(steadied, &placement, report);
     return;
   }
+  Describe(placement, &report);
   if (placement.outcome == PlacementOutcome::kNothingRotates) {
     reporter_.Warn("nothing rotates: the photos are taken as those of one body");
     report["path"] = "one body";
@@ -466,7 +453,7 @@ void TurntableMapper::Place() {
 }  // namespace
 
 void RunTurntableMapper(CommandContext& context) {
-  Settings settings;
+  TurntableMapperSettings settings;
   Options& options = context.Declare(
       "Runs `colmap mapper` on both databases of motion_splitter, finds the table's axis, angles and the "
       "scale "
@@ -474,7 +461,7 @@ void RunTurntableMapper(CommandContext& context) {
       "writes "
       "it in one frame: sparse/0 (the object held still), sparse/static (the background) and turntable.json.",
       "--workspace_path scan --image_path scan/images");
-  AddOptions(options, &settings);
+  AddTurntableMapperOptions(options, &settings);
   Reporter& reporter = context.Parse();
   FLAGS_minloglevel = google::GLOG_FATAL;  // Ceres reports each step that it takes back
   const auto seed = static_cast<uint32_t>(options.random_seed());
@@ -494,32 +481,35 @@ void RunTurntableMapper(CommandContext& context) {
   }
 
   std::optional<ColmapProgram> colmap;
-  const auto map = [&](bool of_object) {
+  const auto map = [&](bool of_object, Reporter& to) {
     std::error_code ec;
     if (!fs::is_directory(settings.image_path, ec)) {
       throw UserError(settings.image_path, "no such folder of photos, which colmap mapper needs",
                       "Check --image_path");
     }
-    if (!colmap) colmap = ColmapProgram::Find(settings.colmap_path, reporter);
-    mapper.Map(of_object, &*colmap);
+    if (!colmap) colmap = ColmapProgram::Find(settings.colmap_path, to);
+    mapper.Map(of_object, &*colmap, to);
   };
   std::map<std::string, std::string> mapping_options;
   for (const auto& [name, value] : options.Values()) {
     if (name == "mapper_options" || name == "max_mapper_attempts") mapping_options[name] = value;
   }
-  std::vector<std::string> before = {"motion_splitter"};
-  const PlacementPath path = settings.placement.path;
-  if (path == PlacementPath::kAuto || path == PlacementPath::kFreeSfm ||
-      mapper.input().capture_case == CaptureCase::kOneBody) {
+  const auto map_object = [&](Reporter& to) {
     runner.Run({"object_mapper",
                 {workspace.ObjectDatabase()},
                 mapping_options,
                 {mapper.ObjectFolder()},
                 {"motion_splitter"}},
                [&] {
-                 mapper.BeginCircularSearch(&settings);
-                 map(true);
+                 if (!mapper.TriesCircleFirst()) mapper.BeginCircularSearch(&settings);
+                 map(true, to);
                });
+  };
+  std::vector<std::string> before = {"motion_splitter"};
+  const PlacementPath path = settings.placement.path;
+  if (!mapper.TriesCircleFirst() && (path == PlacementPath::kAuto || path == PlacementPath::kFreeSfm ||
+                                     mapper.input().capture_case == CaptureCase::kOneBody)) {
+    map_object(reporter);
     before.emplace_back("object_mapper");
   }
   if (mapper.HasBackground()) {
@@ -528,9 +518,23 @@ void RunTurntableMapper(CommandContext& context) {
                 mapping_options,
                 {mapper.BackgroundFolder()},
                 {"motion_splitter"}},
-               [&] { map(false); });
+               [&] { map(false, reporter); });
     before.emplace_back("background_mapper");
   }
+  // Whether the object has to be mapped is told by this stage's work; all that it is mapped by counts here.
+  const auto place = [&] {
+    if (mapper.TriesCircleFirst()) {
+      mapper.BeginCircularSearch(&settings);
+      AttemptBeside([&](Reporter& to) { return mapper.PlaceByCircle(to); },
+                    {map_object,
+                     [&] {
+                       RemoveMapping(mapper.ObjectFolder());
+                       RemoveStageStamp(workspace, "object_mapper");
+                     }},
+                    NumThreadsOf(0), reporter);
+    }
+    mapper.Place();
+  };
   std::vector<fs::path> inputs = {workspace.ObjectDatabase(), workspace.StaticDatabase()};
   if (!settings.angles_path.empty()) inputs.push_back(settings.angles_path);
   runner.Run({"turntable_mapper",
@@ -539,7 +543,7 @@ void RunTurntableMapper(CommandContext& context) {
               {workspace.ObjectModel(), workspace.Turntable(), mapper.ReportPath()},
               before,
               {workspace.StaticModel(), mapper.ReportPath().parent_path()}},
-             [&] { mapper.Place(); });
+             place);
   PrintTurntableSummary(mapper.ReportPath(), context.out());
 }
 

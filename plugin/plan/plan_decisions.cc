@@ -183,6 +183,27 @@ void DecideTwoBodies(const PlanRequest& /*request*/, const Evidence& e, PlanDeci
   }
 }
 
+// Whether circular motion was asked whether it does without the object's model, and whether it does.
+bool WasAskedForCircle(const Evidence& e) {
+  return e.mapper.is_object() && e.mapper.contains("circle_alone");
+}
+bool DoesWithoutObject(const Evidence& e) {
+  return WasAskedForCircle(e) && Text(e.mapper, "circle_alone").empty();
+}
+
+void DecideFreeSfm(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
+  if (!e.mapper.is_object()) return;
+  d->measured = Text(e.mapper, "circle_alone");
+  d->threshold = "a place for all photos and a good verdict";
+  if (!DoesWithoutObject(e)) {
+    return Keep(d, WasAskedForCircle(e) ? "circular motion does not do without"
+                                        : "circular motion was not asked whether it does without");
+  }
+  d->measured = Text(e.mapper, "path_reason");
+  LeaveOut(d, "poses that circular motion leads to are good without it",
+           "a run of colmap's mapper on one thread, and an adjustment of what it finds");
+}
+
 void DecideBackground(const PlanRequest& /*request*/, const Evidence& e, PlanDecision* d) {
   const std::string scene_case = CaseOf(e);
   if (scene_case.empty()) return;
@@ -333,6 +354,7 @@ Decide DecisionOf(const std::string& part) {
       {"weak_features", DecideWeakFeatures},
       {"pairs", DecidePairs},
       {"two_bodies", DecideTwoBodies},
+      {"free_sfm", DecideFreeSfm},
       {"background", DecideBackground},
       {"scale", DecideScale},
       {"free_cameras", DecideFreeCameras},
@@ -375,7 +397,9 @@ PlanStage StageOf(const StandardStage& stage, const PlanRequest& request, const 
   }
   if (!not_asked_by.empty() && result.state == "runs")
     result = {stage.name, "not asked for", not_asked_by, result.seconds};
-  if (result.state == "runs" && stage.name == "background_mapper" && evidence.HasRun("turntable_mapper")) {
+  const bool is_needless =
+      stage.name == "background_mapper" || (stage.name == "object_mapper" && DoesWithoutObject(evidence));
+  if (result.state == "runs" && is_needless && evidence.HasRun("turntable_mapper")) {
     result = {stage.name, "left out", "the plan says why", 0};
   }
   if (result.state == "runs" && result.reason.empty()) result.reason = kNotDoneYet;

@@ -35,6 +35,12 @@ std::vector<PlanPart> MakeParts() {
        {},
        "where nothing turns, a second body has no photos; masks (--mask_path) say what turns where this is "
        "wrong"},
+      {"free_sfm",
+       "the object's model, which poses are found from",
+       "object_mapper",
+       "turntable_mapper",
+       "turntable_mapper",
+       {{"circle_first", "0"}}},
       {"background",
        "the background's model",
        "background_mapper",

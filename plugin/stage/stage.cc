@@ -210,6 +210,14 @@ void StageRunner::Refresh(const std::string& name, const StageStamp& stamp) {
   }
 }
 
+double StageRunner::SecondsOfStagesSince(double begin) const {
+  double sum = 0;
+  for (const auto& [name, ran] : ran_) {
+    if (ran.first >= begin && ReadStageStamp(workspace_, name, reporter_).has_value()) sum += ran.second;
+  }
+  return sum;
+}
+
 bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
   S2GS_INVARIANT(IsStageName(stage.name));
   std::string reason = kNotDoneYet;
@@ -244,7 +252,9 @@ bool StageRunner::Run(const Stage& stage, const std::function<void()>& work) {
   RemoveStageStamp(workspace_, stage.name);
   const double begin = SteadySeconds();
   work();
-  stamp.seconds = SteadySeconds() - begin;
+  const double seconds = SteadySeconds() - begin;
+  stamp.seconds = std::max(0.0, seconds - SecondsOfStagesSince(begin));
+  ran_[stage.name] = {begin, seconds};
 
   for (const fs::path& path : stage.outputs) {
     const Fingerprint fingerprint = TakeState(path);

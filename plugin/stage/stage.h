@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "plugin/cli/options.h"
@@ -64,15 +65,20 @@ class StageRunner {
   /// link out of the workspace, but throws UserError. When `work` throws, or the program is killed, the stage
   /// is not done and runs again next time. Returns whether it ran. Throws UserError when an output is missing
   /// afterwards.
+  /// `work` may run another stage, whose seconds do not count as its own where that is done at its end.
   bool Run(const Stage& stage, const std::function<void()>& work);
 
  private:
   // Writes a stamp whose inputs look different but are not.
   void Refresh(const std::string& name, const StageStamp& stamp);
 
+  // Seconds of the stages that began after a time and are done.
+  double SecondsOfStagesSince(double begin) const;
+
   Workspace workspace_;
   Reporter& reporter_;
   WorkspaceLock lock_;
+  std::map<std::string, std::pair<double, double>> ran_;  // by name: when they began, and their seconds
 };
 
 }  // namespace s2gs

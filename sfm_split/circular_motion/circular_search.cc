@@ -1,28 +1,20 @@
 #include "sfm_split/circular_motion/circular_search.h"
 
-#include <string>
-#include <string_view>
-#include <utility>
-#include <vector>
+#include "sfm_split/base/keeping_reporter.h"
 
 namespace s2gs {
 namespace {
 
-// Keeps what is logged: a reporter hears its caller's thread alone.
-class KeepingReporter : public Reporter {
+// Stops also when its search is given up.
+class SearchReporter : public KeepingReporter {
  public:
-  KeepingReporter(const Reporter& asked, const std::atomic<bool>& is_stopping)
-      : asked_(asked), is_stopping_(is_stopping) {}
+  SearchReporter(const Reporter& asked, const std::atomic<bool>& is_stopping)
+      : KeepingReporter(asked), is_stopping_(is_stopping) {}
 
-  void Log(LogLevel level, std::string_view message) override { messages_.emplace_back(level, message); }
-  bool StopRequested() const override { return is_stopping_ || asked_.StopRequested(); }
-
-  std::vector<std::pair<LogLevel, std::string>> Take() { return std::move(messages_); }
+  bool StopRequested() const override { return is_stopping_ || KeepingReporter::StopRequested(); }
 
  private:
-  const Reporter& asked_;
   const std::atomic<bool>& is_stopping_;
-  std::vector<std::pair<LogLevel, std::string>> messages_;
 };
 
 }  // namespace
@@ -33,10 +25,10 @@ CircularSearch::CircularSearch(const ScanFeatures& features, const CircularOptio
   found_ = std::async(std::launch::async, [this, options, &reporter] {
              CircularOptions anew = options;
              anew.begun = nullptr;
-             KeepingReporter keeping(reporter, is_stopping_);
+             SearchReporter keeping(reporter, is_stopping_);
              Found found;
              found.aligned = SceneFromCircularMotion(features_, anew, keeping, &found.finding);
-             found.messages = keeping.Take();
+             found.messages = keeping.messages();
              return found;
            }).share();
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
@@ -23,17 +24,26 @@ constexpr double kCertain = 8;              // e^-8: what is believed against ch
 constexpr size_t kCoarseMatches = 3000;     // evenly chosen, that rank the places of the grid
 constexpr int kNumRefined = 8;              // best places of the grid
 constexpr int64_t kPlacesAtOnce = 16;       // of the grid, by one thread
+constexpr int64_t kPairsAtOnce = 16;        // likewise: some .1 ms
+constexpr double kFirstStep = 0.005;        // of the last climb, at all matches
+constexpr double kLastStep = 1e-5;
+constexpr double kBestStep = kFirstStep / 8;  // from here on the best place alone climbs on
 
+double GainOf(const CrossingPair& pair, const CircularPlace& place, double sigma_px) {
+  return EpipolarGain(pair.matches, CamFromObject(pair.view, place) * pair.cam_from_object.Inverse(),
+                      pair.placed_focal_px, pair.focal_px, sigma_px);
+}
+
+// From several threads, unless it is called in a loop. The sum is that of one thread.
 // \param stride  every so many pairs count: of a few matches of each, nobody knows which are right.
 double Gain(const std::vector<CrossingPair>& pairs, const CircularPlace& place, double sigma_px,
             size_t stride) {
-  double gain = 0;
-  for (size_t p = 0; p < pairs.size(); p += stride) {
-    const CrossingPair& pair = pairs[p];
-    gain += EpipolarGain(pair.matches, CamFromObject(pair.view, place) * pair.cam_from_object.Inverse(),
-                         pair.placed_focal_px, pair.focal_px, sigma_px);
-  }
-  return gain;
+  std::vector<double> gains((pairs.size() + stride - 1) / stride);
+  ParallelFor(static_cast<int64_t>(gains.size()), 0, kPairsAtOnce, [&](int64_t g) {
+    const auto at = static_cast<size_t>(g);
+    gains[at] = GainOf(pairs[at * stride], place, sigma_px);
+  });
+  return std::accumulate(gains.begin(), gains.end(), 0.0);
 }
 
 // Distance, height and turn to the top of the likelihood.
@@ -97,8 +107,10 @@ CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const Cir
                    [](const auto& a, const auto& b) { return a.first > b.first; });
   ParallelFor(static_cast<int64_t>(modes.size()), 0, [&](int64_t m) {
     auto& [gain, place] = modes[static_cast<size_t>(m)];
-    gain = Refine(pairs, sigma_px, 1, 0.005, m == 0 ? 1e-5 : 1e-3, &place);
+    gain = Refine(pairs, sigma_px, 1, kFirstStep, kBestStep, &place);
   });
+  // One place keeps one thread busy in a loop of places; here its pairs are a loop of their own.
+  modes[0].first = Refine(pairs, sigma_px, 1, kBestStep, kLastStep, &modes[0].second);
   tie.place = modes[0].second;
   tie.gain = modes[0].first;
   tie.margin = tie.gain;

@@ -95,8 +95,8 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
   return result;
 }
 
-std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, const AlignedScene& aligned,
-                                              double max_error_px) {
+std::vector<ImagePairMatches> MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
+                                               double max_error_px) {
   const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
   // Between stations, where the background knows how cameras stand, it explains what agrees with it better.
   std::vector<PosedImage> unmoved(posed.size());

@@ -26,7 +26,7 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
 
 /// The matches that agree with a scene's poses, verified or not, of the pairs of photos that it has. Between
 /// stations that a background places, what agrees better with cameras before which nothing turns is left out.
-std::vector<ImagePairMatches> AgreeingMatches(const ScanFeatures& features, const AlignedScene& aligned,
-                                              double max_error_px);
+std::vector<ImagePairMatches> MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
+                                               double max_error_px);
 
 }  // namespace s2gs

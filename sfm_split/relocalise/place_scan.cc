@@ -14,7 +14,9 @@
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/circular_motion/circular_scene.h"
 #include "sfm_split/circular_motion/rigged_circle_scene.h"
+#include "sfm_split/evidence/scan_evidence.h"
 #include "sfm_split/evidence/step_width.h"
+#include "sfm_split/relocalise/circle_beside_background.h"
 #include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/model_difference.h"
@@ -94,6 +96,8 @@ class Placement {
 
   ScanPlacement Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
                     const ReadGreyPhoto& read_photo);
+  ScanPlacement RunCircleAlone(const AlignedScene& circle, const CircularFinding& finding,
+                               const ReadGreyPhoto& read_photo);
 
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
@@ -230,7 +234,7 @@ void Placement::RefineAgreeing(double sigma_px, const StepsFinding& steps, Joint
   PrincipalPointTest cut;
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
-    agreeing.object_pairs = AgreeingMatches(features_, candidate->aligned, bound_px);
+    agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, bound_px);
     agreeing.raw_pairs.clear();
     candidate->aligned.object.points3D.clear();
     candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
@@ -519,6 +523,45 @@ void Placement::FinishPoses(const ReadGreyPhoto& read_photo) {
   AskAllMatches();
 }
 
+ScanPlacement Placement::RunCircleAlone(const AlignedScene& circle, const CircularFinding& finding,
+                                        const ReadGreyPhoto& read_photo) {
+  const size_t num_photos = features_.images.size();
+  const auto fail = [&](const std::string& why) {
+    result_.findings = why;
+    return std::move(result_);
+  };
+  if (circle.scene.views.size() < num_photos) return fail("it has no place for all photos");
+  ScanCandidate candidate;
+  candidate.aligned = circle;
+  if (background_ != nullptr && !PutBackgroundBeside(*background_, &candidate.aligned))
+    return fail("the background's cameras contradict it");
+  RefineOptions refine = options_.refine;
+  refine.start_is_rough = true;
+  candidate.refined = RefineScan(features_, nullptr, options_.joint, refine, reporter_, &candidate.aligned);
+  candidate.is_usable = MostPhotosSeePoints(candidate.aligned);
+  candidate.finding = "circular motion in place of free SfM placed " + std::to_string(num_photos) +
+                      " images, " + std::to_string(candidate.aligned.scene.views.size()) + " after mending";
+  Consider(std::move(candidate), "circle_alone");
+  const ScanCandidate& best = result_.best;
+  if (!best.is_usable || best.aligned.scene.views.size() < num_photos)
+    return fail("its adjustment lost photos");
+  if (IsWorthAdjusting(circle, UnknownsOf(finding.motion), true, "circular motion")) {
+    Consider(ByCircularMotion(finding, circle), "circular_motion");
+    if (background_ != nullptr && result_.path != "circle_alone") TryRiggedCircle();
+    if (best.aligned.scene.views.size() < num_photos) return fail("its adjustment lost photos");
+  }
+  if (read_photo) AdjustToPhotos(read_photo);
+  AskAllMatches();
+  result_.evidence = GatherEvidence(features_, best.aligned, best.refined.joint, best.refined.held_back,
+                                    best.matches, options_.refine.max_error_px);
+  result_.durations.emplace_back("evidence", watch_.Lap());
+  const ScanVerdict verdict = JudgeScan(*result_.evidence);
+  if (verdict.verdict != Verdict::kGood)
+    return fail("its adjustment is " + std::string(VerdictName(verdict.verdict)) + ": " + verdict.reasons[0]);
+  result_.outcome = PlacementOutcome::kPlaced;
+  return std::move(result_);
+}
+
 ScanPlacement Placement::Run(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
                              const ReadGreyPhoto& read_photo) {
   const PlacementPath path = options_.path;
@@ -559,6 +602,14 @@ ScanPlacement PlaceScan(const ScanFeatures& features, const std::vector<ColmapMo
                         Reporter& reporter) {
   S2GS_INVARIANT(!options.Check());
   return Placement(features, background, options, reporter).Run(objects, read_descriptors, read_photo);
+}
+
+ScanPlacement PlaceByCircleAlone(const ScanFeatures& features, const AlignedScene& circle,
+                                 const CircularFinding& finding, const ColmapModel* background,
+                                 const ReadGreyPhoto& read_photo, const PlacementOptions& options,
+                                 Reporter& reporter) {
+  S2GS_INVARIANT(!options.Check());
+  return Placement(features, background, options, reporter).RunCircleAlone(circle, finding, read_photo);
 }
 
 }  // namespace s2gs

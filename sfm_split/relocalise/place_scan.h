@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -8,6 +9,8 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/circular_motion/circular_motion.h"
+#include "sfm_split/circular_motion/circular_scene.h"
+#include "sfm_split/evidence/verdict.h"
 #include "sfm_split/photo_tracks/photo_adjustment.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_candidate.h"
@@ -63,7 +66,20 @@ struct ScanPlacement {
   std::vector<GuidedPhoto> guided;                        ///< photos that came by what points look like.
   PhotoAdjustment photos;                                 ///< what patches of the photos did to `best`.
   std::vector<std::pair<std::string, double>> durations;  ///< of every way that was tried [s].
+  std::optional<ScanEvidence> evidence;  ///< of `best`, where it was gathered to decide whether it is taken.
 };
+
+/// Of a scan that circular motion has placed, what PlaceScan comes to, without SfM's model of the object: the
+/// motion is where the same adjustment starts that SfM's model starts otherwise, and where it explains
+/// matches better than that, it is adjusted in its own way as well. It is placed where all photos are and the
+/// verdict is good; otherwise `findings` says what is missing, and PlaceScan has to be asked. Which of the
+/// two is taken depends on the photos alone. \param circle   as SceneFromCircularMotion has it, and what it
+/// says of it. \param background, read_photo  as PlaceScan has them. Throws Interrupted when the reporter
+/// asks to stop, and what read_photo throws.
+ScanPlacement PlaceByCircleAlone(const ScanFeatures& features, const AlignedScene& circle,
+                                 const CircularFinding& finding, const ColmapModel* background,
+                                 const ReadGreyPhoto& read_photo, const PlacementOptions& options,
+                                 Reporter& reporter);
 
 /// From the reconstructions of both bodies to one adjusted turntable scene: free SfM of the object against
 /// the background; where that places too few photos, against the object's own stations; where it does, or

@@ -30,6 +30,7 @@ constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;     // below, keypoints are dropped that are only badly localised
 constexpr double kFirstLossPx = 1;      // for reconstructions with other cameras than the common ones
 constexpr double kMaxErrorGrowth = 4;   // of the error bound, where the matches are noisier than it expects
+constexpr double kRoughErrors = 2;      // of the error bound, where poses are rough
 constexpr double kNoiseRange = 6;       // of the error bound, over which matches' errors are looked at
 constexpr double kMaxScaleSigma = 0.1;  // of a scale that is called observed
 
@@ -375,6 +376,13 @@ RefineReport ScanRefiner::Run() {
   // Principal points that were found beside the middle before have their prior, and are not held there.
   for (const Camera& camera : aligned_->scene.cameras)
     photos_are_cut_ |= PrincipalPoint(camera) != PrincipalPoint(features_.cameras.at(camera.camera_id));
+  if (options_.start_is_rough) {
+    object_points_ = Triangulate(true, kRoughErrors * options_.max_error_px);
+    aligned_->object = BuildModel(
+        object_points_,
+        PointsToAdjust(object_points_, options_.max_adjusted_observations, std::numeric_limits<int>::max()),
+        true);
+  }
   // First with the tracks of the two reconstructions, each of which fits its own cameras: this brings the two
   // to common ones. Gross errors are pulled in, not cut off.
   if (!aligned_->object.points3D.empty()) {

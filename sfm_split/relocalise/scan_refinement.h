@@ -35,6 +35,10 @@ struct RefineOptions {
   /// How stations are turned that silhouettes tell. By images of the features.
   std::vector<StationTurnPrior> station_turns;
 
+  /// The scene's poses are rough and have no points: before the first round these are triangulated within
+  /// twice the bound, and everything is adjusted to them as to SfM's.
+  bool start_is_rough = false;
+
   OptionCheck Check() const;
 };
 

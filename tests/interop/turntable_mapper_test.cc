@@ -113,11 +113,23 @@ TEST_F(TurntableMapper, WritesTheSceneAndRunsOnlyWhatChanged) {
   EXPECT_EQ(report.at("joint_model").at("chosen"), "shared stations");
   EXPECT_EQ(report.at("observability").at("nullity"), 0);
 
+  // Circular motion alone is good: COLMAP did not map the object.
+  EXPECT_EQ(report.at("circle_alone"), "");
+  EXPECT_FALSE(fs::exists(workspace_.StageStamp("object_mapper")));
+  EXPECT_FALSE(fs::exists(workspace_.ObjectDatabase().parent_path() / "object_model"));
+  const std::string alone = RunId("turntable_mapper");
+  ASSERT_EQ(RunMapper(workspace_), kExitDone);
+  EXPECT_EQ(RunId("turntable_mapper"), alone);
+
+  const std::vector<std::string> with_sfm = {"--circle_first", "0"};
+  ASSERT_EQ(RunMapper(workspace_, with_sfm), kExitDone);
+  EXPECT_EQ(ReadJson(workspace_.ObjectDatabase().parent_path() / "turntable_mapper.json").at("path"),
+            "free_sfm");
   const std::string mapped = RunId("object_mapper");
   const std::string placed = RunId("turntable_mapper");
-  ASSERT_EQ(RunMapper(workspace_), kExitDone);
+  ASSERT_EQ(RunMapper(workspace_, with_sfm), kExitDone);
   EXPECT_EQ(RunId("turntable_mapper"), placed);
-  ASSERT_EQ(RunMapper(workspace_, {"--Joint.loss_scale_px", "0.5"}), kExitDone);
+  ASSERT_EQ(RunMapper(workspace_, {"--circle_first", "0", "--Joint.loss_scale_px", "0.5"}), kExitDone);
   EXPECT_EQ(RunId("object_mapper"), mapped);
   EXPECT_NE(RunId("turntable_mapper"), placed);
   ASSERT_EQ(RunMapper(workspace_, {"--path", "single_axis"}), kExitDone);

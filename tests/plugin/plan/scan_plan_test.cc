@@ -231,7 +231,7 @@ TEST_F(ScanPlanTest, SaysWhatEachKindOfScanNeeds) {
   WriteSplit("turntable", 4, 2);
   WriteAll(w.StaticModel() / "images.txt", "");
   write_mapping(
-      R"({"path": "both", "registered": 4, "verdict": {"verdict": "good"}, "joint_model": {"chosen": )"
+      R"({"path": "both", "path_reason": "as found", "circle_alone": "", "registered": 4, "verdict": {"verdict": "good"}, "joint_model": {"chosen": )"
       R"("shared stations", "tests": [{"general": "free", "score": 1.25, "fitted": true, "bic_gain": -3.5},)"
       R"({"general": "other", "score": 0.5}]}})",
       2, true, 30);
@@ -247,7 +247,7 @@ TEST_F(ScanPlanTest, SaysWhatEachKindOfScanNeeds) {
 
   WriteSplit("single_station", 6, 1);
   write_mapping(R"({"registered": 3, "verdict": {"verdict": "doubtful", "poses_hold": true}, "joint_model": )"
-                R"({"chosen": "free cameras", "tests": []}})",
+                R"({"chosen": "free cameras", "tests": []}, "circle_alone": "why not"})",
                 1, false, 30);
   write_mesh(R"({"event": "refined", "photos": 2, "vertices": 200, "accepted": 50, "moved": false})");
   request_.has_masks = true;

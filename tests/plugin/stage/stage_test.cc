@@ -10,11 +10,13 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "plugin/cli/version.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/stopwatch.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
 
@@ -274,6 +276,32 @@ TEST(StageRunner, StampsSayWhatWasDone) {
   EXPECT_EQ(json.at("outputs").at(0).at("path"), "s2gs/point_cloud.ply");
   EXPECT_EQ(json.at("upstream").at("match").get<std::string>().size(), 16U);
   EXPECT_GE(json.at("seconds").get<double>(), 0);
+}
+
+// Both stages' seconds add up to what both took, unless the inner one is given up.
+TEST(StageRunner, SecondsOfAStageInsideAreItsOwn) {
+  const TemporaryFolder folder;
+  const Workspace workspace{folder.path()};
+  Reporter reporter;
+  for (const bool is_given_up : {false, true}) {
+    StageRunner runner(workspace, reporter);
+    const std::string inner = is_given_up ? "given_up" : "inner";
+    const double begin = SteadySeconds();
+    double inner_seconds = 0;
+    runner.Run({is_given_up ? "without" : "outer", {}, {}, {}, {}}, [&] {
+      const double inner_begin = SteadySeconds();
+      runner.Run({inner, {}, {}, {}, {}}, [] { std::this_thread::sleep_for(std::chrono::milliseconds(20)); });
+      inner_seconds = SteadySeconds() - inner_begin;
+      if (is_given_up) RemoveStageStamp(workspace, inner);
+    });
+    const double total = SteadySeconds() - begin;
+    const double outer = ReadStageStamp(workspace, is_given_up ? "without" : "outer", reporter)->seconds;
+    if (is_given_up) {
+      EXPECT_GE(outer, inner_seconds);
+    } else {
+      EXPECT_LE(outer + ReadStageStamp(workspace, inner, reporter)->seconds, total);
+    }
+  }
 }
 
 TEST(CheckStages, TellsDoneStaleMissingAndForeign) {

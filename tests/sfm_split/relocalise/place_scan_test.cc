@@ -108,6 +108,60 @@ std::vector<std::string> Tried(const ScanPlacement& placement) {
 
 using Names = std::vector<std::string>;
 
+ScanPlacement PlaceByCircleAlone(const Scan& scan) {
+  Reporter reporter;
+  const PlacementOptions options;
+  CircularFinding finding;
+  const AlignedScene circle = SceneFromCircularMotion(scan.features, options.circular, reporter, &finding);
+  return s2gs::PlaceByCircleAlone(scan.features, circle, finding, &scan.background, {}, options, reporter);
+}
+
+// The scan that free SfM's model leads to, without that model.
+TEST(PlaceScan, CircularMotionAloneEndsWhereFreeSfmDoes) {
+  Scan scan(SmallScan());
+  const ScanPlacement alone = PlaceByCircleAlone(scan);
+  ASSERT_EQ(alone.outcome, PlacementOutcome::kPlaced) << alone.findings;
+  EXPECT_EQ(alone.path, "circle_alone");
+  EXPECT_EQ(Tried(alone), Names({"circle_alone", "ask_matches", "evidence"}));
+  ASSERT_TRUE(alone.evidence.has_value());
+  EXPECT_EQ(JudgeScan(*alone.evidence).verdict, Verdict::kGood);
+  EXPECT_FALSE(alone.best.aligned.background.points3D.empty());
+  EXPECT_TRUE(alone.best.aligned.scene.scale_observable);
+  const ScanPlacement by_sfm = scan.Place();
+  ASSERT_EQ(alone.best.aligned.scene.views.size(), by_sfm.best.aligned.scene.views.size());
+  EXPECT_LT(scan.WorstAngleDeg(alone), 0.1);
+  EXPECT_NEAR(scan.WorstAngleDeg(alone), scan.WorstAngleDeg(by_sfm), 0.01);
+  EXPECT_NEAR(alone.best.log_likelihood, by_sfm.best.log_likelihood,
+              1e-3 * std::abs(by_sfm.best.log_likelihood));
+}
+
+TEST(PlaceScan, CircularMotionThatLosesPhotosDoesNotDoAlone) {
+  Scan scan(SmallScan());
+  scan.Lose({3});
+  const ScanPlacement alone = PlaceByCircleAlone(scan);
+  EXPECT_EQ(alone.outcome, PlacementOutcome::kNoTurntable);
+  EXPECT_FALSE(alone.findings.empty());
+}
+
+// Poses that are good alone are not taken where their background stands otherwise.
+TEST(PlaceScan, CircularMotionThatTheBackgroundContradictsDoesNotDoAlone) {
+  Scan scan(SmallScan());
+  for (auto& [id, image] : scan.background.images) {
+    const Rigid3 tilt{Eigen::Quaterniond(Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX())),
+                      Eigen::Vector3d::Zero()};
+    if (id == scan.background.images.rbegin()->first) image.cam_from_world = tilt * image.cam_from_world;
+  }
+  const std::string last = scan.background.images.rbegin()->second.name;
+  std::vector<std::string> others;
+  for (const auto& [id, image] : scan.background.images) {
+    if (image.name != last && image.name != scan.Name(0)) others.push_back(image.name);
+  }
+  RemoveImages(others, &scan.background);
+  const ScanPlacement alone = PlaceByCircleAlone(scan);
+  EXPECT_EQ(alone.outcome, PlacementOutcome::kNoTurntable);
+  EXPECT_EQ(alone.findings, "the background's cameras contradict it");
+}
+
 TEST(PlaceScan, FreeSfmThatPlacesAllPhotosStandsAlone) {
   Scan scan(SmallScan());
   const ScanPlacement placement = scan.Place();
