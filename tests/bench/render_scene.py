@@ -418,7 +418,8 @@ def vignette(shape, loss):
 
 
 def shaken(pose, pixels, focal, normals):
-    """A pose turned about its own centre by `pixels` times each of three normals: right, down, and in the picture's corners."""
+    """A pose turned about its own centre by angles of pixels / focal times three normals: about the picture's two axes and
+    about the line of sight."""
     turn = np.asarray(normals) * pixels / focal
     angle = np.linalg.norm(turn) + 1e-12
     x, y, z = turn / angle
