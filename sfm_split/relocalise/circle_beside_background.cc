@@ -1,6 +1,7 @@
 #include "sfm_split/relocalise/circle_beside_background.h"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <string>
@@ -9,6 +10,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/scene/axis_turn.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
@@ -103,17 +105,13 @@ bool PutBackgroundBeside(const ColmapModel& background, AlignedScene* aligned) {
   if (stations.size() < 2) return true;
   Sim3 world_from_background;
   if (!Solve(&stations, &world_from_background)) return false;
+  const TurntableAxis table{Vector3d::Zero(), Vector3d::UnitZ()};
   std::map<std::string, const View*> view_of_name;
   for (View& view : aligned->scene.views) {
     view_of_name[view.name] = &view;
     const auto station = stations.find(view.station);
     if (station == stations.end()) continue;
-    const double turn_rad = station->second.turn_rad;
-    const Rigid3 turn{Eigen::Quaterniond(RotationAbout<double>(Vector3d::UnitZ(), turn_rad)),
-                      Vector3d::Zero()};
-    view.cam_from_world = view.cam_from_world * turn.Inverse();
-    view.world_from_object = turn * view.world_from_object;
-    view.angle_deg = WrapAngle(view.angle_deg * kDegree + turn_rad) / kDegree;
+    TurnView(table, -station->second.turn_rad, &view);
   }
   aligned->aligned_from_background = world_from_background;
   aligned->background = background;
