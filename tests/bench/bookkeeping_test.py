@@ -194,10 +194,10 @@ class Run(unittest.TestCase):
         (self.root / 'data/example/images/a.jpg').write_text('photo')
         (self.root / 'data/example/gt/scene.json').write_text('{}')
 
-    def session(self, program, commit='1234567'):
+    def session(self, program, commit='1234567', python=sys.executable):
         return run.Session(argparse.Namespace(program=program.path, tools=self.root, data=self.root / 'data', work=self.root / 'work',
                                               results=self.root / 'results', gpu=False, machine='test', commit=commit, again=False,
-                                              render_python=None, score_python=sys.executable))
+                                              python=python))
 
     def suite(self, session, names=('example',), seeds=(0,)):
         out = io.StringIO()
@@ -239,9 +239,38 @@ class Run(unittest.TestCase):
         self.assertEqual(results.read_results(self.root / 'results')[0]['exit_code'], 0)
 
     def test_a_scene_that_is_missing_is_said_loudly(self):
-        failures, out = self.suite(self.session(FakeProgram(self.root)), names=('vase',))
+        session = self.session(FakeProgram(self.root), python='/no/python')
+        failures, out = self.suite(session, names=('vase', 'example'))
         self.assertEqual(failures, 0)
         self.assertIn('LEFT OUT poses vase', out)
+        self.assertEqual(len(session.left_out), 1)
+        self.assertIn('requirements.txt', session.left_out[0])
+        self.assertEqual(len(results.read_results(self.root / 'results')), 1)
+
+    def test_a_python_is_one_that_has_what_is_needed(self):
+        session = self.session(FakeProgram(self.root))
+        self.assertEqual(session.python('json, os'), sys.executable)
+        with self.assertRaisesRegex(FileNotFoundError, 'no Python with no_such_module'):
+            session.python('no_such_module')
+        # None is named: a venv is made once, with what the file beside says.
+        session = self.session(FakeProgram(self.root), python=None)
+        made = []
+        session.made_python = lambda modules: made.append(modules) or '/made/python'
+        self.assertEqual([session.python('no_such_module') for _ in range(2)], ['/made/python'] * 2)
+        self.assertEqual(made, ['no_such_module'])
+        listed = (scenes.HERE / 'requirements.txt').read_text()
+        for package in ('numpy', 'scipy', 'open3d', 'pillow', 'opencv'):  # as run.py asks for numpy, scipy, open3d, PIL, cv2
+            self.assertIn(package, listed)
+
+    def test_a_program_that_is_missing_is_named_with_what_builds_it(self):
+        args = argparse.Namespace(program=self.root / 'none', tools=None, gpu=False)
+        with self.assertRaisesRegex(SystemExit, r'no program .*/none: .bash tests/run.sh.'):
+            run.check_programs(args, ['poses'])
+        args.program = FakeProgram(self.root).path
+        run.check_programs(args, ['poses'])
+        self.assertEqual(args.tools, self.root.resolve() / 'tests')
+        with self.assertRaisesRegex(SystemExit, 'no tsdf_bench and no step_bench in .*/tests'):
+            run.check_programs(args, ['kernels', 'poses'])
 
     def test_hash_of_names_and_bytes(self):
         folder = self.root / 'data/example'

@@ -1,18 +1,21 @@
 #!/usr/bin/env python3
-"""Measures: runs suites over scenes and seeds, and leaves one small JSON a run.
+"""Measures: runs suites over scenes and seeds, leaves one small JSON a run, and writes BENCHMARK.md anew.
 
-usage: run.py SUITE [SUITE ...] [--scenes NAME ...] [--seeds N ...] [--gpu] [--program S2GS] [--tools FOLDER]
-              [--data FOLDER] [--results FOLDER] [--work FOLDER] [--again] [--commit TEXT] [--render_python PYTHON]
+usage: run.py [SUITE ...] [--scenes NAME ...] [--seeds N ...] [--gpu] [--program S2GS] [--tools FOLDER] [--python PYTHON]
+              [--data FOLDER] [--results FOLDER] [--work FOLDER] [--again] [--commit TEXT] [--no_report]
 
-  poses    photos to poses: automatic_scanner --until split, scored against the truth
-  scan     photos to mesh: automatic_scanner, scored against the truth
+  kernels  times of a training step and of fusion (step_bench or gpu_step_bench, tsdf_bench; in --tools)
   train    exact poses to a model, photos never seen: in mode s2gs, and in mode masks with perfect masks
   mesh     the models of `train` to masks, depth and mesh, scored against the truth
-  kernels  times of a training step and of fusion (step_bench or gpu_step_bench, tsdf_bench; in --tools)
-Without suite names or scenes those of SUITES run that are there. A scene is looked for in DATA/NAME, then where
-scenes.json says. train, mesh and kernels need this folder, Python with numpy, and the static trainer (preset
-`trainer`): a bare GPU node does. Points to start from are DATA/NAME/points/{object,static} (COLMAP text models of free
-SfM), where they are; else training starts at random.
+  poses    photos to poses: automatic_scanner --until split, scored against the truth
+  scan     photos to mesh: automatic_scanner, scored against the truth
+Without suite names the half of BENCHMARK.md that this machine can make: all of them, or with --gpu the first three.
+Without --scenes those of SUITES; those that are not there are named at the end. A scene is looked for in DATA/NAME, then
+where scenes.json says. The program is that of build/cpu or build/tests. What is written in Python needs what
+requirements.txt names: where neither --python nor this Python has it, a venv is made in build/bench/venv (from the
+network, once). train, mesh and kernels need this folder, Python with numpy, and the static trainer (preset `trainer`): a
+bare GPU node does. Points to start from are DATA/NAME/points/{object,static} (COLMAP text models of free SfM), where they
+are; else training starts at random.
 
 A run whose result is there from the same commit and data is skipped, so that the same command goes on where it was.
 Results hold CPU and wall seconds; on a machine that other work shares (`load` is that before the run) neither is a
@@ -30,18 +33,23 @@ import subprocess
 import sys
 import time
 
+import report
 import results
 import scenes
 
-# What each suite runs when no scenes are named: small ones on the CPU.
+# What each suite runs when no scenes are named, small ones on the CPU; suites and scenes with the shortest first.
 SUITES = {
-    'poses': (['example', 'box_small', 'rock_small', 'falcon_desk', 'ogre_fixed', 'rubik_cube', 'green_apple', 'vase',
-               'knot', 'box', 'rock', 'large', 'hand', 'dome', 'shiny'],) * 2,
-    'scan': (['example', 'box_small'], ['falcon_desk', 'knot', 'box', 'rock', 'vase', 'flowerpot']),
+    'kernels': (['example'], ['falcon_desk']),
     'train': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
     'mesh': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
-    'kernels': (['example'], ['falcon_desk']),
+    'poses': (['example', 'box_small', 'rock_small', 'rock', 'ogre_fixed', 'rubik_cube', 'green_apple', 'box', 'large', 'knot',
+               'vase', 'dome', 'hand', 'shiny', 'falcon_desk'],) * 2,
+    'scan': (['example', 'box_small', 'falcon_desk'], ['falcon_desk', 'knot', 'box', 'rock', 'vase', 'flowerpot']),
 }
+ON_BARE_NODE = ('kernels', 'train', 'mesh')
+BUILDS = [scenes.REPOSITORY / 'build' / name for name in ('cpu', 'tests')]
+HERE = scenes.HERE
+VENV = scenes.REPOSITORY / 'build/bench/venv'
 # Courses that a CPU ends in minutes; a GPU runs the trainer's own defaults.
 CPU_COURSE = ['--max_image_size', '160', '--Train.num_iterations', '1500', '--Train.max_gaussians', '25000']
 
@@ -78,11 +86,19 @@ def commit_of(repository):
     return commit + ('+changes' if changed else '')
 
 
+def has_modules(python, modules):
+    try:
+        return subprocess.run([python, '-c', f'import {modules}'], capture_output=True).returncode == 0
+    except OSError:
+        return False
+
+
 class Session:
     """What all runs share, and the commands of one run."""
 
     def __init__(self, args):
         self.args, self.work, self.data = args, args.work.resolve(), args.data.resolve()
+        self.pythons, self.left_out = {}, []
         self.machine = machine(args.gpu, args.machine)
         self.commit = args.commit or commit_of(scenes.REPOSITORY)
         if not self.commit:
@@ -118,6 +134,30 @@ class Session:
     def gpu(self):
         return ['--use_gpu', '1' if self.args.gpu else '0']
 
+    def python(self, modules):
+        """A Python that imports these ("numpy, cv2"); raises FileNotFoundError where there is none and none can be made."""
+        if modules not in self.pythons:
+            known = [self.args.python] if self.args.python else [sys.executable, '/usr/bin/python3', str(VENV / 'bin/python')]
+            self.pythons[modules] = next((p for p in known if has_modules(p, modules)), None)
+            if self.pythons[modules] is None and not self.args.python:
+                self.pythons[modules] = self.made_python(modules)
+        if self.pythons[modules] is None:
+            raise FileNotFoundError(f'no Python with {modules}: --python names one (pip install -r {HERE}/requirements.txt)')
+        return self.pythons[modules]
+
+    def made_python(self, modules):
+        """That of the venv, which is made; None where it cannot be."""
+        print(f'making a venv with what requirements.txt names: {VENV}', flush=True)
+        python = str(VENV / 'bin/python')
+        base = next((p for p in ('/usr/bin/python3', sys.executable) if os.path.exists(p)), sys.executable)
+        try:
+            subprocess.run([base, '-m', 'venv', VENV], check=True)
+            subprocess.run([python, '-m', 'pip', 'install', '--quiet', '--disable-pip-version-check', '-r',
+                            HERE / 'requirements.txt'], check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            print(f'which failed: {error}', flush=True)
+        return python if has_modules(python, modules) else None
+
     def folder(self, suite, scene, seed, variant=''):
         return self.work / f'{suite}-{scene}{"-" + variant if variant else ""}-{seed}'
 
@@ -140,8 +180,7 @@ def score(session, workspace, scene):
         return evaluator_figures(path)
     scorer = scene.parent.parent / 'tools/score_real.py'
     if (scene / 'reference.json').exists() and scorer.exists():
-        python = session.args.score_python
-        done = subprocess.run([python, scorer, workspace, scene, '--json'], capture_output=True, text=True)
+        done = subprocess.run([session.python('numpy, cv2'), scorer, workspace, scene, '--json'], capture_output=True, text=True)
         if done.returncode != 0:
             raise Failed(done.returncode)
         out = {}
@@ -201,7 +240,7 @@ def exact_workspace(session, name, scene, mode):
     if not (workspace / 'turntable.json').exists():
         points = [w for kind, option in (('object', '--object_model'), ('static', '--static_model'))
                   if (scene / 'points' / kind).exists() for w in (option, scene / 'points' / kind)]
-        session.call(sys.executable, scenes.HERE / 'exact_workspace.py', scene, workspace, *points,
+        session.call(session.python('numpy'), scenes.HERE / 'exact_workspace.py', scene, workspace, *points,
                      *(['--masks'] if mode == 'masks' else []), timed=False)
     return workspace
 
@@ -310,13 +349,16 @@ def measure_one(session, stub, measure):
 
 
 def run_suite(session, suite, names, seeds):
-    """The number of runs that failed."""
+    """The number of runs that failed. What is not there is added to session.left_out."""
     all_scenes, failures = scenes.read_scenes(), 0
-    for name in names:
+    for at, name in enumerate(names, 1):
         try:
-            scene = scenes.find_scene(name, all_scenes[name], session.data, session.args.render_python)
+            scene = scenes.find_scene(name, all_scenes[name], session.data, lambda: session.python('open3d, scipy, PIL'))
+            if suite == 'poses' and (scene / 'reference.json').exists():
+                session.python('numpy, cv2')  # which scores it
         except FileNotFoundError as error:
-            print(f'LEFT OUT {suite} {error}', flush=True)
+            session.left_out.append(f'{suite} {error}')
+            print(f'LEFT OUT {session.left_out[-1]}', flush=True)
             continue
         if name not in session.hashes:
             session.hashes[name] = scenes.folder_hash(scene)
@@ -329,36 +371,62 @@ def run_suite(session, suite, names, seeds):
                 if not session.args.again and is_done(session.args.results, stub):
                     print(f'done already: {results.file_name(stub)}', flush=True)
                     continue
+                print(f'{time.strftime("%H:%M:%S")} {suite}, scene {at} of {len(names)}: {name}'
+                      f'{", " + variant if variant else ""}, seed {seed}', flush=True)
+                began = time.monotonic()
                 path, code = measure_one(session, stub, measure)
                 failures += code != 0
-                print(f'{"FAILED " if code else ""}{path}', flush=True)
+                print(f'  {"FAILED, exit code " + str(code) + ": " if code else ""}{path}, {time.monotonic() - began:.0f} s', flush=True)
     return failures
+
+
+def check_programs(args, suites):
+    """Sets the programs that were not named; ends with what is missing and what makes it."""
+    if not args.program:
+        args.program = next((b / 's2gs' for b in BUILDS if (b / 's2gs').exists()), BUILDS[-1] / 's2gs')
+    args.program = args.program.resolve()
+    if not args.program.exists():
+        sys.exit(f'run.py: no program {args.program}: `bash tests/run.sh` builds build/tests/s2gs, and --program names another')
+    args.tools = args.tools or args.program.parent / 'tests'
+    needed = ['tsdf_bench', 'gpu_step_bench' if args.gpu else 'step_bench'] if 'kernels' in suites else []
+    if missing := [name for name in needed if not (args.tools / name).exists()]:
+        sys.exit(f'run.py: no {" and no ".join(missing)} in {args.tools}: build them, name their folder with --tools, '
+                 'or name suites without kernels')
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('suites', nargs='+', choices=sorted(RUNNERS))
+    parser.add_argument('suites', nargs='*', metavar='SUITE')
     parser.add_argument('--scenes', nargs='+', choices=sorted(scenes.read_scenes()))
     parser.add_argument('--seeds', nargs='+', type=int, default=[0])
     parser.add_argument('--gpu', action='store_true')
-    parser.add_argument('--program', type=pathlib.Path, default=scenes.REPOSITORY / 'build/cpu/s2gs')
-    parser.add_argument('--tools', type=pathlib.Path, default=scenes.REPOSITORY / 'build/cpu/tests')
+    parser.add_argument('--program', type=pathlib.Path)
+    parser.add_argument('--tools', type=pathlib.Path, help="default: tests, in the program's folder")
+    parser.add_argument('--python', help='one that has what requirements.txt names')
     parser.add_argument('--data', type=pathlib.Path, default=scenes.REPOSITORY / 'build/bench/data')
     parser.add_argument('--work', type=pathlib.Path, default=scenes.REPOSITORY / 'build/bench/work')
     parser.add_argument('--results', type=pathlib.Path, default=results.RESULTS)
     parser.add_argument('--again', action='store_true', help='also what is done')
     parser.add_argument('--commit', help='of the program, where there is no git')
     parser.add_argument('--machine', help="the machine's name in the results")
-    parser.add_argument('--render_python', help='a Python with open3d, scipy and Pillow, to render scenes that are missing')
-    parser.add_argument('--score_python', default=sys.executable, help='a Python with numpy and OpenCV, for the real sets')
+    parser.add_argument('--no_report', action='store_true', help='leave BENCHMARK.md and README.md as they are')
     args = parser.parse_args()
-    args.program = args.program.resolve()
+    if unknown := [name for name in args.suites if name not in RUNNERS]:
+        parser.error(f'no suite {unknown[0]}: {", ".join(RUNNERS)}')
+    suites = args.suites or [name for name in SUITES if not args.gpu or name in ON_BARE_NODE]
+    check_programs(args, suites)
     session = Session(args)
     session.work.mkdir(parents=True, exist_ok=True)
     session.data.mkdir(parents=True, exist_ok=True)
-    failures = 0
-    for suite in args.suites:
+    failures, took = 0, []
+    for suite in suites:
+        began = time.monotonic()
         failures += run_suite(session, suite, args.scenes or SUITES[suite][bool(args.gpu)], args.seeds)
+        took.append(f'{suite} {time.monotonic() - began:.0f} s')
+    print('; '.join(took), *(f'left out: {one}' for one in session.left_out), sep='\n', flush=True)
+    if not args.no_report and args.results.resolve() == results.RESULTS:
+        report.main([])
+        print('written: BENCHMARK.md, its plots, the figures of README.md')
     return 1 if failures else 0
 
 

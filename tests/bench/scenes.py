@@ -3,6 +3,7 @@ import hashlib
 import json
 import pathlib
 import shlex
+import shutil
 import subprocess
 import sys
 
@@ -27,9 +28,9 @@ def folder_hash(folder):
     return digest.hexdigest()[:16]
 
 
-def find_scene(name, entry, data, render_python=None):
+def find_scene(name, entry, data, find_python):
     """The scene's folder: DATA/NAME where it is there; else what the repository ships, ../shared/data or a rendering
-    into DATA/NAME. Raises FileNotFoundError with what to do."""
+    into DATA/NAME. `find_python` returns a Python that can render. Raises FileNotFoundError with what to do."""
     folder = data / name
     if folder.exists():
         return folder
@@ -40,11 +41,15 @@ def find_scene(name, entry, data, render_python=None):
             if (parent / 'shared/data' / entry['path']).exists():
                 return parent / 'shared/data' / entry['path']
         raise FileNotFoundError(f'{name}: neither {folder} nor ../shared/data/{entry["path"]} is there')
-    if render_python is None:
-        raise FileNotFoundError(f'{name}: not in {data}; --render_python names a Python with open3d, scipy and Pillow '
-                                'to render it')
+    try:
+        python = find_python()
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f'{name}: not in {data}, and to render it there is {error}') from error
     unfinished = data / f'{name}.unfinished'
-    subprocess.run([render_python, HERE / 'render_scene.py', unfinished, *shlex.split(entry['arguments'])], check=True)
+    shutil.rmtree(unfinished, ignore_errors=True)
+    print(f'rendering {name}', flush=True)
+    if subprocess.run([python, HERE / 'render_scene.py', unfinished, *shlex.split(entry['arguments'])]).returncode != 0:
+        raise FileNotFoundError(f'{name}: it could not be rendered')
     unfinished.rename(folder)
     return folder
 
