@@ -26,7 +26,7 @@ constexpr int kNumRefined = 8;              // best places of the grid
 constexpr int64_t kPlacesAtOnce = 16;       // of the grid, by one thread
 constexpr int64_t kPairsAtOnce = 16;        // likewise: some .1 ms
 constexpr double kFirstStep = 0.005;        // of the last climb, at all matches
-constexpr double kLastStep = 1e-5;
+constexpr double kLastStep = 1e-5;          // likewise, where it ends: .0006 degrees, a judgement
 constexpr double kBestStep = kFirstStep / 8;  // from here on the best place alone climbs on
 
 double GainOf(const CrossingPair& pair, const CircularPlace& place, double sigma_px) {

@@ -6,8 +6,8 @@
 #include <map>
 
 #include "sfm_split/base/infinity.h"
-#include "sfm_split/base/tukey_reweighting.h"
 #include "sfm_split/solvers/eigen_solvers.h"
+#include "sfm_split/turntable/tukey_reweighting.h"
 
 namespace s2gs {
 namespace {

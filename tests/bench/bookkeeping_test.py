@@ -156,6 +156,11 @@ class Report(unittest.TestCase):
             with self.assertRaises(ValueError):
                 report.with_block('no comments', 'x')
 
+    def test_kernels_on_a_shared_machine_show_what_load_does_not_change(self):
+        figures = {'fusion_seconds': 94.4, 'fusion_cpu_seconds': 2.9, 'step_ms': 63.4, 'cpu_seconds': 14, 'wall_seconds': 397, 'load': 5.6}
+        self.assertEqual(report.kernel_names(figures, None), ['fusion_cpu_seconds', 'step_ms', 'load'])
+        self.assertEqual(report.kernel_names(figures, 'a card'), ['fusion_cpu_seconds', 'fusion_seconds', 'step_ms', 'load'])
+
     def test_plot_is_inside_its_frame(self):
         drawn = report.plot([('a', [[1, 20.0], [100, 31.5]]), ('b', [[10, 25.0]])], 's', 'dB')
         self.assertIn('M50.0 ', drawn)

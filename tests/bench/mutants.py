@@ -11,7 +11,7 @@ many from each module, in an order that the seed gives. Each is made in a folder
 (the preset cpu, all targets), `--jobs` at a time: what depends on the file is compiled, the tests that cover it are linked
 and run: first the one of its name, then those of the folder that mirrors it, then the module's others (COVERED_BY). A
 broken program that a test ends, or that takes far longer, is killed; one whose objects are the same as unbroken is equal
-and does not count; one that outlasts `--seconds` is not judged.
+and does not count; one that outlasts `--seconds` is not judged. They are judged in the draw's order.
 
 Results are one JSON object a line. The same command goes on where it was stopped. --report prints the share that was
 killed and the survivors with file and line. --again tries what survived in earlier results, each found by its text. --describe writes how the tree is built, so that sources, objects and
@@ -486,8 +486,7 @@ def main():
         cuts = choose(args.root, files, args.module, args.seed, args.count)
     chosen = list(enumerate(cuts))[args.first:args.to]
     todo = [(i, cut) for i, cut in chosen if (cut[0], cut[1], cut[3].strip(), cut[4].strip()) not in done]
-    # Those that most tests cover begin, so that none of them is under way alone at the end.
-    todo.sort(key=lambda t: -sum(len(suites) for stage in stages_of_tests(t[1][0], tests) for suites in stage.values()))
+    # In the draw's order, so that what was judged when time ran out is a draw, too.
     unbroken = Unbroken(tree, args.work.resolve())
     with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
         for future in concurrent.futures.as_completed([pool.submit(try_break, tree, unbroken, i, cut, tests, args) for i, cut in todo]):

@@ -129,10 +129,17 @@ def train_table(r):
                    time_cell(runs, 'train_'), provenance(runs)] for s, v, runs in r.of('train')])
 
 
+def kernel_names(figures, gpu):
+    """Of a kernel's figures: CPU seconds in place of wall seconds as in time_cell(), last the load that other times were measured at."""
+    has_cpu_seconds = {n.replace('_cpu_seconds', '_seconds') for n in figures if n.endswith('_cpu_seconds')}
+    return sorted(n for n in figures if n not in ('cpu_seconds', 'wall_seconds', 'load') and (gpu or n not in has_cpu_seconds)) \
+        + (['load'] if 'load' in figures else [])
+
+
 def kernels_table(r):
     rows = []
     for scene, variant, runs in r.of('kernels'):
-        names = sorted({n for run in runs for n in run['figures'] if n not in ('cpu_seconds', 'wall_seconds', 'load')})
+        names = kernel_names({n for run in runs for n in run['figures']}, runs[0]['machine']['gpu'])
         rows.append([name_cell(scene, variant, runs), '; '.join(f'{n} {cell(runs, n)}' for n in names), provenance(runs)])
     return table(['', 'measured', 'machine, commit'], rows)
 

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Scans eight small objects as an array on a Slurm cluster of one machine, and compares their files to those of local runs.
 
-usage: slurm_test.py S2GS IMAGES WORK          as root, with Debian's slurm-wlm and munge; IMAGES: examples/falcon_desk/images
+usage: slurm_test.py S2GS IMAGES WORK [--patience SECONDS]     as root, with Debian's slurm-wlm and munge; IMAGES: examples/falcon_desk/images
 
 Starts munged, slurmctld and slurmd in WORK/cluster, on ports of their own, and ends them. Each object is 14 of the photos at
 240 px, 7 of each of two stations. `s2gs scan_batch` scans all of them here; the array, queued by examples/cluster/submit.sh,
@@ -154,22 +154,22 @@ def hashes(workspace):
     return result
 
 
-def interrupt_two(job, work):
+def interrupt_two(job, work, patience):
     """Queues two running tasks again, one as preemption does, one after its scan was killed."""
     def in_training(task):
         return (work / "cluster_scans" / f"object{task - 1}" / "turntable.json").exists()
 
-    tasks = wait_until(job, lambda now: any(t["JobState"] == "RUNNING" and in_training(i) for i, t in now.items()), 300)
+    tasks = wait_until(job, lambda now: any(t["JobState"] == "RUNNING" and in_training(i) for i, t in now.items()), patience)
     first = next(i for i, t in tasks.items() if t["JobState"] == "RUNNING" and in_training(i))
     run("scontrol", "requeue", f"{job}_{first}")
     print(f"task {first}: queued again while it ran")
     tasks = wait_until(job, lambda now: any(t["JobState"] == "RUNNING" and i != first and
-                                            pids_of(work / "cluster_scans" / f"object{i - 1}") for i, t in now.items()), 300)
+                                            pids_of(work / "cluster_scans" / f"object{i - 1}") for i, t in now.items()), patience)
     second, pids = next((i, pids_of(work / "cluster_scans" / f"object{i - 1}")) for i, t in tasks.items()
                         if t["JobState"] == "RUNNING" and i != first and pids_of(work / "cluster_scans" / f"object{i - 1}"))
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
-    wait_until(job, lambda now: now[second]["JobState"] not in ("RUNNING", "COMPLETING"), 60)
+    wait_until(job, lambda now: now[second]["JobState"] not in ("RUNNING", "COMPLETING"), patience)
     run("scontrol", "requeue", f"{job}_{second}")
     print(f"task {second}: scan killed, queued again")
     return first, second
@@ -180,6 +180,7 @@ def main():
     parser.add_argument("s2gs")
     parser.add_argument("images")
     parser.add_argument("work")
+    parser.add_argument("--patience", type=float, default=900, help="without anything that is waited for, before it fails")
     args = parser.parse_args()
     if getpass.getuser() != "root":
         sys.exit("slurmd starts jobs as root only")
@@ -199,9 +200,9 @@ def main():
                               env={**os.environ, "S2GS": str(s2gs)}, cwd=work, check=True, capture_output=True, text=True).stdout
         print(text, end="")
         job, page = (word.strip(";\n") for word in (text.split("job ")[1].split(";")[0], text.split("job ")[2]))
-        interrupted = interrupt_two(job, work)
+        interrupted = interrupt_two(job, work, args.patience)
         tasks = wait_until(job, lambda now: len(now) == OBJECTS and
-                           all(t["JobState"] not in ("PENDING", "RUNNING", "COMPLETING", "REQUEUED") for t in now.values()), 900)
+                           all(t["JobState"] not in ("PENDING", "RUNNING", "COMPLETING", "REQUEUED") for t in now.values()), 4 * args.patience)
         for i, task in sorted(tasks.items()):
             print(f"task {i}: {task['JobState']}, queued again {task['Restarts']} times")
         for _ in range(120):

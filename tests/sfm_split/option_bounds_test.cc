@@ -13,7 +13,7 @@
 #include "sfm_split/matching/match_images.h"
 #include "sfm_split/matching/pair_plan.h"
 #include "sfm_split/relocalise/guided_registration.h"
-#include "sfm_split/relocalise/place_scan.h"
+#include "sfm_split/placement/place_scan.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/single_axis/single_axis.h"
 #include "sfm_split/split/motion_split.h"

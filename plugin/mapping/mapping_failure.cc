@@ -1,4 +1,4 @@
-#include "plugin/commands/mapping_failure.h"
+#include "plugin/mapping/mapping_failure.h"
 
 #include <fmt/format.h>
 

@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/place_scan.h"
+#include "sfm_split/placement/place_scan.h"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
-#include "sfm_split/relocalise/one_camera.h"
+#include "sfm_split/placement/one_camera.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_scan.h"

@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/one_camera.h"
+#include "sfm_split/placement/one_camera.h"
 
 #include <algorithm>
 #include <cmath>

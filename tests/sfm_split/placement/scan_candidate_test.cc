@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/scan_candidate.h"
+#include "sfm_split/placement/scan_candidate.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "sfm_split/base/tukey_reweighting.h"
+#include "sfm_split/turntable/tukey_reweighting.h"
 
 #include <algorithm>
 

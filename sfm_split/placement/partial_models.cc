@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/partial_models.h"
+#include "sfm_split/placement/partial_models.h"
 
 #include <utility>
 

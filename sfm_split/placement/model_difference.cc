@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/model_difference.h"
+#include "sfm_split/placement/model_difference.h"
 
 #include <cmath>
 #include <map>

@@ -1,4 +1,4 @@
-#include "plugin/commands/mapping_failure.h"
+#include "plugin/mapping/mapping_failure.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

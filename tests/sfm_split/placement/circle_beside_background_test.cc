@@ -1,4 +1,4 @@
-#include "sfm_split/relocalise/circle_beside_background.h"
+#include "sfm_split/placement/circle_beside_background.h"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/relocalise/place_scan.h"
+#include "sfm_split/placement/place_scan.h"
 
 namespace s2gs {
 

@@ -1,0 +1,84 @@
+#include "sfm_split/placement/candidate_likelihood.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+namespace s2gs {
+namespace {
+
+constexpr double kCertain = 8;              // e^8 to one
+constexpr double kCertainDeviations = 3.4;  // of a normal distribution: chance goes beyond once in e^8
+
+// Half the logarithm of the matches for each unknown of the poses.
+double Charge(const ScanCandidate& candidate, double inliers) {
+  const auto views = static_cast<double>(candidate.aligned.scene.views.size());
+  double angles = views;
+  // Angles that lie about given steps are not unknown as far as these tell them.
+  if (candidate.has_given_steps) {
+    for (const double share : candidate.refined.joint.angle_prior_share) angles -= share;
+  }
+  double unknowns = angles + 6.0 * candidate.aligned.scene.num_stations;
+  if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
+  return 0.5 * unknowns * std::log(std::max(2.0, inliers));
+}
+
+// What poses gain over the true ones in the likelihood of matches that they alone were fitted to, but for a
+// chance of e^-8: half of chi squared with a degree of freedom for each unknown.
+double GainByFitting(double unknowns) {
+  return 0.5 * unknowns + kCertainDeviations * std::sqrt(0.5 * unknowns);
+}
+
+}  // namespace
+
+double UnknownsOf(const CircularMotion& motion) {
+  auto unknowns = static_cast<double>(motion.cameras.size());
+  for (const char is_free : motion.distortion_is_free) unknowns += is_free != 0 ? 1 : 0;
+  for (const CircularStationFit& fit : motion.stations) {
+    if (!fit.found) continue;
+    unknowns += 3 + (motion.steps_are_equal ? 1 : static_cast<double>(fit.angles_rad.size()) - 1);
+  }
+  return unknowns;
+}
+
+double UnknownsOf(const TurntableScene& scene) {
+  return 7.0 * scene.num_stations + static_cast<double>(scene.cameras.size());
+}
+
+CandidateLikelihood::CandidateLikelihood(const ScanFeatures& features)
+    : features_(features),
+      pairs_(PossibleObjectPairs(features, false)),
+      pairs_inside_(PossibleObjectPairs(features, true)) {}
+
+double CandidateLikelihood::LogPriorOfLenses(const TurntableScene& scene) const {
+  double sum = 0;
+  for (const Camera& camera : scene.cameras) {
+    const auto given = features_.cameras.find(camera.camera_id);
+    if (given == features_.cameras.end()) continue;
+    sum += LogPriorOfLens(camera, given->second, HasPriorFocal(features_, camera.camera_id));
+  }
+  return sum;
+}
+
+double CandidateLikelihood::LogLikelihood(const ScanCandidate& candidate) const {
+  const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
+  return matches.gain + LogPriorOfLenses(candidate.aligned.scene) - Charge(candidate, matches.inliers);
+}
+
+bool CandidateLikelihood::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, bool inside_stations,
+                                           const char* how, const ScanCandidate& best,
+                                           Reporter& reporter) const {
+  const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
+  const MatchLikelihood matches = LikelihoodOfMatches(features_, best.aligned, pairs);
+  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain + LogPriorOfLenses(aligned.scene);
+  double there = matches.gain + LogPriorOfLenses(best.aligned.scene);
+  // A pose for each photo follows wrong matches as well, and pays for it.
+  if (best.refined.model != JointModel::kSharedStations) there -= Charge(best, matches.inliers);
+  reporter.Debug("log-likelihood of the matches" + std::string(inside_stations ? " inside stations" : "") +
+                 ": " + std::to_string(there) + ", by " + how + " " + std::to_string(here) + ", of which " +
+                 std::to_string(GainByFitting(unknowns)) + " may come of " + std::to_string(unknowns) +
+                 " unknowns");
+  return here > there + GainByFitting(unknowns) + kCertain;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,132 @@
+#include "sfm_split/placement/circle_refinement.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <string>
+
+#include "sfm_split/base/angles.h"
+#include "sfm_split/placement/model_difference.h"
+#include "sfm_split/relocalise/likelihood_ascent.h"
+#include "sfm_split/relocalise/match_likelihood.h"
+#include "sfm_split/relocalise/triple_likelihood.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kAgreeingSigmas = 4;     // of an epipolar error
+constexpr double kLeastAgreeingPx = 1.5;  // a judgement: where the noise is told too small
+constexpr double kHalfAStep = 0.5;        // a turn that closes and one that does not differ by more
+constexpr double kRisk = 0.01;            // that chance takes a photo off its place among equal steps
+
+}  // namespace
+
+bool MostPhotosSeePoints(const AlignedScene& aligned) {
+  std::set<uint32_t> seeing;
+  for (const auto& [id, point] : aligned.object.points3D) {
+    for (const ColmapTrackElement& element : point.track) seeing.insert(element.image_id);
+  }
+  return 2 * seeing.size() > aligned.scene.views.size();
+}
+
+double CircleRefinement::MoveStations(double sigma_px, AlignedScene* aligned) const {
+  const LikelihoodAscent ascent = AscendLikelihood(features_, likelihood_.pairs(), reporter_, aligned);
+  if (!(ascent.after > ascent.before)) return sigma_px;
+  reporter_.Debug("stations moved to where all matches are likeliest: " + std::to_string(ascent.before) +
+                  " to " + std::to_string(ascent.after) + ", noise " + std::to_string(ascent.sigma_px) +
+                  " px");
+  return ascent.sigma_px;
+}
+
+// What all matches, also those that contradict the scene, say of its equal steps.
+StepsFinding CircleRefinement::EqualSteps(const TurntableScene& scene) const {
+  std::map<std::string, const View*> view_of_name;
+  for (const View& view : scene.views) view_of_name[view.name] = &view;
+  std::vector<const Camera*> cameras;
+  std::vector<const View*> views;
+  for (const ScanImage& image : features_.images) {
+    const auto view = view_of_name.find(image.name);
+    const Camera* const camera = scene.FindCamera(image.camera_id);
+    const bool is_posed = view != view_of_name.end() && camera != nullptr;
+    cameras.push_back(is_posed ? camera : nullptr);
+    views.push_back(is_posed ? view->second : nullptr);
+  }
+  StepsFinding finding = StepsByMatches(features_, cameras, views, scene.axis, kRisk);
+  for (const EqualStepsPrior& steps : finding.steps) {
+    reporter_.Debug("steps of " + std::to_string(steps.step_rad / kDegree) + " degrees are equal to " +
+                    std::to_string(steps.sigma_rad / kDegree) + " by the matches, which put " +
+                    std::to_string(finding.elsewhere.size()) + " photos elsewhere");
+  }
+  return finding;
+}
+
+// With the matches that agree with a circle alone: it needs no others, and where texture is poor most
+// verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
+void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const {
+  const double bound_px = std::max(kAgreeingSigmas * told.sigma_px, kLeastAgreeingPx);
+  RefineOptions refine = refine_;
+  refine.max_error_px = std::min(refine.max_error_px, bound_px);
+  // Matches that agree are cut off at the bound, and tell no noise.
+  refine.noise_px = told.sigma_px;
+  refine.equal_steps = told.steps.steps;
+  refine.station_turns = told.turns;
+  candidate->has_given_steps = !told.steps.steps.empty();
+  JointOptions joint = joint_;
+  joint.model = model;
+  PrincipalPointTest cut;
+  for (int pass = 0; pass < 2; ++pass) {
+    ScanFeatures agreeing = features_;
+    agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, bound_px);
+    agreeing.raw_pairs.clear();
+    candidate->aligned.object.points3D.clear();
+    candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
+    if (candidate->refined.principal_point.accepted) cut = candidate->refined.principal_point;
+  }
+  if (cut.accepted) candidate->refined.principal_point = cut;
+  candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
+  candidate->log_likelihood = likelihood_.LogLikelihood(*candidate);
+}
+
+// Poses of their own for photos, which their points ask for, cost more than all matches may gain by them.
+ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, const Told& told) const {
+  ScanCandidate candidate;
+  candidate.aligned = aligned;
+  RefineAgreeing(told, joint_.model, &candidate);
+  if (joint_.model != JointModel::kAuto || candidate.refined.model == JointModel::kSharedStations)
+    return candidate;
+  ScanCandidate shared;
+  shared.aligned = aligned;
+  RefineAgreeing(told, JointModel::kSharedStations, &shared);
+  reporter_.Debug("log-likelihood with poses of " + std::string(JointModelName(candidate.refined.model)) +
+                  " " + std::to_string(candidate.log_likelihood) + ", with those of stations " +
+                  std::to_string(shared.log_likelihood));
+  if (!shared.IsBetterThan(candidate)) return candidate;
+  WidenByDifference(candidate.aligned.scene, shared.aligned.scene, &shared.refined.joint);
+  return shared;
+}
+
+ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
+                                       const std::vector<StationTurnPrior>& turns) const {
+  ScanCandidate about_steps;
+  StepsFinding steps;
+  if (steps_are_equal) steps = EqualSteps(aligned.scene);
+  if (!steps.steps.empty()) about_steps = RefineSimplest(aligned, {sigma_px, steps, turns});
+  ScanCandidate free = RefineSimplest(aligned, {sigma_px, {}, turns});
+  // How far the table turned altogether is told by points of three photos where those of two leave it open.
+  if (about_steps.is_usable && free.is_usable &&
+      StepsTurnedOtherwise(features_, about_steps.aligned, free.aligned) > kHalfAStep) {
+    for (ScanCandidate* candidate : {&about_steps, &free}) {
+      const double gain = GainOfTriples(features_, candidate->aligned, sigma_px);
+      reporter_.Debug("points of three photos: " + std::to_string(gain));
+      candidate->log_likelihood += gain;
+    }
+  }
+  if (about_steps.is_usable) {
+    reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
+                    ", with free angles " + std::to_string(free.log_likelihood));
+  }
+  return about_steps.IsBetterThan(free) ? about_steps : free;
+}
+
+}  // namespace s2gs

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <vector>
+
+#include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/evidence/step_width.h"
+#include "sfm_split/placement/candidate_likelihood.h"
+#include "sfm_split/placement/scan_candidate.h"
+#include "sfm_split/relocalise/scan_refinement.h"
+#include "sfm_split/scene/scan_features.h"
+#include "sfm_split/turntable/align_scene.h"
+
+namespace s2gs {
+
+/// Whether most photos of a scene see points of the object. Epipolar errors do not tell a motion from one
+/// that puts the points behind the cameras: then hardly a photo sees any that is left.
+bool MostPhotosSeePoints(const AlignedScene& aligned);
+
+/// Adjusts scenes that circular motion placed, by the matches that agree with it. Keeps references.
+class CircleRefinement {
+ public:
+  CircleRefinement(const ScanFeatures& features, const CandidateLikelihood& likelihood,
+                   const RefineOptions& refine, const JointOptions& joint, Reporter& reporter)
+      : features_(features), likelihood_(likelihood), refine_(refine), joint_(joint), reporter_(reporter) {}
+
+  /// Moves stations to where all matches are likeliest. Returns the noise of right ones [px], by these
+  /// matches where they tell it, otherwise the one given.
+  double MoveStations(double sigma_px, AlignedScene* aligned) const;
+
+  /// Free angles follow wrong matches where right ones are few; equal steps may be those of a turn that does
+  /// not close. Both are adjusted where the steps are equal, and the likelihood of all matches decides, in
+  /// which angles that are free cost what is not known of them. \param sigma_px  noise of right matches.
+  /// \param turns  that silhouettes told; may be empty. Returns a candidate that may not be usable.
+  ScanCandidate Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
+                       const std::vector<StationTurnPrior>& turns) const;
+
+ private:
+  // What an adjustment is told besides the matches.
+  struct Told {
+    double sigma_px;
+    StepsFinding steps;
+    const std::vector<StationTurnPrior>& turns;
+  };
+  void RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const;
+  ScanCandidate RefineSimplest(const AlignedScene& aligned, const Told& told) const;
+  StepsFinding EqualSteps(const TurntableScene& scene) const;
+
+  const ScanFeatures& features_;
+  const CandidateLikelihood& likelihood_;
+  const RefineOptions& refine_;
+  const JointOptions& joint_;
+  Reporter& reporter_;
+};
+
+}  // namespace s2gs

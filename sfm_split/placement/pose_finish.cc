@@ -1,0 +1,87 @@
+#include "sfm_split/placement/pose_finish.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "sfm_split/relocalise/match_likelihood.h"
+#include "sfm_split/relocalise/silhouette_ties.h"
+#include "sfm_split/relocalise/station_turns.h"
+
+namespace s2gs {
+
+void PoseFinish::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
+  ScanCandidate& best = result_.best;
+  result_.photos =
+      AdjustByPhotos(read_photo, features_, best.refined.held_back, best.refined.priors, options_.joint,
+                     best.refined.model, options_.photos, reporter_, &best.aligned, &best.refined.joint);
+  const PhotoAdjustment& photos = result_.photos;
+  reporter_.Info(
+      std::string(photos.is_taken ? "poses by patches of the photos: " : "poses by keypoints: ") +
+      photos.finding +
+      (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
+  result_.durations.emplace_back("photo_tracks", watch_.Lap());
+}
+
+// Where matches of highlights leave a station's turn open, patches that it shares with others may tell it, to
+// what the adjustment to them states.
+void PoseFinish::AskAllMatches() {
+  ScanCandidate& best = result_.best;
+  std::map<int, double> told_deg = told_turns_deg_;
+  const std::vector<double>& sigmas_deg = best.refined.joint.angle_sigma_deg;
+  for (size_t v = 0; v < std::min(sigmas_deg.size(), best.aligned.scene.views.size()); ++v) {
+    const int station = best.aligned.scene.views[v].station;
+    if (result_.photos.tied_stations.count(station) == 0) continue;
+    if (!(sigmas_deg[v] > 0)) continue;
+    double& told = told_deg.try_emplace(station, sigmas_deg[v]).first->second;
+    told = std::max(told, sigmas_deg[v]);
+  }
+  best.matches =
+      AskMatches(features_, likelihood_.pairs(), best.aligned, told_deg, reporter_, &best.refined.joint);
+  result_.durations.emplace_back("ask_matches", watch_.Lap());
+}
+
+// Where matches leave a station's turn open, silhouettes may tell it: everything is adjusted anew about what
+// they say. False where there is nothing to gain. \param from  poses before they were adjusted to photos.
+bool PoseFinish::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from) {
+  if (from.refined.model != JointModel::kSharedStations) return false;
+  std::set<int> untold;
+  for (const auto& [station, sigma_deg] : result_.best.matches.turn_sigma_deg) {
+    if (std::isinf(sigma_deg)) untold.insert(station);
+  }
+  if (untold.empty()) return false;
+  SilhouetteTies ties = TieBySilhouettes(read_photo, features_, from.aligned, untold, reporter_);
+  result_.durations.emplace_back("silhouettes", watch_.Lap());
+  if (ties.priors.empty()) return false;
+  const double sigma_px = LikelihoodOfMatches(features_, from.aligned, likelihood_.pairs()).sigma_px;
+  ScanCandidate refined = circles_.Refine(ties.aligned, sigma_px, true, ties.priors);
+  result_.durations.emplace_back("silhouettes", watch_.Lap());
+  if (!refined.is_usable || refined.aligned.scene.views.size() < from.aligned.scene.views.size())
+    return false;
+  told_turns_deg_ = std::move(ties.sigma_deg);
+  refined.finding = from.finding;
+  result_.best = std::move(refined);
+  result_.findings += "; silhouettes turned stations that matches had left open";
+  return true;
+}
+
+void PoseFinish::Finish(const ReadGreyPhoto& read_photo) {
+  ScanCandidate before;
+  if (read_photo) {
+    if (result_.best.aligned.scene.num_stations > 1) before = result_.best;
+    AdjustToPhotos(read_photo);
+  }
+  AskAllMatches();
+  if (!before.is_usable || !TurnBySilhouettes(read_photo, before)) return;
+  AdjustToPhotos(read_photo);
+  AskAllMatches();
+}
+
+void PoseFinish::FinishWithoutSilhouettes(const ReadGreyPhoto& read_photo) {
+  if (read_photo) AdjustToPhotos(read_photo);
+  AskAllMatches();
+}
+
+}  // namespace s2gs
