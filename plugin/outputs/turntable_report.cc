@@ -240,7 +240,8 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   report["joint_model"] = {{"chosen", JointModelName(refined.model)}, {"tests", json::array()}};
   for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
   report["joint_model"]["principal_point"] = ToJson(refined.principal_point);
-  if (!refined.known_angles.empty()) report["stated_angles"] = StatedAnglesToJson(refined);
+  if (!refined.known_angles.empty() || !refined.angle_contradictions.empty())
+    report["stated_angles"] = StatedAnglesToJson(refined);
   report["rounds"] = RoundsToJson(refined.rounds);
   report["stable"] = refined.is_stable;
   report["relabelled_keypoints"] = refined.relabelled_keypoints;

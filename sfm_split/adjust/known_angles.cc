@@ -196,7 +196,10 @@ std::optional<std::string> DescribeContradiction(const KnownAngles& angles, cons
             std::to_string(angles.factor_sigma) + ": is the step right?";
   }
   if (text.empty()) return std::nullopt;
-  if (angles.is_believed) text += " The rest scatter by " + Degrees(angles.scatter_rad) + " degrees";
+  if (angles.is_believed) {
+    text += std::string(text.back() == '?' ? "" : ".") + " The rest scatter by " +
+            Degrees(angles.scatter_rad) + " degrees";
+  }
   return text;
 }
 

@@ -524,7 +524,14 @@ RefineReport RefineScan(const ScanFeatures& features, const ColmapModel* object,
                         const JointOptions& joint_options, const RefineOptions& options, Reporter& reporter,
                         AlignedScene* aligned) {
   S2GS_INVARIANT(!options.Check() && !joint_options.Check());
-  return ScanRefiner(features, object, joint_options, options, reporter, aligned).Run();
+  RefineReport report = ScanRefiner(features, object, joint_options, options, reporter, aligned).Run();
+  if (!options.stated_angles_deg.empty() && report.known_angles.empty()) {
+    report.angle_contradictions.emplace_back(
+        "the stated table angles were neither checked nor used: the photos have poses of their own, as where "
+        "a "
+        "plate wobbles or an object is moved by hand");
+  }
+  return report;
 }
 
 }  // namespace s2gs

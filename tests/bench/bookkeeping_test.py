@@ -161,6 +161,11 @@ class Report(unittest.TestCase):
         self.assertEqual(report.kernel_names(figures, None), ['fusion_cpu_seconds', 'step_ms', 'load'])
         self.assertEqual(report.kernel_names(figures, 'a card'), ['fusion_cpu_seconds', 'fusion_seconds', 'step_ms', 'load'])
 
+    def test_what_the_program_calls_its_poses(self):
+        runs = [result(figures={'called_good': good}) for good in (1, 1, 0)]
+        self.assertEqual([report.verdict_cell(some) for some in (runs[:2], runs, runs[2:], [result(figures={})])],
+                         ['good', 'some doubtful', 'doubtful', ''])
+
     def test_plot_is_inside_its_frame(self):
         drawn = report.plot([('a', [[1, 20.0], [100, 31.5]]), ('b', [[10, 25.0]])], 's', 'dB')
         self.assertIn('M50.0 ', drawn)
@@ -173,7 +178,7 @@ class FakeProgram:
 
     def __init__(self, root, code=0):
         self.path, self.calls = root / 's2gs', root / 'calls'
-        report_json = json.dumps({'stages': [{'name': 'split', 'run': True, 'seconds': 1.25}, {'name': 'old', 'run': False, 'seconds': 9}]})
+        report_json = json.dumps({'verdict': {'verdict': 'doubtful'}, 'stages': [{'name': 'split', 'run': True, 'seconds': 1.25}, {'name': 'old', 'run': False, 'seconds': 9}]})
         figures = json.dumps({'figures': {'angle_deg': {'unit': 'degrees', 'median': 0.5, 'max': 1, 'note': 'x'}}})
         self.path.write_text(f'''#!/bin/sh
 echo "$@" >> {self.calls}
@@ -221,6 +226,7 @@ class Run(unittest.TestCase):
         figures = read[0]['figures']
         self.assertEqual((figures['angle_deg.median'], figures['angle_deg.max'], figures['stage_seconds.split']), (0.5, 1, 1.2))
         self.assertNotIn('stage_seconds.old', figures)
+        self.assertEqual(figures['called_good'], 0)
         self.assertEqual(read[0]['command'], ['s2gs automatic_scanner --workspace_path WORK/poses-example-0 --image_path '
                                               'DATA/example/images --until split --random_seed 0 --use_gpu 0'])
         self.assertEqual(read[0]['data_hash'], scenes.folder_hash(self.root / 'data/example'))
@@ -284,6 +290,14 @@ class Run(unittest.TestCase):
         self.assertEqual(scenes.folder_hash(folder), before)
         (folder / 'images/a.jpg').rename(folder / 'images/b.jpg')
         self.assertNotEqual(scenes.folder_hash(folder), before)
+
+    def test_training_holds_photos_out(self):
+        listed = self.root / 'test_list.txt'
+        self.assertEqual(run.held_out(self.root), ['--test_every', '10'])
+        listed.write_text('\n')
+        self.assertEqual(run.held_out(self.root), ['--test_every', '10'])
+        listed.write_text('a.jpg\n')
+        self.assertEqual(run.held_out(self.root), ['--test_list', listed])
 
     def test_training_log(self):
         log = self.root / 'log.jsonl'

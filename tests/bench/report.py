@@ -101,9 +101,15 @@ def time_cell(runs, prefix=''):
 
 # --- The page -----------------------------------------------------------------------------------------------
 
+def verdict_cell(runs):
+    """What the program itself says of the poses."""
+    called = [run['figures']['called_good'] for run in runs if 'called_good' in run['figures']]
+    return '' if not called else 'good' if all(called) else 'doubtful' if not any(called) else 'some doubtful'
+
+
 def poses_table(r):
-    return table(['scene', 'placed', 'rotation, median / max [°]', 'centre [%]', 'table angle [°]', 'scale [%]', 'time', 'machine, commit'],
-                 [[name_cell(s, v, runs), counts(runs, 'registered'), cell(runs, 'object_rot_deg.median', 'object_rot_deg.max'),
+    return table(['scene', 'placed', 'called', 'rotation, median / max [°]', 'centre [%]', 'table angle [°]', 'scale [%]', 'time', 'machine, commit'],
+                 [[name_cell(s, v, runs), counts(runs, 'registered'), verdict_cell(runs), cell(runs, 'object_rot_deg.median', 'object_rot_deg.max'),
                    cell(runs, 'object_centre_pct.median', 'object_centre_pct.max'),
                    cell(runs, 'angle_deg.median', 'angle_deg.max'), cell(runs, 'scale_err_pct.value'), time_cell(runs),
                    provenance(runs)] for s, v, runs in r.of('poses')])

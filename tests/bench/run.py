@@ -210,9 +210,10 @@ def training_figures(log):
 
 
 def scan_figures(report):
-    """Of report.json: seconds of each stage, Gaussians."""
+    """Of report.json: whether the poses are called good, seconds of each stage."""
     read = json.loads(report.read_text())
-    return {f'stage_seconds.{s["name"]}': round(s['seconds'], 1) for s in read.get('stages', []) if s.get('run')}
+    verdict = {'called_good': int(read['verdict']['verdict'] == 'good')} if 'verdict' in read else {}
+    return {**verdict, **{f'stage_seconds.{s["name"]}': round(s['seconds'], 1) for s in read.get('stages', []) if s.get('run')}}
 
 
 # --- Suites: each yields (variant, function that measures and returns figures) -------------------------------
@@ -245,6 +246,12 @@ def exact_workspace(session, name, scene, mode):
     return workspace
 
 
+def held_out(workspace):
+    """Which photos training does not see: the scene's own, or every tenth where it has none."""
+    listed = workspace / 'test_list.txt'
+    return ['--test_list', listed] if listed.exists() and listed.read_text().split() else ['--test_every', '10']
+
+
 def train_model(session, name, scene, seed, mode):
     """Trains, unless the model is there; returns its workspace."""
     workspace, model = exact_workspace(session, name, scene, mode), session.folder('train', name, seed, mode)
@@ -252,7 +259,7 @@ def train_model(session, name, scene, seed, mode):
         return workspace, model
     course = [] if session.args.gpu else CPU_COURSE
     session.call(session.args.program, 'gaussian_trainer', '--workspace_path', workspace, '--output_path', model, '--mode', mode,
-                 '--test_list', workspace / 'test_list.txt', '--truth_mask_path', workspace / 'truth_masks', '--random_seed',
+                 *held_out(workspace), '--truth_mask_path', workspace / 'truth_masks', '--random_seed',
                  seed, *course, *session.gpu(), log=workspace / f'train-{seed}.txt')
     return workspace, model
 

@@ -32,6 +32,15 @@ TEST(TurntableReport, MeanErrorsAreOverPointsAndOverObservations) {
   EXPECT_DOUBLE_EQ(body.at("mean_observation_error_px"), (2 * 0.25 + 6 * 1.0) / 8);
 }
 
+TEST(TurntableReport, StatedAnglesThatWereNotAskedAreSaid) {
+  RefineReport refined;
+  EXPECT_FALSE(DescribeScene({}, refined).contains("stated_angles"));
+  refined.angle_contradictions = {"not asked"};
+  const nlohmann::json stated = DescribeScene({}, refined).at("stated_angles");
+  EXPECT_EQ(stated.at("contradictions").dump(), R"(["not asked"])");
+  EXPECT_TRUE(stated.at("stations").empty());
+}
+
 // As it is written when all photos show one body.
 constexpr const char* kOneBodyReport =
     R"({"case":"one_body","path":"one body","path_reason":"r","images":3,"registered":2,"missing":["c.jpg"],)"
@@ -209,6 +218,7 @@ TEST(TurntableReport, DescribesAScene) {
   std::string text = DescribeScene(aligned, refined).dump(1) + "\n";
   joint = JointReport();  // nothing was computed
   refined.known_angles.clear();
+  refined.angle_contradictions.clear();
   text += DescribeScene(aligned, refined).dump(1) + "\n";
   GuidedPhoto guided;
   guided.name = "h";

@@ -119,7 +119,7 @@ TEST(KnownAngles, OneThatIsWrongIsNamedAndLeftOut) {
   EXPECT_THAT(angles[0].contradicts, ElementsAre(5));
   EXPECT_EQ(angles[0].prior.places.size(), kNumPhotos - 2U);
   EXPECT_THAT(DescribeContradiction(angles[0], scan.problem).value_or(""),
-              HasSubstr(scan.problem.images[5].name));
+              HasSubstr("(" + scan.problem.images[5].name + "). The rest scatter by "));
 }
 
 TEST(KnownAngles, ThoseOfOtherPhotosAreNotBelieved) {

@@ -434,6 +434,33 @@ TEST(ScanRefinement, OneStationNeedsNoBackground) {
   EXPECT_LT(Measure(turntable, aligned).angle_max_deg, 0.15);
 }
 
+// Only angles about one axis are compared with stated ones: where photos have poses of their own that is
+// said.
+TEST(ScanRefinement, StatedAnglesAreCheckedOrItIsSaidThatTheyAreNot) {
+  SyntheticTurntableOptions options = SmallScan();
+  options.stations = 1;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const ColmapModel object = SyntheticObjectModel(turntable);
+  RefineOptions refine;
+  const auto refined = [&](JointModel model) {
+    AlignedScene aligned = AlignScene(object, nullptr, StationsOf(features));
+    JointOptions joint;
+    joint.model = model;
+    Reporter reporter;
+    return RefineScan(features, &object, joint, refine, reporter, &aligned);
+  };
+  EXPECT_TRUE(refined(JointModel::kFreeObject).angle_contradictions.empty());
+  for (const View& view : turntable.scene.views) refine.stated_angles_deg[view.name] = view.angle_deg;
+  const RefineReport about_one_axis = refined(JointModel::kSharedStations);
+  EXPECT_EQ(about_one_axis.known_angles.size(), 1U);
+  EXPECT_TRUE(about_one_axis.angle_contradictions.empty());
+  const RefineReport each_by_itself = refined(JointModel::kFreeObject);
+  EXPECT_TRUE(each_by_itself.known_angles.empty());
+  ASSERT_EQ(each_by_itself.angle_contradictions.size(), 1U);
+  EXPECT_NE(each_by_itself.angle_contradictions[0].find("neither checked nor used"), std::string::npos);
+}
+
 // A photo of so few matches that they tell no angle stands where the table's equal steps put it, if most of
 // them bear that out.
 TEST(ScanRefinement, FewMatchesBearOutWhatEqualStepsSay) {
