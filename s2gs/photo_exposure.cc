@@ -72,12 +72,20 @@ std::vector<LogGains> GainsOf(const std::vector<ScenePhoto*>& photos) {
   });
   std::vector<LogGains> gains(photos.size(), LogGains{});
   for (int round = 0; round < kEqualisingRounds; ++round) {
-    std::vector<Image8> equal;
-    for (size_t i = 0; i < pictures.size(); ++i) equal.push_back(Divided(pictures[i], gains[i]));
+    std::vector<Image8> equal(pictures.size());
+    ParallelFor(static_cast<int64_t>(pictures.size()), 0, [&](int64_t k) {
+      const auto i = static_cast<size_t>(k);
+      equal[i] = Divided(pictures[i], gains[i]);
+    });
     const Image8 still = MedianPicture(equal);
+    std::vector<char> agrees(pictures.size());
+    ParallelFor(static_cast<int64_t>(pictures.size()), 0, [&](int64_t k) {
+      const auto i = static_cast<size_t>(k);
+      agrees[i] = FindGains(pictures[i], still, &gains[i]) ? 1 : 0;
+    });
+    if (std::find(agrees.begin(), agrees.end(), 0) != agrees.end()) return {};
     LogGains mean = {};
     for (size_t i = 0; i < pictures.size(); ++i) {
-      if (!FindGains(pictures[i], still, &gains[i])) return {};
       for (size_t c = 0; c < 3; ++c) mean[c] += gains[i][c] / static_cast<double>(pictures.size());
     }
     for (LogGains& of_photo : gains) {

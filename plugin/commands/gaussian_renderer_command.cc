@@ -68,8 +68,9 @@ std::vector<std::string> NamesOf(const TrainingScene& scene) {
   return names;
 }
 
-// Of each thread that writes: a picture with all its maps, what is made of them, and the next one that waits.
-constexpr uint64_t kWritingBytesPerPixel = uint64_t{2} * (10 + 4) * sizeof(float);
+// Of each thread that writes: a picture with all its maps, what is made of them, and the next one that waits;
+// the photo that tells where its table is seen, with its lens and without.
+constexpr uint64_t kWritingBytesPerPixel = uint64_t{2} * (10 + 4) * sizeof(float) + 12;
 
 uint64_t LargestView(const TrainingScene& scene) {
   uint64_t largest = 1;
@@ -130,11 +131,11 @@ class Renderer {
   void RenderForWorkspace(const ScenePhoto& photo, const PinholeView* dense_view) {
     if (a_.masks) {
       const Undistortion& plan = PlanOf(photo);
-      Later([&plan, path = in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
-             mask = RotatingPart(photo)] {
+      Later([this, &plan, &photo, path = in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
+             drawn = Render(MaskRequest(scene_, shape_, photo.view))] {
         // Masks are those of the photos as they are, with their distortion.
         Reporter silent;
-        WriteImage(path, DistortMask(plan, MaskImage(mask), silent));
+        WriteImage(path, DistortMask(plan, MaskImage(WithTable(photo, RotatingMask(drawn))), silent));
       });
     }
     if (dense_view != nullptr) WriteStereo(photo, *dense_view);
@@ -253,13 +254,14 @@ class Renderer {
 
   ImageName NameOf(const ScenePhoto& photo) const { return {photo.name, workspace_.ObjectModel()}; }
 
-  PixelMask RotatingPart(const ScenePhoto& photo) {
-    PixelMask mask = RotatingMask(Render(MaskRequest(scene_, shape_, photo.view)));
+  PixelMask WithTable(const ScenePhoto& photo, PixelMask mask) const {
     table_.AddToMask(photo.view, &mask);
     return mask;
   }
 
-  Image8 Mask(const ScenePhoto& photo) { return MaskImage(RotatingPart(photo)); }
+  Image8 Mask(const ScenePhoto& photo) {
+    return MaskImage(WithTable(photo, RotatingMask(Render(MaskRequest(scene_, shape_, photo.view)))));
+  }
 
   Image8 SoftForeground(const ScenePhoto& photo) {
     RenderRequest request = WholeScene(photo.view);
@@ -297,27 +299,29 @@ class Renderer {
     const ImageName name = NameOf(photo);
     RenderRequest silhouette = ForMaps(view);
     silhouette.geometry = false;
-    PixelMask opaque = OpaqueMask(Render(silhouette));
-    table_.AddToMask(view, &opaque);
-    Later([path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"), opaque = std::move(opaque)] {
+    Later([this, view, path = in_workspace_.Make(workspace_.DenseMasks(), name, ".png"),
+           drawn = Render(silhouette)] {
+      PixelMask opaque = OpaqueMask(drawn);
+      table_.AddToMask(view, &opaque);
       WriteImage(path, MaskImage(opaque));
     });
     // COLMAP's maps hold the values of the pixels' top-left corners (colmap_maps.h).
     view.cx += 0.5;
     view.cy += 0.5;
-    RenderedView drawn = Render(ForMaps(view));
-    table_.DrawIntoMaps(view, &drawn);
-    const Image8 seen = table_.Seen(photo, LoadPhotos());
-    if (seen.width > 0) {
-      DrawRegionWhereSeen(table_.rim->region, {seen, StationView(photo)}, view, &drawn);
-      Later([path = in_workspace_.Make(workspace_.TableSeen(), name, ".png"), seen] {
-        WriteImage(path, seen);
-      });
-    }
-    Later([depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
+    PlanOf(photo);  // what is asked for the first time is read, which is for one thread
+    fs::path seen_path;
+    if (table_.IsTopSeen()) seen_path = in_workspace_.Make(workspace_.TableSeen(), name, ".png");
+    Later([this, &photo, view, seen_path,
+           depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
-           drawn = std::move(drawn), kind = a_.depth, size = scene_.size] {
-      const ViewMaps maps = ColmapMapsOf(drawn, kind, size);
+           drawn = Render(ForMaps(view))]() mutable {
+      table_.DrawIntoMaps(view, &drawn);
+      const Image8 seen = table_.Seen(photo, LoadPhotos());
+      if (seen.width > 0) {
+        DrawRegionWhereSeen(table_.rim->region, {seen, StationView(photo)}, view, &drawn);
+        WriteImage(seen_path, seen);
+      }
+      const ViewMaps maps = ColmapMapsOf(drawn, a_.depth, scene_.size);
       WriteColmapMap(depth_path, maps.depth);
       WriteColmapMap(normal_path, maps.normal);
     });

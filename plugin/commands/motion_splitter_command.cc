@@ -19,6 +19,8 @@
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/keeping_reporter.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/split/motion_split.h"
 
 namespace s2gs {
@@ -209,10 +211,17 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
 
   CreateFolder(paths.output);
   RemoveStaleTemporaries(paths.output);
-  WriteSplitDatabase(settings.database_path, paths.output / "object.db", features, split.object_pairs,
-                     settings.write_matches ? &split.object_matches : nullptr, reporter);
-  WriteSplitDatabase(settings.database_path, paths.output / "static.db", features, split.static_pairs,
-                     settings.write_matches ? &split.static_matches : nullptr, reporter);
+  KeepingReporter of_background(reporter);
+  ParallelFor(2, 0, [&](int64_t body) {
+    if (body == 0) {
+      WriteSplitDatabase(settings.database_path, paths.output / "object.db", features, split.object_pairs,
+                         settings.write_matches ? &split.object_matches : nullptr, reporter);
+    } else {
+      WriteSplitDatabase(settings.database_path, paths.output / "static.db", features, split.static_pairs,
+                         settings.write_matches ? &split.static_matches : nullptr, of_background);
+    }
+  });
+  for (const auto& [level, message] : of_background.messages()) reporter.Log(level, message);
   WriteLabels(paths.output / "labels.json", split, features);
   if (pictures) {
     WriteChangeMaps(paths.output / "changes", settings.extraction.image_path, pictures->changes, features);

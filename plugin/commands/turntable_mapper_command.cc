@@ -99,13 +99,17 @@ void MapperStages::MapBackground() {
                mapping_options_,
                {mapper_.BackgroundFolder()},
                {"motion_splitter"}},
-              [&] { Map(false, reporter_); });
+              [&] {
+                // What comes next depends on this stage and runs as well.
+                if (mapper_.TriesCircleFirst()) mapper_.BeginCircularSearch(&settings_);
+                Map(false, reporter_);
+              });
 }
 
 // Whether the object has to be mapped is told by this stage's work; all that it is mapped by counts here.
 void MapperStages::Place() {
   if (mapper_.TriesCircleFirst()) {
-    mapper_.BeginCircularSearch(&settings_);
+    if (settings_.placement.circular.begun == nullptr) mapper_.BeginCircularSearch(&settings_);
     AttemptBeside([&](Reporter& to) { return mapper_.PlaceByCircle(to); },
                   {[&](Reporter& to) { MapObject(to); },
                    [&] {

@@ -184,16 +184,16 @@ void WriteChangeMaps(const fs::path& folder, const fs::path& image_path, const S
   names.reserve(features.images.size());
   for (const SplitImage& image : features.images) names.push_back(image.name);
   const ImageOutputs outputs(folder, image_path, names);
-  for (size_t i = 0; i < changes.photos.size(); ++i) {
-    const ChangeMap& map = changes.photos[i];
-    if (map.deviation.empty()) continue;
-    Image8 image;
-    image.width = map.width;
-    image.height = map.height;
-    image.channels = 1;
-    image.pixels = map.deviation;
-    WriteImage(outputs.Make(folder, ImageName(names[i], image_path), ".png"), image);
+  std::vector<fs::path> paths(changes.photos.size());
+  for (size_t i = 0; i < paths.size(); ++i) {
+    if (!changes.photos[i].deviation.empty())
+      paths[i] = outputs.Make(folder, ImageName(names[i], image_path), ".png");
   }
+  ParallelFor(static_cast<int64_t>(paths.size()), 0, [&](int64_t k) {
+    const auto i = static_cast<size_t>(k);
+    const ChangeMap& map = changes.photos[i];
+    if (!map.deviation.empty()) WriteImage(paths[i], {map.width, map.height, 1, map.deviation});
+  });
 }
 
 }  // namespace s2gs

@@ -5,6 +5,7 @@
 
 #include "mesh/refine/vertex_visibility.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
@@ -67,9 +68,13 @@ std::vector<int> CountViewsOfVertices(const TriangleMesh& mesh, const std::vecto
   std::vector<int> counts(mesh.vertices.size(), 0);
   VisibilityRule rule;
   rule.min_cosine = static_cast<float>(std::cos(kMaxViewAngleDeg * kPi / 180));
-  for (const ObjectView& view : views) {
-    const VertexFlags seen = FindVisibleVertices(mesh, Shrunk(view), rule);
-    for (size_t i = 0; i < counts.size(); ++i) counts[i] += seen.Get(i) ? 1 : 0;
+  std::vector<VertexFlags> seen(views.size());
+  ParallelFor(static_cast<int64_t>(views.size()), 0, [&](int64_t k) {
+    const auto of_view = static_cast<size_t>(k);
+    seen[of_view] = FindVisibleVertices(mesh, Shrunk(views[of_view]), rule);
+  });
+  for (const VertexFlags& of_view : seen) {
+    for (size_t i = 0; i < counts.size(); ++i) counts[i] += of_view.Get(i) ? 1 : 0;
   }
   return counts;
 }

@@ -2,6 +2,7 @@
 
 #include "s2gs/cuda/model_transfer.h"
 #include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
 
 namespace s2gs::cuda {
 namespace {
@@ -19,6 +20,8 @@ constexpr std::array<Field, 7> kFields = {{{&Gaussians::centre, kCentre, 3},
                                            {&Gaussians::foreground_logit, kForeground, 1},
                                            {&Gaussians::sh_dc, kShDc, 3},
                                            {&Gaussians::sh_rest, kShRest, 3 * kShRestPerChannel}}};
+
+constexpr int64_t kRowsAtOnce = 4096;
 
 __global__ void ClampOpacityKernel(float* logits, float* first_moments, float* second_moments, int count,
                                    float max_logit) {
@@ -66,11 +69,13 @@ Gaussians DownloadGaussians(const Planes& planes, size_t count, cudaStream_t str
   for (const Field& field : kFields) {
     const auto per_row = static_cast<size_t>(field.num_planes);
     std::vector<float>& values = gaussians.*field.values;
-    for (size_t k = 0; k < per_row; ++k) {
-      const std::vector<float> plane =
-          DownloadArray(planes.At(field.first_plane + static_cast<int>(k)), count, stream);
-      for (size_t i = 0; i < count; ++i) values[i * per_row + k] = plane[i];
-    }
+    std::vector<std::vector<float>> columns;
+    for (size_t k = 0; k < per_row; ++k)
+      columns.push_back(DownloadArray(planes.At(field.first_plane + static_cast<int>(k)), count, stream));
+    ParallelFor(static_cast<int64_t>(count), 0, kRowsAtOnce, [&](int64_t row) {
+      float* const to = values.data() + static_cast<size_t>(row) * per_row;
+      for (size_t k = 0; k < per_row; ++k) to[k] = columns[k][static_cast<size_t>(row)];
+    });
   }
   return gaussians;
 }

@@ -24,7 +24,7 @@ constexpr double kCertain = 8;              // e^-8: what is believed against ch
 constexpr size_t kCoarseMatches = 3000;     // evenly chosen, that rank the places of the grid
 constexpr int kNumRefined = 8;              // best places of the grid
 constexpr int64_t kPlacesAtOnce = 16;       // of the grid, by one thread
-constexpr int64_t kPairsAtOnce = 16;        // likewise: some .1 ms
+constexpr int64_t kPairsAtOnce = 2;         // likewise: some .01 ms
 constexpr double kFirstStep = 0.005;        // of the last climb, at all matches
 constexpr double kLastStep = 1e-5;          // likewise, where it ends: .0006 degrees, a judgement
 constexpr double kBestStep = kFirstStep / 8;  // from here on the best place alone climbs on
@@ -98,18 +98,15 @@ CircularTie TieCircularStation(const std::vector<CrossingPair>& pairs, const Cir
     });
     if (is_new) modes.push_back(candidate);
   }
-  ParallelFor(static_cast<int64_t>(modes.size()), 0, [&](int64_t m) {
-    auto& [gain, place] = modes[static_cast<size_t>(m)];
+  // All pairs of one place keep all threads busy; of a few places, one of which may climb a hundred times as
+  // long as another, most threads would wait for the last.
+  for (auto& [gain, place] : modes) {
     Refine(pairs, kCoarseSigmaPx, stride, 0.05, 0.003, &place);
     gain = Refine(pairs, 2 * sigma_px, stride, 0.01, 0.001, &place);
-  });
+  }
   std::stable_sort(modes.begin(), modes.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
-  ParallelFor(static_cast<int64_t>(modes.size()), 0, [&](int64_t m) {
-    auto& [gain, place] = modes[static_cast<size_t>(m)];
-    gain = Refine(pairs, sigma_px, 1, kFirstStep, kBestStep, &place);
-  });
-  // One place keeps one thread busy in a loop of places; here its pairs are a loop of their own.
+  for (auto& [gain, place] : modes) gain = Refine(pairs, sigma_px, 1, kFirstStep, kBestStep, &place);
   modes[0].first = Refine(pairs, sigma_px, 1, kBestStep, kLastStep, &modes[0].second);
   tie.place = modes[0].second;
   tie.gain = modes[0].first;

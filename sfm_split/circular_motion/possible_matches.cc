@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/circular_motion/turn_reach.h"
 
@@ -97,12 +98,13 @@ std::vector<PossiblePair> PossibleObjectPairs(const ScanFeatures& features, bool
     }
     const WrongMatches wrong(moves, extent.Px());
     const double reach_px = station < 0 ? 0 : kMagnification * Swept(features, pairs);
-    for (StepsApart& apart : pairs) {
-      for (const FeatureMatch& match : apart.pair.matches)
-        apart.pair.chance.push_back(wrong.Chance(move_of(apart.pair, match)));
-      apart.pair.reach_px = reach_px;
-      result.push_back(std::move(apart.pair));
-    }
+    ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&, &of_station = pairs](int64_t p) {
+      PossiblePair& pair = of_station[static_cast<size_t>(p)].pair;
+      for (const FeatureMatch& match : pair.matches)
+        pair.chance.push_back(wrong.Chance(move_of(pair, match)));
+      pair.reach_px = reach_px;
+    });
+    for (StepsApart& apart : pairs) result.push_back(std::move(apart.pair));
   }
   return result;
 }

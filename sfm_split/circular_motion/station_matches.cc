@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/circular_motion/turn_reach.h"
 #include "sfm_split/circular_motion/wrong_matches.h"
@@ -43,9 +44,10 @@ void FillChance(double extent, CircularMatches* data) {
     for (const CircularMatch& match : pair->matches) moves.push_back(move_of(*pair, match));
   }
   const WrongMatches wrong(moves, extent);
-  for (CircularMatches::Pair& pair : data->pairs) {
+  ParallelFor(static_cast<int64_t>(data->pairs.size()), 0, [&](int64_t p) {
+    CircularMatches::Pair& pair = data->pairs[static_cast<size_t>(p)];
     for (CircularMatch& match : pair.matches) match.chance = wrong.Chance(move_of(pair, match));
-  }
+  });
 }
 
 }  // namespace

@@ -97,15 +97,15 @@ WrongMatches::WrongMatches(const std::vector<MatchMove>& far_moves, double exten
     moves_.push_back(far_moves[k].px);
     moves_.emplace_back(-far_moves[k].px);
   }
-  squared_.resize(moves_.size());
   orbit_ = FindOrbitingThing(chosen, extent);
 }
 
 double WrongMatches::Chance(const MatchMove& move) const {
   if (moves_.size() <= kNearestMoves) return 1 / extent_;
-  for (size_t k = 0; k < moves_.size(); ++k) squared_[k] = (move.px - moves_[k]).squaredNorm();
-  const auto nearest = squared_.begin() + static_cast<std::ptrdiff_t>(kNearestMoves);
-  std::nth_element(squared_.begin(), nearest, squared_.end());
+  std::vector<double> squared(moves_.size());
+  for (size_t k = 0; k < moves_.size(); ++k) squared[k] = (move.px - moves_[k]).squaredNorm();
+  const auto nearest = squared.begin() + static_cast<std::ptrdiff_t>(kNearestMoves);
+  std::nth_element(squared.begin(), nearest, squared.end());
   const double area = kPi * std::max(*nearest, 1.0);
   double density = static_cast<double>(kNearestMoves) / (static_cast<double>(moves_.size()) * area);
   density += orbit_.share * (orbit_.Density(move) - density);

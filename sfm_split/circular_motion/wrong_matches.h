@@ -41,14 +41,13 @@ class WrongMatches {
   /// \param extent     of the object [px]: a right match lies anywhere along its epipolar line.
   WrongMatches(const std::vector<MatchMove>& far_moves, double extent);
 
-  /// Density of a wrong match's epipolar error [1 / px], for a match that moved so.
+  /// Density of a wrong match's epipolar error [1 / px], for a match that moved so. From several threads.
   double Chance(const MatchMove& move) const;
 
  private:
   OrbitingThing orbit_;
   std::vector<Eigen::Vector2d> moves_;
   double extent_ = 1;
-  mutable std::vector<double> squared_;
 };
 
 /// The share of a station's matches, those of photos farthest apart, that wrong ones are told by.

@@ -13,6 +13,7 @@
 
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/circular_motion/turn_reach.h"
@@ -119,26 +120,45 @@ class Gatherer {
 };
 
 void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence) {
+  struct OfPair {
+    AgreeingMatches compared;
+    AgreeingMatches held_back;
+    std::vector<double> errors;
+    std::vector<char> is_held;
+  };
+  const std::vector<ImagePairMatches>& pairs = features_.object_pairs;
+  std::vector<OfPair> of_pairs(pairs.size());
+  ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
+    const ImagePairMatches& pair = pairs[static_cast<size_t>(p)];
+    OfPair& of_pair = of_pairs[static_cast<size_t>(p)];
+    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) return;
+    of_pair.compared = Compare(pair, pair.matches);
+    FeatureMatches held;
+    for (const FeatureMatch& match : pair.matches) {
+      of_pair.errors.push_back(Error(pair, match));
+      const bool is_held = held_back[static_cast<size_t>(pair.image1)][match.point2D_idx1] ||
+                           held_back[static_cast<size_t>(pair.image2)][match.point2D_idx2];
+      of_pair.is_held.push_back(is_held ? 1 : 0);
+      if (is_held) held.push_back(match);
+    }
+    of_pair.held_back = Compare(pair, held);
+  });
   std::vector<double> held_errors;
   std::vector<double> adjusted_errors;
   verified_.assign(posed_.size(), 0);
-  for (const ImagePairMatches& pair : features_.object_pairs) {
-    if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) continue;
-    const AgreeingMatches compared = Compare(pair, pair.matches);
-    evidence->verified.Add(compared);
-    if (StationOf(pair.image1) != StationOf(pair.image2)) evidence->across_stations.Add(compared);
-    FeatureMatches held;
-    for (const FeatureMatch& match : pair.matches) {
-      const double error = Error(pair, match);
-      const bool is_held = held_back[static_cast<size_t>(pair.image1)][match.point2D_idx1] ||
-                           held_back[static_cast<size_t>(pair.image2)][match.point2D_idx2];
-      (is_held ? held_errors : adjusted_errors).push_back(error);
-      if (is_held) held.push_back(match);
+  for (size_t p = 0; p < pairs.size(); ++p) {
+    const ImagePairMatches& pair = pairs[p];
+    const OfPair& of_pair = of_pairs[p];
+    evidence->verified.Add(of_pair.compared);
+    if (StationOf(pair.image1) != StationOf(pair.image2)) evidence->across_stations.Add(of_pair.compared);
+    evidence->held_back.Add(of_pair.held_back);
+    for (size_t m = 0; m < of_pair.errors.size(); ++m) {
+      const double error = of_pair.errors[m];
+      (of_pair.is_held[m] != 0 ? held_errors : adjusted_errors).push_back(error);
       if (error > bound_px_) continue;
       ++verified_[static_cast<size_t>(pair.image1)];
       ++verified_[static_cast<size_t>(pair.image2)];
     }
-    evidence->held_back.Add(Compare(pair, held));
   }
   if (static_cast<int>(adjusted_errors.size()) >= kLeastSupport) {
     evidence->adjusted_noise_px = FitNoise(adjusted_errors, kNoiseRange * bound_px_).sigma;

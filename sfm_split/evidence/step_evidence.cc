@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/evidence/turn_likelihood.h"
@@ -96,8 +97,13 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
       evidence.untold_stations.push_back(by_name[0]);
     std::vector<Gains> of_photo(count, Gains{});    // it alone is turned
     std::vector<Gains> from_photo(count, Gains{});  // it and those after it, as far as pairs reach
-    for (const TurnPair& pair : pairs) {
-      const std::vector<double> gains = likelihood.OfTurns(pair, turns, noise);
+    std::vector<std::vector<double>> gains_of_pair(pairs.size());
+    ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
+      gains_of_pair[static_cast<size_t>(p)] = likelihood.OfTurns(pairs[static_cast<size_t>(p)], turns, noise);
+    });
+    for (size_t p = 0; p < pairs.size(); ++p) {
+      const TurnPair& pair = pairs[p];
+      const std::vector<double>& gains = gains_of_pair[p];
       const size_t p1 = place[static_cast<int>(pair.image1)];
       const size_t p2 = place[static_cast<int>(pair.image2)];
       // Across the end of the turn the photos after it are the first ones.

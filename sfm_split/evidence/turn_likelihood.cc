@@ -6,6 +6,7 @@
 #include <map>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/circular_motion/possible_matches.h"
 #include "sfm_split/circular_motion/wrong_matches.h"
@@ -101,6 +102,7 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
     places[1][by_angle[static_cast<size_t>(k)]] = k;
   }
   std::vector<TurnPair> pairs;
+  std::vector<std::vector<MatchMove>> moves;  // of the pairs' matches
   for (const ImagePairMatches& given : AllPairs(features)) {
     if (places[0].count(given.image1) == 0 || places[0].count(given.image2) == 0) continue;
     const bool are_near = std::any_of(places.begin(), places.end(), [&](std::map<int, int>& place) {
@@ -114,13 +116,18 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
     const Keypoints& keypoints2 = features.images[pairs.back().image2].keypoints;
     const std::vector<int> details = DistinctDetails(keypoints1, keypoints2, own.matches);
     const size_t stride = 1 + details.size() / (kMaxMatches + 1);
+    moves.emplace_back();
     for (size_t d = 0; d < details.size(); d += stride) {
       const FeatureMatch& match = own.matches[static_cast<size_t>(details[d])];
-      pairs.back().matches.push_back({keypoints1[match.point2D_idx1].cast<double>(),
-                                      keypoints2[match.point2D_idx2].cast<double>(),
-                                      wrong.Chance(Move(features, places[0], own, match))});
+      pairs.back().matches.push_back(
+          {keypoints1[match.point2D_idx1].cast<double>(), keypoints2[match.point2D_idx2].cast<double>(), 0});
+      moves.back().push_back(Move(features, places[0], own, match));
     }
   }
+  ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
+    const auto at = static_cast<size_t>(p);
+    for (size_t m = 0; m < moves[at].size(); ++m) pairs[at].matches[m].chance = wrong.Chance(moves[at][m]);
+  });
   return pairs;
 }
 

@@ -45,8 +45,17 @@ bool BernsteinIsPositive(const Coefficients& bernstein, int depth) {
   return BernsteinIsPositive(left, depth - 1) && BernsteinIsPositive(right, depth - 1);
 }
 
+// What all but the constant term sum up to at most, for s in [0, end].
+double LargestRest(const Coefficients& polynomial, double end) {
+  double sum = 0;
+  for (int i = kMaxDegree; i > 0; --i) sum = (sum + std::abs(polynomial[i])) * end;
+  return sum;
+}
+
 // Whether sum_i polynomial[i] * s^i is positive for every s in [0, end].
 bool IsPositiveUpTo(const Coefficients& polynomial, double end) {
+  // So far from 0 that no rounding matters, as nearly every lens is within its photo.
+  if (LargestRest(polynomial, end) < 0.5 * polynomial[0]) return true;
   // Row n: n over j.
   constexpr double kBinomial[kMaxDegree + 1][kMaxDegree + 1] = {
       {1, 0, 0, 0, 0, 0, 0}, {1, 1, 0, 0, 0, 0, 0},   {1, 2, 1, 0, 0, 0, 0},    {1, 3, 3, 1, 0, 0, 0},
@@ -95,6 +104,10 @@ class RadialLens {
     }
     Coefficients slope_n = numerator_;
     for (int i = 0; i <= kMaxDegree; ++i) slope_n[i] += twice_s_n[i];
+    if (camera.model != CameraModelId::kFullOpenCV) {
+      slope_ = slope_n;  // D is 1
+      return;
+    }
     const Coefficients a = Product(slope_n, denominator_);
     const Coefficients b = Product(numerator_, twice_s_d);
     for (int i = 0; i <= kMaxDegree; ++i) slope_[i] = a[i] - b[i];
@@ -185,8 +198,9 @@ std::optional<Eigen::Vector2d> UndistortFrom(const Camera& camera, const RadialL
 }
 
 void CheckCamera(const Camera& camera) {
-  RequireProjection(camera, "cameras");
-  S2GS_INVARIANT(camera.params.size() == InfoOf(camera.model).NumParams());
+  const CameraModelInfo& info = InfoOf(camera.model);
+  if (!info.has_projection) RequireProjection(camera, "cameras");  // throws; a path takes its time to make
+  S2GS_INVARIANT(camera.params.size() == info.NumParams());
 }
 
 bool HasLens(const Camera& camera) { return InfoOf(camera.model).num_extra_params > 0; }

@@ -43,10 +43,11 @@ void SplitMatching::AdaptToNoise(double unmoved_px) {
 }
 
 PackedImages SplitMatching::PackAll() const {
-  PackedImages packed;
-  packed.reserve(images_.size());
-  for (const SplitImage& image : images_)
-    packed.emplace_back(image.descriptors.data(), image.keypoints.size());
+  PackedImages packed(images_.size());
+  ParallelFor(static_cast<int64_t>(images_.size()), 0, [&](int64_t i) {
+    const SplitImage& image = images_[static_cast<size_t>(i)];
+    packed[static_cast<size_t>(i)] = PackedDescriptors(image.descriptors.data(), image.keypoints.size());
+  });
   return packed;
 }
 

@@ -126,13 +126,14 @@ class StationSplitter {
   }
 
   void PackByLabel() {
-    packed_.reserve(matching_.images().size());
-    packed_static_.reserve(matching_.images().size());
-    for (int i = 0; i < matching_.NumImages(); ++i) {
+    packed_.resize(matching_.images().size());
+    packed_static_.resize(matching_.images().size());
+    ParallelFor(matching_.NumImages(), 0, [&](int64_t of_image) {
+      const auto i = static_cast<int>(of_image);
       const bool given = !matching_.images()[i].given_labels.empty();
-      packed_.push_back(PackLabel(i, given ? KeypointLabel::kRotating : KeypointLabel::kUnknown));
-      packed_static_.push_back(PackLabel(i, KeypointLabel::kStatic));
-    }
+      packed_[i] = PackLabel(i, given ? KeypointLabel::kRotating : KeypointLabel::kUnknown);
+      packed_static_[i] = PackLabel(i, KeypointLabel::kStatic);
+    });
   }
 
   // What all photos of a station share is its background; the image with most background keypoints carries
