@@ -44,13 +44,11 @@ float Cross(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vec
   return (b.x() - a.x()) * (c.y() - a.y()) - (c.x() - a.x()) * (b.y() - a.y());
 }
 
-// First and last whole number in [low, high] and [0, size - 1]. \param low, high  some of it lies in there.
+// First and last whole number in [low, high] and [0, size - 1].
 struct PixelRange {
   PixelRange(float low, float high, int size)
-      : first(static_cast<int>(std::max(low, 0.0F))),
-        last(static_cast<int>(std::min(high, static_cast<float>(size - 1)))) {
-    if (static_cast<float>(first) < low) ++first;
-  }
+      : first(static_cast<int>(std::ceil(std::max(low, 0.0F)))),
+        last(static_cast<int>(std::floor(std::min(high, static_cast<float>(size - 1))))) {}
   int first;
   int last;
 };
@@ -68,20 +66,11 @@ void DrawTriangle(int32_t id, const Eigen::Vector3f& a, const Eigen::Vector3f& b
   }
   const PixelRange columns(min_x, max_x, width);
   const PixelRange rows(min_y, max_y, height);
-  // Most pixels are told to be outside before anything is divided: twice beyond the tolerance no rounding
-  // matters.
-  const float size = std::abs(area);
-  const float sign = area > 0 ? 1.0F : -1.0F;
-  const float outside = 2 * kEdgeTolerance * size;
   for (int row = rows.first; row <= rows.last; ++row) {
     for (int column = columns.first; column <= columns.last; ++column) {
       const Eigen::Vector3f pixel(static_cast<float>(column), static_cast<float>(row), 0);
-      const float of_a = Cross(pixel, b, c);
-      const float of_b = Cross(pixel, c, a);
-      if (sign * of_a < -outside || sign * of_b < -outside || sign * (of_a + of_b) > size + 2 * outside)
-        continue;
-      const float u = of_a / area;
-      const float v = of_b / area;
+      const float u = Cross(pixel, b, c) / area;
+      const float v = Cross(pixel, c, a) / area;
       const float w = 1 - u - v;
       if (u < -kEdgeTolerance || v < -kEdgeTolerance || w < -kEdgeTolerance) continue;
       const size_t at = static_cast<size_t>(row) * width + column;
