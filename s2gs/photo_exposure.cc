@@ -65,11 +65,10 @@ bool FindGains(const Image8& photo, const Image8& still, LogGains* gains) {
 }
 
 // Of a camera's photos. Empty where they do not tell.
-std::vector<LogGains> GainsOf(const std::vector<ScenePhoto*>& photos) {
+std::vector<LogGains> GainsOf(const std::vector<Image8*>& photos) {
   std::vector<Image8> pictures(photos.size());
-  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
-    pictures[static_cast<size_t>(i)] = Small(photos[static_cast<size_t>(i)]->image);
-  });
+  ParallelFor(static_cast<int64_t>(photos.size()), 0,
+              [&](int64_t i) { pictures[static_cast<size_t>(i)] = Small(*photos[static_cast<size_t>(i)]); });
   std::vector<LogGains> gains(photos.size(), LogGains{});
   for (int round = 0; round < kEqualisingRounds; ++round) {
     std::vector<Image8> equal(pictures.size());
@@ -95,29 +94,34 @@ std::vector<LogGains> GainsOf(const std::vector<ScenePhoto*>& photos) {
   return gains;
 }
 
+// The gains that were taken off a camera's photos. Empty where nothing was.
+std::vector<LogGains> EqualiseCamera(const std::vector<Image8*>& photos) {
+  if (photos.size() < kPhotosForMedian) return {};
+  std::vector<LogGains> gains = GainsOf(photos);
+  double most = 0;
+  for (const LogGains& of_photo : gains) {
+    for (const double gain : of_photo) most = std::max(most, std::abs(gain));
+  }
+  if (!(most > kGreyLevel)) return {};
+  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
+    Image8& photo = *photos[static_cast<size_t>(i)];
+    photo = Divided(photo, gains[static_cast<size_t>(i)]);
+  });
+  return gains;
+}
+
 }  // namespace
 
 ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos) {
-  std::map<std::tuple<int, int, int>, std::vector<ScenePhoto*>> by_camera;
+  std::map<std::tuple<int, int, int>, std::vector<Image8*>> by_camera;
   for (ScenePhoto& photo : *photos) {
     if (!photo.image.pixels.empty())
-      by_camera[{photo.station, photo.image.width, photo.image.height}].push_back(&photo);
+      by_camera[{photo.station, photo.image.width, photo.image.height}].push_back(&photo.image);
   }
   ExposureSpread spread;
   for (const auto& entry : by_camera) {
-    const std::vector<ScenePhoto*>& of_camera = entry.second;
-    if (of_camera.size() < kPhotosForMedian) continue;
-    const std::vector<LogGains> gains = GainsOf(of_camera);
-    double most = 0;
-    for (const LogGains& of_photo : gains) {
-      for (const double gain : of_photo) most = std::max(most, std::abs(gain));
-    }
-    if (!(most > kGreyLevel)) continue;
-    ParallelFor(static_cast<int64_t>(of_camera.size()), 0, [&](int64_t i) {
-      ScenePhoto& photo = *of_camera[static_cast<size_t>(i)];
-      photo.image = Divided(photo.image, gains[static_cast<size_t>(i)]);
-    });
-    spread.num_photos += static_cast<int>(of_camera.size());
+    const std::vector<LogGains> gains = EqualiseCamera(entry.second);
+    spread.num_photos += static_cast<int>(gains.size());
     for (const LogGains& of_photo : gains) {
       for (const double gain : of_photo) {
         spread.least = std::min(spread.least, std::exp(gain));
@@ -126,6 +130,12 @@ ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos) {
     }
   }
   return spread;
+}
+
+bool EqualiseExposure(std::vector<Image8>* photos) {
+  std::vector<Image8*> of_camera;
+  for (Image8& photo : *photos) of_camera.push_back(&photo);
+  return !EqualiseCamera(of_camera).empty();
 }
 
 }  // namespace s2gs

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "s2gs/image/image_file.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {
@@ -19,5 +20,8 @@ struct ExposureSpread {
 /// of zero. Where what turns fills most of the picture, where a camera has fewer than eight photos, and where
 /// photos agree to a grey level, photos stay as they are.
 ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos);
+
+/// The same for the photos of one camera, all of one size. Returns whether they were changed.
+bool EqualiseExposure(std::vector<Image8>* photos);
 
 }  // namespace s2gs

@@ -49,6 +49,17 @@ constexpr double kArc = 2 * kPi / kDirections;  // of one direction
 // What a direction's arc shows in the mean: an edge along it is in all of it, and grain is not.
 constexpr int kOfArc = 5;
 
+// What an edge is looked for in: the most different of a colour's channels, and its tint alone (red against
+// green, both against blue). Shading and shadows change light more than tint, so that a rim before ground of
+// another tint is clearer in it.
+constexpr int kWays = 3;
+using Change = std::array<float, kWays>;
+
+Change ChangeOf(const std::array<float, 3>& rgb) {
+  const float most = std::max({std::abs(rgb[0]), std::abs(rgb[1]), std::abs(rgb[2])});
+  return {most, std::abs(rgb[0] - rgb[1]), std::abs((rgb[0] + rgb[1]) / 2 - rgb[2])};
+}
+
 // A straight line on a surface, from `start` in equal steps.
 struct SurfaceLine {
   Eigen::Vector3d start;
@@ -98,12 +109,12 @@ class SeenArc {
 
   // The change of colour across a place of the lines.
   struct Crossing {
-    float change = 0;  // of the most different channel
+    Change change = {};
     double pitch = 0;  // [px] of a step
   };
   // Nothing where less than half of the arc is in the picture.
   std::optional<Crossing> At(double s) const {
-    std::array<float, 3> change = {};
+    std::array<float, 3> sum = {};
     double pitch = 0;
     int seen = 0;
     for (const SeenLine& line : lines_) {
@@ -113,14 +124,13 @@ class SeenArc {
       const Eigen::Vector2d apart = kApart / of_line * place->step;
       const std::array<float, 3> beyond = BilinearColor(image_, place->pixel + apart);
       const std::array<float, 3> before = BilinearColor(image_, place->pixel - apart);
-      for (int c = 0; c < 3; ++c) change[c] += beyond[c] - before[c];
+      for (int c = 0; c < 3; ++c) sum[c] += beyond[c] - before[c];
       pitch += of_line;
       ++seen;
     }
     if (2 * seen < kOfArc) return std::nullopt;
-    float most = 0;
-    for (const float of_channel : change) most = std::max(most, std::abs(of_channel));
-    return Crossing{most / static_cast<float>(seen), pitch / seen};
+    for (float& of_channel : sum) of_channel /= static_cast<float>(seen);
+    return Crossing{ChangeOf(sum), pitch / seen};
   }
 
  private:
@@ -130,71 +140,14 @@ class SeenArc {
 
 int LevelOf(float change) { return std::min(kLevels - 1, static_cast<int>(change * kLevelsPerGrey)); }
 
-// What a picture shows along lines that lead across circles about the axis, one step on each line a circle.
-class PictureRings {
+// What a picture shows, in one way, along lines that lead across circles about the axis, one step on each
+// line a circle.
+class RingsOfOneWay {
  public:
-  PictureRings(const StillPicture& picture, const std::vector<LineBundle>& lines, int num_steps)
-      : num_lines_(lines.size()), num_steps_(num_steps) {
-    nearest_.reserve(lines.size() * num_steps);
-    for (const LineBundle& of_arc : lines) AddLine(picture, of_arc);
-    FindThresholds();
-  }
-
-  struct Ring {
-    int seen = 0;
-    int edges = 0;
-  };
-  Ring At(int s) const {
-    Ring ring;
-    for (size_t d = 0; d < num_lines_; ++d) {
-      const float nearest = nearest_[d * num_steps_ + s];
-      if (!(nearest >= 0)) continue;
-      ++ring.seen;
-      ring.edges += nearest > thresholds_[s] ? 1 : 0;
-    }
-    return ring;
-  }
-  // What is more than the changes of the surface within a ring.
-  float Threshold(int s) const { return thresholds_[s]; }
-  // The first edge on each line, from step `first` on; the number of steps where there is none.
-  std::vector<int> FirstEdges(int first, float threshold) const {
-    std::vector<int> places;
-    for (size_t d = 0; d < num_lines_; ++d) {
-      int s = first;
-      while (s < num_steps_ && !(edges_[d * num_steps_ + s] > threshold)) ++s;
-      places.push_back(s);
-    }
-    return places;
-  }
-
-  // That there is an edge of this ring's kind, from what lies beyond: what lies within may be plain.
-  double ChanceBeyond(int s) const {
-    int64_t seen = 1;
-    int64_t edges = 1;
-    const int last = std::min(num_steps_, static_cast<int>(kBeyond * (s + kFarthest)));
-    for (size_t d = 0; d < num_lines_; ++d) {
-      for (int t = s + kFarthest; t < last; ++t) {
-        const float nearest = nearest_[d * num_steps_ + t];
-        if (!(nearest >= 0)) continue;
-        ++seen;
-        edges += nearest > thresholds_[s] ? 1 : 0;
-      }
-    }
-    return static_cast<double>(edges) / static_cast<double>(seen);
-  }
-
- private:
-  // The change at each step, and the clearest edge within kNear of it.
-  void AddLine(const StillPicture& picture, const LineBundle& lines) {
-    std::vector<float> changes(num_steps_, -1);  // not seen
-    std::vector<double> pitches(num_steps_, 1);
-    const SeenArc arc(picture, lines);
-    for (int s = 0; s < num_steps_; ++s) {
-      const std::optional<SeenArc::Crossing> crossing = arc.At(s + 0.5);
-      if (!crossing) continue;
-      changes[s] = crossing->change;
-      pitches[s] = crossing->pitch;
-    }
+  // \param changes  at each step of the next line; negative: not seen. \param pitches  [px] of its steps.
+  void AddLine(const std::vector<float>& changes, const std::vector<double>& pitches) {
+    num_steps_ = static_cast<int>(changes.size());
+    ++num_lines_;
     const auto reach = [&](int s, double pixels) {
       return std::min(num_steps_, static_cast<int>(pixels / pitches[s]));
     };
@@ -215,8 +168,8 @@ class PictureRings {
     edges_.insert(edges_.end(), edges.begin(), edges.end());
   }
 
-  // Most of what lies just within a circle is even, whatever stands further in: half of its changes are its
-  // own.
+  // Once all lines are added. Most of what lies just within a circle is even, whatever stands further in:
+  // half of its changes are its own.
   void FindThresholds() {
     std::vector<int64_t> within(kLevels, 0);
     int64_t num_within = 0;
@@ -240,19 +193,134 @@ class PictureRings {
     }
   }
 
-  size_t num_lines_;
-  int num_steps_;
+  bool IsSeen(size_t line, int s) const { return nearest_[line * num_steps_ + s] >= 0; }
+  // Whether there is an edge next to a step. \param threshold  of what is one.
+  bool IsNearEdge(size_t line, int s, float threshold) const {
+    return nearest_[line * num_steps_ + s] > threshold;
+  }
+  bool IsEdge(size_t line, int s, float threshold) const { return edges_[line * num_steps_ + s] > threshold; }
+  // What is more than the changes of the surface within a ring.
+  float Threshold(int s) const { return thresholds_[s]; }
+
+ private:
+  size_t num_lines_ = 0;
+  int num_steps_ = 0;
   std::vector<float> changes_;     // by line and step; negative: not seen
   std::vector<float> edges_;       // by line and step: the changes that are the clearest within kAlone
   std::vector<float> nearest_;     // the clearest edge there, by line and step; negative: not seen
   std::vector<float> thresholds_;  // by step: what is no change of the surface within
 };
 
+// What a picture shows in all ways.
+class PictureRings {
+ public:
+  PictureRings(const StillPicture& picture, const std::vector<LineBundle>& lines, int num_steps)
+      : num_lines_(lines.size()), num_steps_(num_steps) {
+    for (const LineBundle& of_arc : lines) AddLine(picture, of_arc);
+    for (RingsOfOneWay& way : ways_) way.FindThresholds();
+  }
+
+  struct Ring {
+    int seen = 0;
+    int edges = 0;
+  };
+  // \param num_ways  of all, the first.
+  Ring At(int s, int num_ways) const {
+    Ring ring;
+    const Change thresholds = Threshold(s);
+    for (size_t d = 0; d < num_lines_; ++d) Count(d, s, thresholds, num_ways, &ring);
+    return ring;
+  }
+  // What is more than the changes of the surface within a ring.
+  Change Threshold(int s) const {
+    Change thresholds;
+    for (int k = 0; k < kWays; ++k) thresholds[k] = ways_[k].Threshold(s);
+    return thresholds;
+  }
+  // The first edge on each line, from step `first` on; the number of steps where there is none.
+  std::vector<int> FirstEdges(int first, const Change& thresholds) const {
+    std::vector<int> places;
+    for (size_t d = 0; d < num_lines_; ++d) {
+      const auto is_edge = [&](int s) {
+        for (int k = 0; k < kWays; ++k) {
+          if (ways_[k].IsEdge(d, s, thresholds[k])) return true;
+        }
+        return false;
+      };
+      int s = first;
+      while (s < num_steps_ && !is_edge(s)) ++s;
+      places.push_back(s);
+    }
+    return places;
+  }
+
+  // That there is an edge of this ring's kind, from what lies beyond: what lies within may be plain.
+  double ChanceBeyond(int s, int num_ways) const {
+    Ring beyond{1, 1};
+    const Change thresholds = Threshold(s);
+    const int last = std::min(num_steps_, static_cast<int>(kBeyond * (s + kFarthest)));
+    for (size_t d = 0; d < num_lines_; ++d) {
+      for (int t = s + kFarthest; t < last; ++t) Count(d, t, thresholds, num_ways, &beyond);
+    }
+    return static_cast<double>(beyond.edges) / beyond.seen;
+  }
+
+ private:
+  void Count(size_t line, int s, const Change& thresholds, int num_ways, Ring* ring) const {
+    if (!ways_[0].IsSeen(line, s)) return;
+    ++ring->seen;
+    for (int k = 0; k < num_ways; ++k) {
+      if (!ways_[k].IsNearEdge(line, s, thresholds[k])) continue;
+      ++ring->edges;
+      return;
+    }
+  }
+
+  void AddLine(const StillPicture& picture, const LineBundle& lines) {
+    std::array<std::vector<float>, kWays> changes;
+    changes.fill(std::vector<float>(num_steps_, -1));  // not seen
+    std::vector<double> pitches(num_steps_, 1);
+    const SeenArc arc(picture, lines);
+    for (int s = 0; s < num_steps_; ++s) {
+      const std::optional<SeenArc::Crossing> crossing = arc.At(s + 0.5);
+      if (!crossing) continue;
+      for (int k = 0; k < kWays; ++k) changes[k][s] = crossing->change[k];
+      pitches[s] = crossing->pitch;
+    }
+    for (int k = 0; k < kWays; ++k) ways_[k].AddLine(changes[k], pitches);
+  }
+
+  size_t num_lines_;
+  int num_steps_;
+  std::array<RingsOfOneWay, kWays> ways_;
+};
+
 struct FoundRing {
   int step = 0;
   double share = 0;
   double false_alarms = 1;
+  int num_ways = 0;  // in which it was found, the first
 };
+
+// The ring of a step, looked at in the first so many ways. Nothing where it is no circle's.
+// \param rings  of each picture. \param num_lines  of all. \param num_tried  circles, of which this is one.
+std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_lines, int s, int num_ways,
+                                double num_tried) {
+  PictureRings::Ring sum;
+  for (const PictureRings& of_picture : rings) {
+    const PictureRings::Ring ring = of_picture.At(s, num_ways);
+    sum.seen += ring.seen;
+    sum.edges += ring.edges;
+  }
+  const double share = sum.seen > 0 ? static_cast<double>(sum.edges) / sum.seen : 0;
+  if (2 * sum.seen < num_lines || !(share > kMinShare)) return std::nullopt;
+  double expected = 0;
+  for (const PictureRings& of_picture : rings)
+    expected += of_picture.At(s, num_ways).seen * of_picture.ChanceBeyond(s, num_ways);
+  const double false_alarms = num_tried * BinomialTail(sum.edges, sum.seen, expected / sum.seen);
+  if (!(false_alarms < kMaxFalseAlarms)) return std::nullopt;
+  return FoundRing{s, share, false_alarms, num_ways};
+}
 
 // \param rings      of each picture.
 // \param num_lines  of all. \param first  that is looked at.
@@ -261,19 +329,13 @@ std::vector<FoundRing> FindRings(const std::vector<PictureRings>& rings, int num
                                  int num_rings, double num_tried) {
   std::vector<FoundRing> found;
   for (int s = first; s < num_rings; ++s) {
-    PictureRings::Ring sum;
-    for (const PictureRings& of_picture : rings) {
-      const PictureRings::Ring ring = of_picture.At(s);
-      sum.seen += ring.seen;
-      sum.edges += ring.edges;
+    // By light alone, too: ground of many colours has edges of tint anywhere.
+    const std::array<int, 2> families = {1, kWays};
+    for (const int num_ways : families) {
+      const std::optional<FoundRing> ring =
+          RingAt(rings, num_lines, s, num_ways, static_cast<double>(families.size()) * num_tried);
+      if (ring) found.push_back(*ring);
     }
-    const double share = sum.seen > 0 ? static_cast<double>(sum.edges) / sum.seen : 0;
-    if (2 * sum.seen < num_lines || !(share > kMinShare)) continue;
-    double expected = 0;
-    for (const PictureRings& of_picture : rings)
-      expected += of_picture.At(s).seen * of_picture.ChanceBeyond(s);
-    const double false_alarms = num_tried * BinomialTail(sum.edges, sum.seen, expected / sum.seen);
-    if (false_alarms < kMaxFalseAlarms) found.push_back({s, share, false_alarms});
   }
   return found;
 }
@@ -342,7 +404,7 @@ class CircleFinder {
     TableCircle circle;
     circle.share = best->share;
     circle.false_alarms = best->false_alarms;
-    Place(HeightAt(best_height), (best->step + 0.5) * step_, &circle);
+    Place(HeightAt(best_height), (best->step + 0.5) * step_, best->num_ways, &circle);
     circle.side_end = SideEnd(circle);
     return circle;
   }
@@ -383,7 +445,7 @@ class CircleFinder {
 
   // Where about a circle of the search the edges lie, to a part of a pixel: each direction tells one sum of
   // radius and height, as far as they move the circle's picture along it.
-  void Place(double height, double radius, TableCircle* circle) const {
+  void Place(double height, double radius, int num_ways, TableCircle* circle) const {
     circle->height = height;
     circle->radius = radius;
     const std::vector<PictureRings> rings = Look(TopLines(height));
@@ -393,12 +455,12 @@ class CircleFinder {
       Eigen::Vector2d right = Eigen::Vector2d::Zero();
       for (size_t i = 0; i < pictures_.size(); ++i) {
         const StillPicture& picture = pictures_[i];
-        const float threshold = rings[i].Threshold(ring);
+        const Change thresholds = rings[i].Threshold(ring);
         for (int d = 0; d < kDirections; ++d) {
           const Eigen::Vector3d outwards = frame_.Outwards(d);
           const Eigen::Vector3d x = frame_.point + circle->height * frame_.up + circle->radius * outwards;
           const std::optional<double> offset =
-              EdgeOffset(picture, TopLine(d, circle->height, circle->radius), threshold);
+              EdgeOffset(picture, TopLine(d, circle->height, circle->radius), thresholds, num_ways);
           if (!offset) continue;
           const Eigen::Vector2d row(1, RiseAlong(picture, x, outwards));
           normal += row * row.transpose();
@@ -413,27 +475,34 @@ class CircleFinder {
   }
 
   // How far outwards the edge next to a place lies: the middle between where it falls to half on either side.
-  // Nothing where there is none within kAlone. \param threshold  of the changes that are an edge.
+  // Nothing where there is none within kAlone. \param thresholds  of the changes that are an edge.
+  // \param num_ways  the first, in which one is looked for.
   std::optional<double> EdgeOffset(const StillPicture& picture, const LineBundle& lines,
-                                   float threshold) const {
+                                   const Change& thresholds, int num_ways) const {
     const SeenArc arc(picture, lines);
     const std::optional<SeenArc::Crossing> here = arc.At(0);
     if (!here) return std::nullopt;
     const double unit = 1 / here->pitch / kFiner;  // [steps], a part of a pixel
     const int reach = static_cast<int>(2 * kAlone * kFiner);
-    std::vector<float> changes;
+    std::array<std::vector<float>, kWays> all;
     for (int i = -reach; i <= reach; ++i) {
       const std::optional<SeenArc::Crossing> crossing = arc.At(i * unit);
       if (!crossing) return std::nullopt;
-      changes.push_back(crossing->change);
+      for (int k = 0; k < kWays; ++k) all[k].push_back(crossing->change[k] / thresholds[k]);
     }
-    const auto near = changes.begin() + reach / 2;
-    const auto best = static_cast<int>(std::max_element(near, near + reach + 1) - changes.begin());
+    const auto most_near = [&](const std::vector<float>& changes) {
+      const auto near = changes.begin() + reach / 2;
+      return std::max_element(near, near + reach + 1);
+    };
+    const std::vector<float>& changes =
+        *std::max_element(all.begin(), all.begin() + num_ways,
+                          [&](const auto& a, const auto& b) { return *most_near(a) < *most_near(b); });
+    const auto best = static_cast<int>(most_near(changes) - changes.begin());
     int first = best;
     int last = best;
     while (first > 0 && 2 * changes[first] > changes[best]) --first;
     while (last < 2 * reach && 2 * changes[last] > changes[best]) ++last;
-    if (!(changes[best] > threshold) || first == 0 || last == 2 * reach) return std::nullopt;
+    if (!(changes[best] > 1) || first == 0 || last == 2 * reach) return std::nullopt;
     return ((first + last) / 2.0 - reach) * unit * step_;
   }
 

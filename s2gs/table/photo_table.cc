@@ -10,6 +10,7 @@
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/kernel/foreground.h"
+#include "s2gs/photo_exposure.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table/opaque_region.h"
 #include "s2gs/table_circle.h"
@@ -177,6 +178,7 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
       station.views.push_back(view);
       station.images.push_back(ResizeByArea(load(photo), view.width, view.height));
     }
+    EqualiseExposure(&station.images);
     station.still = MedianPicture(station.images);
     stations.push_back(std::move(station));
   }

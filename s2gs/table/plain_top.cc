@@ -31,6 +31,7 @@ constexpr double kDarkest = 0.2;   // of the lit colour, in a shadow
 // A normal law's standard deviation over a quarter's largest absolute value.
 constexpr double kSigmaOfQuartile = 1 / 0.3186;
 constexpr double kLeastDeviation = 0.004;  // of the logarithm: a grey level of 255
+constexpr float kOverGrain = 2;            // as LeastTexture has it over noise.
 constexpr int kPatchRadius = 2;            // [px]: larger patches do not fit between the parts of a thing.
 constexpr int kLineRadius = 1;  // [px], of patches that tell a border, which no larger one fits beside
 constexpr int kBorder = 2;      // [px], of blur and of poses that err
@@ -103,12 +104,28 @@ std::vector<PlainTop::TopPixel> PlainTop::PixelsOf(const PinholeView& view) cons
   return pixels;
 }
 
+// What is texture beside a plain top's own grain, which sharpening lifts over noise: borders of shadows and
+// what stands there are on less than three quarters of the ring.
+float PlainTop::TextureOverGrain(const StationPhotos& station) const {
+  std::vector<float> textures;
+  for (size_t i = 0; i < station.images.size(); ++i) {
+    for (const TopPixel& pixel : PixelsOf(station.views[i])) {
+      if (IsOnRing(LevelOf(pixel.x_in_world)))
+        textures.push_back(TextureAt(station.images[i], pixel.x, pixel.y, kPatchRadius));
+    }
+  }
+  if (textures.empty()) return 0;
+  return kOverGrain * Quantile(std::move(textures), 0.25F);
+}
+
 std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& station) const {
   const Eigen::Vector3d camera = station.views.front().cam_from_world.Inverse().translation;
   if (!((camera - table_.axis.point).dot(table_.axis.direction) > table_.high)) return std::nullopt;
   TopColor color;
   color.station = station.number;
-  color.least_texture = LeastTexture(MeasurePictureNoise(station.images.data(), station.images.size()));
+  color.least_texture =
+      std::max(LeastTexture(MeasurePictureNoise(station.images.data(), station.images.size())),
+               TextureOverGrain(station));
   std::vector<Terms> terms;
   std::vector<Color> colors;
   std::vector<uint8_t> is_ring;

@@ -60,6 +60,7 @@ class PlainTop {
   // In the world or in the object, from the axis, in radii of the table.
   Eigen::Vector2d LevelOf(const Eigen::Vector3d& x) const;
   std::vector<TopPixel> PixelsOf(const PinholeView& view) const;
+  float TextureOverGrain(const StationPhotos& station) const;
   std::optional<TopColor> LearnColor(const StationPhotos& station) const;
   std::optional<ShadowColor> LearnShadow(const TopColor& color, const StationPhotos& station) const;
   std::vector<Eigen::RowVector3d> ErrorsOf(const TopColor& color, const Image8& photo,

@@ -52,8 +52,7 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   const bool is_textured = *table.textured_share >= kTexturedTop;
   // Photos show the shape of a top that has texture and turns.
   if (table.rim->IsUndecided() || !is_textured) table.in_maps_ = region;
-  if (options.clear_plain_top && !is_textured)
-    table.ClearPlainTop(stations, options.draw_seen, backend, reporter);
+  if (options.clear_plain_top) table.ClearPlainTop(stations, options.draw_seen, backend, reporter);
   if (table.in_maps_) {
     // Splats of a table that masks and maps show anyway only blur its rim. The circle is known to a pixel.
     const double margin = PixelAtAxis(stations, region.axis);
@@ -97,10 +96,14 @@ Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load) const {
   if (!IsTopSeen()) return {};
   const PinholeView view = StationView(photo);
   const Image8 reduced = ResizeByArea(load(photo), view.width, view.height);
-  if (known_texture_) return known_texture_->Look(reduced, view);
   Image8 seen{view.width, view.height, 1, {}};
-  for (const TopSight sight : seen_top_->top.Look(reduced, view, photo.station))
-    seen.pixels.push_back(s2gs::IsTopSeen(sight, seen_top_->evidence) ? 255 : 0);
+  if (known_texture_) seen = known_texture_->Look(reduced, view);
+  seen.pixels.resize(static_cast<size_t>(view.width) * view.height, 0);
+  if (!seen_top_) return seen;
+  const std::vector<TopSight> sights = seen_top_->top.Look(reduced, view, photo.station);
+  for (size_t i = 0; i < sights.size(); ++i) {
+    if (s2gs::IsTopSeen(sights[i], seen_top_->evidence)) seen.pixels[i] = 255;
+  }
   return seen;
 }
 

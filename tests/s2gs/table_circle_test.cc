@@ -113,6 +113,32 @@ TEST(TableCircle, OfAPaleTableUnderABusyThing) {
   EXPECT_LT(circle->false_alarms, 1e-6);
 }
 
+// Light falls on the top and the ground in patches: no rim by light is clearer than their borders, which are
+// no edge of tint.
+TEST(TableCircle, OfATableInPatchyLightByItsTint) {
+  const PinholeView view = ViewFrom(0.3);
+  const auto in_patches = [&](double blue_of_ground) {
+    Image8 picture = PictureOf(view, IsInCircle, 150, 150, [](const Eigen::Vector3d&) { return 50; });
+    for (size_t i = 0; i < picture.pixels.size(); i += 3) {
+      const size_t patch_x = i / 3 % kWidth / 6;
+      const size_t patch_y = i / 3 / kWidth / 6;
+      const double light = 0.6 + 0.6 * UnitFloat(RandomBits(13, patch_x, patch_y).words[0]);
+      const bool is_ground = picture.pixels[i] < 100;
+      for (size_t c = 0; c < 3; ++c) {
+        const double blue = is_ground && c == 2 ? blue_of_ground : 0;
+        const double noise = 2 * UnitFloat(RandomBits(17, i, c).words[0]) - 1;
+        picture.pixels[i + c] = static_cast<uint8_t>(light * (150 + blue) + noise + 0.5);
+      }
+    }
+    return FindTableCircle({{view, picture}}, SearchAboutTop());
+  };
+  const std::optional<TableCircle> circle = in_patches(20);
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->height, kTop, 2 * kPixel);
+  EXPECT_NEAR(circle->radius, kRadius, kPixel);
+  EXPECT_FALSE(in_patches(0));
+}
+
 // What lies left of the table has its side's own grey: nearly half of the lines down the side end elsewhere.
 TEST(TableCircle, ItsSideEndsWhereMoreThanHalfOfItDoes) {
   const auto with_grey_until = [](double radii, const std::vector<double>& azimuths) {

@@ -52,6 +52,31 @@ TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
   EXPECT_TRUE(LoadStations(scene).empty());
 }
 
+// Automatic exposure and white balance: where photos differ by it, a median is of none of them.
+TEST(PhotoTable, AStationsPhotosAreOfOneExposure) {
+  TrainingScene scene = TableOnGround(12, TopLook::kPlain);
+  const StationPhotos before = LoadStations(scene).front();
+  for (size_t i = 0; i < scene.photos.size(); ++i) {
+    std::vector<uint8_t>& pixels = scene.photos[i].image.pixels;
+    for (size_t p = 0; p < pixels.size(); ++p) {
+      const double gain = std::pow(1.2, std::sin(3.0 * static_cast<double>(i) + static_cast<double>(p % 3)));
+      pixels[p] = static_cast<uint8_t>(std::lround(pixels[p] * gain));
+    }
+  }
+  const StationPhotos after = LoadStations(scene).front();
+  std::vector<double> changes;
+  for (size_t i = 0; i < after.images.size(); ++i) {
+    for (size_t p = 0; p < after.still.pixels.size(); ++p)
+      changes.push_back(std::abs(after.images[i].pixels[p] - before.images[i].pixels[p]));
+  }
+  // Rounding twice, and the mean gain, which stays.
+  std::sort(changes.begin(), changes.end());
+  EXPECT_LT(changes[changes.size() * 9 / 10], 3);
+  const std::optional<TableCircle> circle = FindTableInPhotos(scene, {after});
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->radius, kTableRadius, kTablePixel);
+}
+
 // What the model takes to turn of the top, or of the side: whichever stands still more counts.
 TEST(PhotoTable, TheStaticShareIsThatOfTheTopOrTheSide) {
   const TrainingScene scene = TableOnGround(12, TopLook::kPlain);

@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "s2gs/core/rng.h"
 #include "s2gs/table_circle.h"
 #include "tests/s2gs/table/table_on_ground.h"
 
@@ -103,6 +104,24 @@ TEST_P(PlainTopTest, OtherStationsAndNoneShowNothing) {
   EXPECT_EQ(Count(top->Look(Photo(0), View(0), 1), TopSight::kElsewhere),
             kTablePhotoWidth * kTablePhotoHeight);
   EXPECT_FALSE(PlainTop::Learn({}, TableRegion()));
+}
+
+// Grain of a top, as sharpening leaves it, is more than the photos' noise and still no texture.
+TEST_P(PlainTopTest, ItsGrainIsNoTexture) {
+  ASSERT_TRUE(top);
+  const int lit = Count(top->Look(Photo(2), View(2), 0), TopSight::kLit);
+  const auto grainy = [&](int i) {
+    uint64_t seed = 1000 * static_cast<uint64_t>(i + 1);
+    const auto is_dark = [&](const Eigen::Vector2d&) {
+      return (RandomBits(29, ++seed, 0).words[0] & 1) != 0;
+    };
+    return ShadeTop(Photo(i), View(i), is_dark, {0.92, 0.92, 0.92});
+  };
+  for (int i = 0; i < kTablePhotos; ++i) stations[0].images[i] = grainy(i);
+  stations[0].still = MedianPicture(stations[0].images);
+  const std::optional<PlainTop> of_grain = PlainTop::Learn(stations, TableRegion());
+  ASSERT_TRUE(of_grain);
+  EXPECT_GT(Count(of_grain->Look(grainy(2), View(2), 0), TopSight::kLit), lit * 8 / 10);
 }
 
 TEST(PlainTop, ATopWithTextureHasNoColor) {
