@@ -240,6 +240,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   report["joint_model"] = {{"chosen", JointModelName(refined.model)}, {"tests", json::array()}};
   for (const ModelTest& test : refined.model_tests) report["joint_model"]["tests"].push_back(ToJson(test));
   report["joint_model"]["principal_point"] = ToJson(refined.principal_point);
+  report["joint_model"]["point_correlation"] = joint.point_correlation;
   if (!refined.known_angles.empty() || !refined.angle_contradictions.empty())
     report["stated_angles"] = StatedAnglesToJson(refined);
   report["rounds"] = RoundsToJson(refined.rounds);

@@ -13,6 +13,7 @@
 #include "sfm_split/adjust/joint_solve.h"
 #include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/principal_point.h"
+#include "sfm_split/adjust/track_weights.h"
 #include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/adjust/wrong_pull.h"
 #include "sfm_split/base/angles.h"
@@ -31,6 +32,8 @@ using Eigen::Vector3d;
 // Of a mean of 1: what is tried, not what is believed, so its place is no matter of chance.
 constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
+constexpr int kWeightRounds = 6;           // at most
+constexpr double kWeightSettled = 0.15;    // of a weight's logarithm: the grid's step and a half
 constexpr int kWobbleRounds = 8;           // at most: its deviations and the poses are found by turns
 constexpr double kWobbleSettled = 0.05;    // relative change of its standard deviations
 
@@ -99,6 +102,26 @@ JointSolved Solve(bool fit_loss, Reporter& reporter, JointOptions* options, Join
                   JointReport* report) {
   JointSolved solved = SolveInRounds(fit_loss, reporter, options, problem, report);
   if (problem->free_object) solved = SolveWithWobble(fit_loss, reporter, options, problem, report);
+  return solved;
+}
+
+// Points of few keypoints count by what they say against longer tracks.
+JointSolved WeighTracks(bool fit_loss, const JointSolved& solved_before, Reporter& reporter,
+                        JointOptions* options, JointProblem* problem, JointReport* report) {
+  JointSolved solved = solved_before;
+  TrackWeights weights;
+  for (int round = 0; round < kWeightRounds; ++round) {
+    const double sigma_px = SigmaOfLossPx(fit_loss ? LossScaleOf(*problem) : options->loss_scale_px);
+    const TrackWeights before = weights;
+    weights = FitTrackWeights(*problem, *options, sigma_px);
+    bool has_settled = true;
+    for (int c = 0; c < TrackWeights::kClasses; ++c)
+      has_settled &= std::abs(std::log(weights.of_class[c] / before.of_class[c])) <= kWeightSettled;
+    if (has_settled) break;
+    ApplyTrackWeights(weights, problem);
+    report->point_correlation = weights.correlation;
+    solved = SolveInRounds(fit_loss, reporter, options, problem, report);
+  }
   return solved;
 }
 
@@ -261,6 +284,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
   const double start = SteadySeconds();
   JointReport report;
   JointProblem working = *problem;
+  for (JointObservation& o : working.object.observations) o.weight = 1;
   // Gross errors stay for the robust loss; points without depth would only slow it down.
   report.undetermined_points = FilterObservations(options, kInfinity, &working).points;
   report.initial_rms_px = MeasureJointResiduals(working).Rms();
@@ -300,6 +324,8 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
     }
   }
 
+  if (options.compute_covariance)
+    solved = WeighTracks(fit_loss, solved, reporter, &options, &working, &report);
   report.converged = solved.converged;
   report.linear_solver = solved.linear_solver;
   const JointResiduals residuals = MeasureJointResiduals(working);

@@ -140,6 +140,9 @@ struct JointReport {
   std::string linear_solver;
   std::vector<ModelTest> tests;
   PrincipalPointTest principal_point;
+  /// The correlation of the errors of the object's points, by which those of few keypoints count less
+  /// (TrackWeights).
+  double point_correlation = 0;
 
   // Standard deviations, the largest of those by the covariances, and what wrong observations pull by beyond
   // what noise explains; negative when not computed, infinite when not observable.

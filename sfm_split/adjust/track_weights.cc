@@ -1,0 +1,229 @@
+#include "sfm_split/adjust/track_weights.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/adjust/reduced_system.h"
+#include "sfm_split/solvers/eigen_solvers.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+// Of all information about a parameter, or of an error's variance: less of it is rounding.
+constexpr double kRounding = 1e-9;
+constexpr double kLeastCorrelation = 1e-6;  // that is tried beside none: it matters to a million points
+constexpr int kCorrelations = 70;           // up to 1
+constexpr double kStep = 0.2;               // of their natural logarithms
+
+// What some of the points say of some of the parameters: second derivatives of the cost over its curvature,
+// and its gradient.
+struct Say {
+  MatrixXd information;
+  VectorXd gradient;
+  int num_points = 0;
+
+  explicit Say(Eigen::Index size) : information(MatrixXd::Zero(size, size)), gradient(VectorXd::Zero(size)) {}
+
+  // \param weight  that the point has in its score and not here.
+  void Add(const PointScore& score, double weight) {
+    const MatrixXd square = score.by_cameras.transpose() * score.by_cameras / weight;
+    const VectorXd of_point = score.Gradient() / weight;
+    gradient(score.columns) += of_point;
+    information(score.columns, score.columns) += square;
+    ++num_points;
+  }
+  void Add(const Say& other, double weight) {
+    gradient += weight * other.gradient;
+    information += weight * other.information;
+  }
+};
+
+MatrixXd Inverse(const MatrixXd& positive) {
+  const VectorXd unit =
+      positive.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt().cwiseInverse();
+  const MatrixXd scaled = unit.asDiagonal() * positive * unit.asDiagonal();
+  return unit.asDiagonal() * scaled.ldlt().solve(MatrixXd::Identity(scaled.rows(), scaled.cols())) *
+         unit.asDiagonal();
+}
+
+// The logarithm of a normal density, but for its constant.
+double LogNormal(const VectorXd& error, const MatrixXd& covariance) {
+  const VectorXd unit =
+      covariance.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt().cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
+      MatrixXd(unit.asDiagonal() * covariance * unit.asDiagonal()));
+  const VectorXd along = eigen.eigenvectors().transpose() * (unit.asDiagonal() * error);
+  const auto variances = eigen.eigenvalues().array().max(kRounding);
+  return unit.array().log().sum() - 0.5 * (variances.log() + along.array().square() / variances).sum();
+}
+
+double Weight(double correlation, int num_points) {
+  return 1 / (1 + correlation * std::max(0, num_points - 1));
+}
+
+// What classes of a problem's points say of what all photos share.
+class ClassComparison {
+ public:
+  ClassComparison(const JointProblem& problem, const JointSystem& system, const ReducedSystem& reduced)
+      : known_(0) {
+    FindShared(problem, system, reduced);
+    const auto size = reduced.s.rows();
+    const double curvature = CurvatureShare(reduced.loss);
+    Say priors(size);
+    priors.information = SumPriors(system, reduced).information / curvature;
+    priors.information.diagonal() += kRounding * (reduced.diagonal + priors.information.diagonal());
+    std::vector<Say> classes(TrackWeights::kClasses, Say(size));
+    Say object(size);
+    Say background(size);
+    MatrixXd of_points = MatrixXd::Zero(size, size);
+    for (const PointScore& score : reduced.scores) {
+      const VectorXd gradient = score.Gradient();
+      // At the optimum all gradients' sum is 0: what points leave is the priors'.
+      priors.gradient(score.columns) -= gradient;
+      if (score.ring < 0) {
+        // Their weights make the keypoints of a station one measurement.
+        background.Add(score, 1);
+        continue;
+      }
+      const int of_class = TrackWeights::ClassOf(static_cast<int>(score.cells.size()));
+      classes[static_cast<size_t>(of_class)].Add(score, score.weight);
+      object.Add(score, score.weight);
+      of_points(score.columns, score.columns) +=
+          gradient * gradient.transpose() / (score.weight * score.weight);
+    }
+    for (const Say& of_class : classes) classes_.push_back(OfShared(of_class, priors));
+    known_ = OfShared(background, priors);
+    known_.Add(Pick(priors), 1);
+    const MatrixXd by_all = ByAll(object, priors);
+    const MatrixXd stated = by_all.transpose() * object.information * by_all;
+    point_variance_ = (Inverse(stated) * by_all.transpose() * of_points * by_all).trace() /
+                      static_cast<double>(shared_.size());
+  }
+
+  int num_shared() const { return static_cast<int>(shared_.size()); }
+  int NumPoints(int of_class) const { return classes_[static_cast<size_t>(of_class)].num_points; }
+  /// Of the gradient over the information, in the mean of parameters, as points as clusters show it.
+  double point_variance() const { return point_variance_; }
+
+  // The restricted likelihood's logarithm, from the longest tracks down: how far what each class says is from
+  // what those before it say.
+  /// \param variance  of the gradient over the information.
+  double LogLikelihood(double correlation, double variance) const {
+    Say before = known_;
+    double sum = 0;
+    for (auto here = classes_.rbegin(); here != classes_.rend(); ++here) {
+      if (here->num_points == 0) continue;
+      const double weight = Weight(correlation, here->num_points);
+      const MatrixXd inverse = Inverse(before.information);
+      // The class' gradient at the others' optimum.
+      const VectorXd error = here->gradient - here->information * inverse * before.gradient;
+      sum += LogNormal(
+          error, variance * (here->information * inverse * here->information + here->information / weight));
+      before.Add(*here, weight);
+    }
+    return sum;
+  }
+
+ private:
+  void FindShared(const JointProblem& problem, const JointSystem& system, const ReducedSystem& reduced) {
+    const int first_camera = system.IntrinsicsBlock(0);
+    const int last_camera = first_camera + static_cast<int>(problem.cameras.size());
+    for (size_t k = 0; k < reduced.columns.size(); ++k) {
+      const int block = reduced.columns[k].block;
+      const bool of_camera = block >= first_camera && block < last_camera;
+      const bool of_axis = !problem.free_object && block == system.AxisBlock();
+      (of_camera || of_axis ? shared_ : others_).push_back(static_cast<int>(k));
+    }
+  }
+
+  Say Pick(const Say& say) const {
+    Say picked(0);
+    picked.information = say.information(shared_, shared_);
+    picked.gradient = say.gradient(shared_);
+    picked.num_points = say.num_points;
+    return picked;
+  }
+
+  // How all parameters move with the shared ones when the others stay at the optimum.
+  MatrixXd ByAll(const Say& say, const Say& priors) const {
+    const MatrixXd of_others = say.information(others_, others_) + priors.information(others_, others_);
+    MatrixXd by_all = MatrixXd::Zero(say.gradient.size(), static_cast<Eigen::Index>(shared_.size()));
+    by_all(shared_, Eigen::all).setIdentity();
+    by_all(others_, Eigen::all) = -of_others.ldlt().solve(MatrixXd(say.information(others_, shared_)));
+    return by_all;
+  }
+
+  // With the other parameters eliminated, of which priors say something, too.
+  Say OfShared(const Say& say, const Say& priors) const {
+    Say result = Pick(say);
+    if (others_.empty()) return result;
+    const MatrixXd by_all = ByAll(say, priors);
+    result.information = say.information(shared_, Eigen::all) * by_all;
+    result.gradient = by_all.transpose() * say.gradient;
+    return result;
+  }
+
+  std::vector<int> shared_;
+  std::vector<int> others_;
+  std::vector<Say> classes_;
+  Say known_;  // by the background and by priors
+  double point_variance_ = 0;
+};
+
+}  // namespace
+
+int TrackWeights::ClassOf(int keypoints) {
+  int c = 0;
+  while (c + 1 < kClasses && (2 << c) < keypoints) ++c;
+  return c;
+}
+
+TrackWeights FitTrackWeights(const JointProblem& problem, const JointOptions& options, double sigma_px) {
+  TrackWeights best;
+  const JointSystem system(problem, options, true);
+  int free = 0;
+  for (const JointSystem::Block& block : system.blocks())
+    free += block.used ? static_cast<int>(block.free.size()) : 0;
+  if (free == 0 || free > options.max_dense_parameters) return best;
+  const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
+  const ReducedSystem reduced = Reduce(problem, system, loss.get(), options.num_threads);
+  const ClassComparison comparison(problem, system, reduced);
+  if (comparison.num_shared() == 0) return best;
+  const double curvature = CurvatureShare(reduced.loss);
+  const double variance = std::max(
+      NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px * curvature * curvature,
+      comparison.point_variance());
+  double likeliest = comparison.LogLikelihood(0, variance);
+  for (int k = 0; k < kCorrelations; ++k) {
+    const double correlation = kLeastCorrelation * std::exp(kStep * k);
+    const double likelihood = comparison.LogLikelihood(correlation, variance);
+    if (likelihood <= likeliest) continue;
+    likeliest = likelihood;
+    best.correlation = correlation;
+  }
+  for (int c = 0; c < TrackWeights::kClasses; ++c)
+    best.of_class[static_cast<size_t>(c)] = Weight(best.correlation, comparison.NumPoints(c));
+  return best;
+}
+
+void ApplyTrackWeights(const TrackWeights& weights, JointProblem* problem) {
+  JointBody& body = problem->object;
+  std::vector<int> keypoints(body.points.size(), 0);
+  for (const JointObservation& o : body.observations)
+    keypoints[static_cast<size_t>(o.point)] += o.active ? 1 : 0;
+  for (JointObservation& o : body.observations) {
+    if (!o.active) continue;
+    const int c = TrackWeights::ClassOf(keypoints[static_cast<size_t>(o.point)]);
+    o.weight = weights.of_class[static_cast<size_t>(c)];
+  }
+}
+
+}  // namespace s2gs
