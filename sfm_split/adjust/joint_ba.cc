@@ -33,7 +33,7 @@ using Eigen::Vector3d;
 constexpr double kScoreWorthFitting = 1.5;
 constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
 constexpr int kWeightRounds = 6;           // at most
-constexpr double kWeightSettled = 0.15;    // of a weight's logarithm: the grid's step and a half
+constexpr double kWeightSettled = 0.05;    // of a weight's logarithm
 constexpr int kWobbleRounds = 8;           // at most: its deviations and the poses are found by turns
 constexpr double kWobbleSettled = 0.05;    // relative change of its standard deviations
 

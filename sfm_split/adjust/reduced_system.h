@@ -22,7 +22,7 @@ struct PointScore {
   Eigen::MatrixXd by_cameras;  ///< derivatives by these, two rows for each observation, weighed.
   Eigen::VectorXd residuals;   ///< weighed alike.
   std::vector<int> cells;      ///< where in the photos each observation lies.
-  double weight = 1;  ///< of its observations: the mean.
+  double weight = 1;           ///< of its observations: the mean.
   int ring = -1;               ///< about the axis, in which the point lies; -1: of the background.
 
   Eigen::VectorXd Gradient() const { return by_cameras.transpose() * residuals; }

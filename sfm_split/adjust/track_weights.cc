@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <vector>
 
 #include "sfm_split/adjust/joint_system.h"
@@ -19,9 +20,7 @@ using Eigen::VectorXd;
 
 // Of all information about a parameter, or of an error's variance: less of it is rounding.
 constexpr double kRounding = 1e-9;
-constexpr double kLeastCorrelation = 1e-6;  // that is tried beside none: it matters to a million points
-constexpr int kCorrelations = 70;           // up to 1
-constexpr double kStep = 0.2;               // of their natural logarithms
+constexpr int kCorrelations = 50;  // that are tried beside none
 
 // What some of the points say of some of the parameters: second derivatives of the cost over its curvature,
 // and its gradient.
@@ -67,6 +66,24 @@ double LogNormal(const VectorXd& error, const MatrixXd& covariance) {
 
 double Weight(double correlation, int num_points) {
   return 1 / (1 + correlation * std::max(0, num_points - 1));
+}
+
+// The median of what a value may be, of which the first is as likely as the others together, and these alike,
+// before it is asked. \param values  ascending.
+template <typename LogLikelihood>
+double Median(const std::vector<double>& values, const LogLikelihood& log_likelihood) {
+  std::vector<double> odds;
+  for (const double value : values) odds.push_back(log_likelihood(value));
+  const double best = *std::max_element(odds.begin(), odds.end());
+  for (double& of_value : odds) of_value = std::exp(of_value - best);
+  odds[0] *= static_cast<double>(values.size() - 1);
+  const double half = std::accumulate(odds.begin(), odds.end(), 0.0) / 2;
+  double sum = 0;
+  for (size_t k = 0; k < values.size(); ++k) {
+    sum += odds[k];
+    if (sum >= (1 - kRounding) * half) return values[k];
+  }
+  return values.back();
 }
 
 // What classes of a problem's points say of what all photos share.
@@ -187,31 +204,32 @@ int TrackWeights::ClassOf(int keypoints) {
 }
 
 TrackWeights FitTrackWeights(const JointProblem& problem, const JointOptions& options, double sigma_px) {
-  TrackWeights best;
+  TrackWeights all_alike;
   const JointSystem system(problem, options, true);
   int free = 0;
   for (const JointSystem::Block& block : system.blocks())
     free += block.used ? static_cast<int>(block.free.size()) : 0;
-  if (free == 0 || free > options.max_dense_parameters) return best;
+  if (free == 0 || free > options.max_dense_parameters) return all_alike;
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
   const ReducedSystem reduced = Reduce(problem, system, loss.get(), options.num_threads);
   const ClassComparison comparison(problem, system, reduced);
-  if (comparison.num_shared() == 0) return best;
+  if (comparison.num_shared() == 0) return all_alike;
   const double curvature = CurvatureShare(reduced.loss);
   const double variance = std::max(
       NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px * curvature * curvature,
       comparison.point_variance());
-  double likeliest = comparison.LogLikelihood(0, variance);
-  for (int k = 0; k < kCorrelations; ++k) {
-    const double correlation = kLeastCorrelation * std::exp(kStep * k);
-    const double likelihood = comparison.LogLikelihood(correlation, variance);
-    if (likelihood <= likeliest) continue;
-    likeliest = likelihood;
-    best.correlation = correlation;
-  }
+  TrackWeights median;
+  int num_points = 0;
+  for (int c = 0; c < TrackWeights::kClasses; ++c) num_points += comparison.NumPoints(c);
+  // From where all points together count as half of them, to 1.
+  std::vector<double> correlations = {0};
+  for (int k = kCorrelations - 1; k >= 0; --k)
+    correlations.push_back(std::pow(std::max(2, num_points), -static_cast<double>(k) / (kCorrelations - 1)));
+  median.correlation = Median(
+      correlations, [&](double correlation) { return comparison.LogLikelihood(correlation, variance); });
   for (int c = 0; c < TrackWeights::kClasses; ++c)
-    best.of_class[static_cast<size_t>(c)] = Weight(best.correlation, comparison.NumPoints(c));
-  return best;
+    median.of_class[static_cast<size_t>(c)] = Weight(median.correlation, comparison.NumPoints(c));
+  return median;
 }
 
 void ApplyTrackWeights(const TrackWeights& weights, JointProblem* problem) {

@@ -23,10 +23,14 @@ struct TrackWeights {
   static int ClassOf(int keypoints);
 };
 
-/// The likeliest correlation, from what each class by itself says of what all photos share (cameras, axis),
-/// beside the background's and priors' say: the restricted likelihood of a random effect of classes. By
-/// Newton's steps from a problem's optimum, the errors as large as points' residuals state them.
+/// By the median of what the correlation may be, by what each class by itself says of what all photos share
+/// (cameras, axis) beside the background's and priors' say: the restricted likelihood of a random effect of
+/// classes. Before that, none is as likely as any from where it matters on (one over the number of points),
+/// and those are alike by their logarithms. By Newton's steps from a problem's optimum, errors as large as
+/// points' residuals state them.
+///
 /// \param problem  at its optimum, its observations weighed as they are.
+///
 /// \param sigma_px  standard deviation of a keypoint's coordinate.
 TrackWeights FitTrackWeights(const JointProblem& problem, const JointOptions& options, double sigma_px);
 
