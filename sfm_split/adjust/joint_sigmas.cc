@@ -205,7 +205,7 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     }
     const double of_angle = variance_of(weights);
     // What a prior says of the angles inside a station, it says as well where nothing ties the station.
-    const bool is_tied = problem.free_object || system.IsTied(pose) || weights.size() > 1;
+    const bool is_tied = system.IsTied(pose) || (!problem.free_object && weights.size() > 1);
     report->angle_sigma_deg.push_back(is_tied ? std::sqrt(of_angle) * 180 / kPi : kInfinity);
     const bool has_prior = of_priors.size() > 0 && of_angle > 0;
     report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);

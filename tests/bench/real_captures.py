@@ -12,8 +12,8 @@ scans of render_scene.py in it count too when --only names them. A scan that is 
 lists of scans that nobody has seen: everything that a capture may have is drawn at random, from the seed. `run` stops at
 the poses, on the CPU; --options are others of automatic_scanner in place of that.
 
-The table: photos placed of all; the errors of cam_from_object's rotation and of the table's angle after the best common
-rotation of all photos, median / largest [degrees]; what the program says of the scan; and whether that is right: a scan is
+The table: photos placed of all; the errors of cam_from_object's rotation after the best common rotation of all photos, and
+of the table's angle after that of all photos between which the scan says that it knows it, median / largest [degrees]; what the program says of the scan; and whether that is right: a scan is
 right when all photos are placed, at 0.3 degrees in the median and 1 degree at most, and `good` may be said of such
 alone. Where the plate wobbles the angle is that of the whole tilted pose. Needs numpy and scipy.
 """
@@ -150,6 +150,22 @@ def read_json(path):
         return {}
 
 
+def tied_sets(report, turntable):
+    """Names of photos between which the report knows the table's angle: those with a standard deviation, and of the others,
+    whose station nothing ties to the rest, each station by itself. Where there is no background, a station of one photo has
+    a standard deviation against its own camera, and is by itself as well."""
+    sets, stations = {}, {}
+    for image in turntable.get('images', []):
+        stations.setdefault(image.get('station'), []).append(image['name'])
+    sigmas = report.get('angle_sigma_deg') or {}
+    has_background = (report.get('background') or {}).get('points', 0) > 0
+    for station, names in stations.items():
+        for name in names:
+            is_known = sigmas.get(name, 0) is not None and (has_background or len(names) > 1)
+            sets.setdefault(None if is_known else station, []).append(os.path.basename(name))
+    return sets.values()
+
+
 def score_scan(folder, workspace):
     truth = {}
     for image in json.load(open(f'{folder}/gt/scene.json'))['images']:
@@ -167,13 +183,19 @@ def score_scan(folder, workspace):
         q = common_rotation(R, T)
         rotation = degrees(np.einsum('kij,jl,kml->kim', R, q, T))
         out['rotation_deg'] = [float(np.median(rotation)), float(rotation.max())]
-        turns = {os.path.basename(i['name']): np.array(i['object_to_world'])[:3, :3]
-                 for i in read_json(f'{workspace}/turntable.json').get('images', [])}
+        turntable = read_json(f'{workspace}/turntable.json')
+        turns = {os.path.basename(i['name']): np.array(i['object_to_world'])[:3, :3] for i in turntable.get('images', [])}
         if all(n in turns for n in names):
-            E, W = np.array([turns[n] for n in names]), np.array([truth[n][1] for n in names])
-            B, C = frame_rotations(E, W)
-            angle = degrees(np.einsum('ij,kjl,lm,knm->kin', B, E, C, W))
-            out['angle_deg'] = [float(np.median(angle)), float(angle.max())]
+            angles = []
+            for tied in tied_sets(report, turntable):
+                tied = [n for n in tied if n in names]
+                if len(tied) < 3:
+                    continue
+                E, W = np.array([turns[n] for n in tied]), np.array([truth[n][1] for n in tied])
+                B, C = frame_rotations(E, W)
+                angles.extend(degrees(np.einsum('ij,kjl,lm,knm->kin', B, E, C, W)))
+            if angles:
+                out['angle_deg'] = [float(np.median(angles)), float(np.max(angles))]
     right = len(names) == len(truth) and 'rotation_deg' in out
     for figure in ('rotation_deg', 'angle_deg'):
         right = right and out.get(figure, [0, 0])[0] <= MEDIAN_DEG and out.get(figure, [0, 0])[1] <= MAX_DEG

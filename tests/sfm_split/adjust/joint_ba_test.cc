@@ -640,6 +640,25 @@ TEST(JointBa, WithoutABackgroundTheStationsTurnFreely) {
   EXPECT_EQ(report.scale_sigma_rel, std::numeric_limits<double>::infinity());
 }
 
+// Nor is a table's angle known from station to station where its object wobbles.
+TEST(JointBa, WithoutABackgroundAnglesOfAWobblingObjectAreKnownInsideTheFirstStationAlone) {
+  Scene scene;
+  scene.stations = 2;
+  scene.background_points = 0;
+  scene.noise_px = 0.3;
+  scene.wobble_deg = 0.3;
+  scene.Build(11);
+  JointOptions options;
+  options.model = JointModel::kFreeObject;
+  Reporter reporter;
+  const JointReport report = AdjustJointly(options, reporter, &scene.start);
+  ASSERT_EQ(report.angle_sigma_deg.size(), scene.start.images.size());
+  for (size_t i = 0; i < scene.start.images.size(); ++i) {
+    EXPECT_EQ(std::isfinite(report.angle_sigma_deg[i]), scene.start.images[i].pose == 0)
+        << scene.start.images[i].name;
+  }
+}
+
 // What cannot be known is named: here the focal length, when the table stands still and all cameras are one.
 TEST(JointBa, UnobservableDirectionsAreNamed) {
   Scene scene;
