@@ -127,7 +127,7 @@ class ClassComparison {
 
   int num_shared() const { return static_cast<int>(shared_.size()); }
   int NumPoints(int of_class) const { return classes_[static_cast<size_t>(of_class)].num_points; }
-  /// Of the gradient over the information, in the mean of parameters, as points as clusters show it.
+  // Of the gradient over the information, in the mean of parameters, as points as clusters show it.
   double point_variance() const { return point_variance_; }
 
   // The restricted likelihood's logarithm, from the longest tracks down: how far what each class says is from
@@ -181,7 +181,7 @@ class ClassComparison {
   // With the other parameters eliminated, of which priors say something, too.
   Say OfShared(const Say& say, const Say& priors) const {
     Say result = Pick(say);
-    if (others_.empty()) return result;
+    if (others_.empty() || say.num_points == 0) return result;
     const MatrixXd by_all = ByAll(say, priors);
     result.information = say.information(shared_, Eigen::all) * by_all;
     result.gradient = by_all.transpose() * say.gradient;
