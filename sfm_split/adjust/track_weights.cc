@@ -73,6 +73,7 @@ double Weight(double correlation, int num_points) {
 template <typename LogLikelihood>
 double Median(const std::vector<double>& values, const LogLikelihood& log_likelihood) {
   std::vector<double> odds;
+  odds.reserve(values.size());
   for (const double value : values) odds.push_back(log_likelihood(value));
   const double best = *std::max_element(odds.begin(), odds.end());
   for (double& of_value : odds) of_value = std::exp(of_value - best);
@@ -223,6 +224,7 @@ TrackWeights FitTrackWeights(const JointProblem& problem, const JointOptions& op
   for (int c = 0; c < TrackWeights::kClasses; ++c) num_points += comparison.NumPoints(c);
   // From where all points together count as half of them, to 1.
   std::vector<double> correlations = {0};
+  correlations.reserve(kCorrelations + 1);
   for (int k = kCorrelations - 1; k >= 0; --k)
     correlations.push_back(std::pow(std::max(2, num_points), -static_cast<double>(k) / (kCorrelations - 1)));
   median.correlation = Median(
