@@ -156,6 +156,7 @@ TEST(TurntableReport, DescribesAScene) {
   joint.background_rms_px = 0.25;
   joint.background_observations = 25;
   joint.sigma_px = 0.3;
+  joint.point_correlation = 0.0625;
   joint.axis_direction_sigma_deg = 0.01;
   joint.axis_point_sigma = std::numeric_limits<double>::infinity();
   joint.angle_sigma_deg = {0, 0.02, 0.04};
