@@ -9,8 +9,8 @@
 #include <tuple>
 #include <utility>
 
+#include "s2gs/image/median_picture.h"
 #include "s2gs/image/photos.h"
-#include "s2gs/table_circle.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 

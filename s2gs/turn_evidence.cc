@@ -16,20 +16,20 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMaxSide = 400;         // of the pictures that are compared [px]: they need not be sharp.
-constexpr size_t kMinPhotos = 10;     // of a camera: fewer cannot pass the sign test.
-constexpr size_t kMaxPhotos = 48;     // of which so many, evenly chosen, see what there is to see.
-constexpr size_t kMinUncovered = 3;   // photos that show the background, for a median.
-constexpr double kSameCamera = 0.5;   // how far the picture of the table may move [px].
-constexpr int kCoverMargin = 2;       // [px], about what is covered: a rendering's borders are soft.
-constexpr float kPoseError = 0.5F;    // [px]
-constexpr int kPatchRadius = 3;       // [px], of the texture that is recognised.
-constexpr float kTextureFactor = 2;   // a texture's standard deviation, in the noise's: then correlations
-constexpr float kCorrelation = 0.7F;  // are .9 but for chance, and those of other textures rarely this.
-constexpr float kMinWeight = 0.1F;    // of a Gaussian in some pixel: it is seen.
-constexpr size_t kViewsAtOnce = 32;   // of which is held what a backend saw of all Gaussians.
-constexpr int kNeighbours = 8;        // that are judged together.
-constexpr double kDeviations = 3.09;  // of the sign test: chance passes once in a thousand.
+constexpr int kMaxSide = 400;        // of the pictures that are compared [px]: they need not be sharp.
+constexpr size_t kMinPhotos = 10;    // of a camera: fewer cannot pass the sign test.
+constexpr size_t kMaxPhotos = 48;    // of which so many, evenly chosen, see what there is to see.
+constexpr size_t kMinUncovered = 3;  // photos that show the background, for a median.
+constexpr double kSameCamera = 0.5;  // how far the picture of the table may move [px].
+constexpr int kCoverMargin = 2;      // [px], about what is covered: a rendering's borders are soft.
+constexpr float kPoseError = 0.5F;   // [px]
+constexpr int kPatchRadius = 3;      // [px], of the texture that is recognised.
+// Correlations of a texture of kTextureFactor are .9 but for chance, and those of other textures rarely this.
+constexpr float kCorrelation = 0.7F;
+constexpr float kMinWeight = 0.1F;          // of a Gaussian in some pixel: it is seen.
+constexpr size_t kViewsAtOnce = 32;         // of which is held what a backend saw of all Gaussians.
+constexpr int kNeighbours = 8;              // that are judged together.
+constexpr double kDeviations = 3.09;        // of the sign test: chance passes once in a thousand.
 constexpr int64_t kGaussiansAtOnce = 1000;  // whose votes one thread counts
 
 // All pixels of which one within `margin` along both axes is set.

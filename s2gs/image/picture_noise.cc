@@ -13,11 +13,10 @@
 namespace s2gs {
 namespace {
 
-constexpr float kMinNoise = 0.5F;    // [grey levels], of rounding.
-constexpr float kNoiseFactor = 3;    // standard deviations.
-constexpr size_t kNoiseStride = 7;   // of the pixels that noise is measured from.
-constexpr float kPhotoNoise = 2;     // [grey levels], at least: what the mesh's refinement is blind to
-constexpr float kTextureFactor = 2;  // its standard deviation, in the noise's
+constexpr float kMinNoise = 0.5F;   // [grey levels], of rounding.
+constexpr float kNoiseFactor = 3;   // standard deviations.
+constexpr size_t kNoiseStride = 7;  // of the pixels that noise is measured from.
+constexpr float kPhotoNoise = 2;    // [grey levels], at least: what the mesh's refinement is blind to
 
 }  // namespace
 

@@ -34,6 +34,8 @@ constexpr int kTextureRadius = 3;
 /// \param radius  of the patch [px], at least 1.
 float TextureAt(const Image8& image, int x, int y, int radius = kTextureRadius);
 
+/// The standard deviation of what is texture, at the least, in that of what it is told from.
+constexpr float kTextureFactor = 2;
 /// The least that is texture and not noise [grey levels].
 float LeastTexture(const PictureNoise& noise);
 

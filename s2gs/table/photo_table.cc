@@ -7,13 +7,14 @@
 #include <utility>
 #include <vector>
 
+#include "s2gs/image/median_picture.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/photo_exposure.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table/opaque_region.h"
-#include "s2gs/table_circle.h"
+#include "s2gs/table/table_circle.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 

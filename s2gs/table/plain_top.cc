@@ -31,7 +31,6 @@ constexpr double kDarkest = 0.2;   // of the lit colour, in a shadow
 // A normal law's standard deviation over a quarter's largest absolute value.
 constexpr double kSigmaOfQuartile = 1 / 0.3186;
 constexpr double kLeastDeviation = 0.004;  // of the logarithm: a grey level of 255
-constexpr float kOverGrain = 2;            // as LeastTexture has it over noise.
 constexpr int kPatchRadius = 2;            // [px]: larger patches do not fit between the parts of a thing.
 constexpr int kLineRadius = 1;  // [px], of patches that tell a border, which no larger one fits beside
 constexpr int kBorder = 2;      // [px], of blur and of poses that err
@@ -115,7 +114,7 @@ float PlainTop::TextureOverGrain(const StationPhotos& station) const {
     }
   }
   if (textures.empty()) return 0;
-  return kOverGrain * Quantile(std::move(textures), 0.25F);
+  return kTextureFactor * Quantile(std::move(textures), 0.25F);
 }
 
 std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& station) const {

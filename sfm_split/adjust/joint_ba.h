@@ -28,7 +28,8 @@ namespace s2gs {
 // their own, without a robust loss, and enter the covariances with the variances that they state.
 //
 // Observations count by their weights (JointObservation::weight) in the cost, the covariance and the tests'
-// number of residuals.
+// number of residuals. The object's are found here (TrackWeights), from 1 on, where covariances are asked
+// for: what tells them is what covariances are made of.
 //
 // The scale lambda of the object against the background is not a parameter of its own: the object's points
 // are in the world's unit, so it is the distance of the axis from the anchor over the distance of the anchor

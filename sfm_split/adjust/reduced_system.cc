@@ -144,13 +144,8 @@ EliminatedPoint EliminatePoint(const JointProblem& problem, const JointSystem& s
 void AddPoint(EliminatedPoint* point, ReducedSystem* reduced) {
   const std::vector<int>& columns = point->score.columns;
   for (const LossSums& loss : point->loss) reduced->loss.Add(loss);
-  for (size_t a = 0; a < columns.size(); ++a) {
-    reduced->diagonal(columns[a]) += point->diagonal(static_cast<Eigen::Index>(a));
-    for (size_t b = 0; b < columns.size(); ++b) {
-      reduced->s(columns[a], columns[b]) +=
-          point->square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
-    }
-  }
+  reduced->diagonal(columns) += point->diagonal;
+  reduced->s(columns, columns) += point->square;
   reduced->redundancy += point->redundancy;
   reduced->scores.push_back(std::move(point->score));
 }

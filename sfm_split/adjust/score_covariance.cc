@@ -32,15 +32,8 @@ MatrixXd CovarianceOfRings(const ReducedSystem& reduced, const MatrixXd& inverse
     RingScore& ring =
         rings.try_emplace(score.ring, RingScore{VectorXd::Zero(size), MatrixXd::Zero(size, size)})
             .first->second;
-    const VectorXd gradient = score.Gradient() / std::sqrt(score.weight);
-    const MatrixXd square = score.by_cameras.transpose() * score.by_cameras;
-    for (size_t a = 0; a < score.columns.size(); ++a) {
-      ring.gradient(score.columns[a]) += gradient(static_cast<Eigen::Index>(a));
-      for (size_t b = 0; b < score.columns.size(); ++b) {
-        ring.information(score.columns[a], score.columns[b]) +=
-            square(static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(b));
-      }
-    }
+    ring.gradient(score.columns) += score.Gradient() / std::sqrt(score.weight);
+    ring.information(score.columns, score.columns) += score.by_cameras.transpose() * score.by_cameras;
   }
   MatrixXd sum = of_background;
   const auto count = static_cast<double>(rings.size());
@@ -71,11 +64,7 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
   const auto prepare = [&](size_t i) {
     const PointScore& score = reduced.scores[i];
     const auto columns = static_cast<Eigen::Index>(score.columns.size());
-    MatrixXd inverse(columns, columns);
-    for (Eigen::Index a = 0; a < columns; ++a) {
-      for (Eigen::Index b = 0; b < columns; ++b)
-        inverse(a, b) = inverse_system(score.columns[a], score.columns[b]);
-    }
+    const MatrixXd inverse = inverse_system(score.columns, score.columns);
     const MatrixXd left =
         MatrixXd::Identity(columns, columns) - score.by_cameras.transpose() * (score.by_cameras * inverse);
     Prepared point;
@@ -92,19 +81,15 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
   };
   PrepareAndAdd(reduced.scores.size(), num_threads, prepare, [&](size_t i, const Prepared* point) {
     const PointScore& score = reduced.scores[i];
-    const auto columns = static_cast<Eigen::Index>(score.columns.size());
     const VectorXd& of_point = point->of_point;
     for (size_t k = 0; k < score.cells.size(); ++k) {
       VectorXd& cell = by_cell.try_emplace(score.cells[k], VectorXd::Zero(size)).first->second;
-      for (Eigen::Index a = 0; a < columns; ++a) cell(score.columns[a]) += point->gradients[k](a);
+      cell(score.columns) += point->gradients[k];
     }
-    for (Eigen::Index a = 0; a < columns; ++a) {
-      for (Eigen::Index b = 0; b < columns; ++b) {
-        sums.of_points(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
-        if (score.ring < 0) of_background(score.columns[a], score.columns[b]) += of_point(a) * of_point(b);
-        sums.of_regions(score.columns[a], score.columns[b]) -= point->of_observations(a, b);
-      }
-    }
+    const MatrixXd square = of_point * of_point.transpose();
+    sums.of_points(score.columns, score.columns) += square;
+    if (score.ring < 0) of_background(score.columns, score.columns) += square;
+    sums.of_regions(score.columns, score.columns) -= point->of_observations;
   });
   MatrixXd cells(size, static_cast<Eigen::Index>(by_cell.size()));
   Eigen::Index next = 0;

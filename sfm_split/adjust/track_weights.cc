@@ -33,10 +33,8 @@ struct Say {
 
   // \param weight  that the point has in its score and not here.
   void Add(const PointScore& score, double weight) {
-    const MatrixXd square = score.by_cameras.transpose() * score.by_cameras / weight;
-    const VectorXd of_point = score.Gradient() / weight;
-    gradient(score.columns) += of_point;
-    information(score.columns, score.columns) += square;
+    gradient(score.columns) += score.Gradient() / weight;
+    information(score.columns, score.columns) += score.by_cameras.transpose() * score.by_cameras / weight;
     ++num_points;
   }
   void Add(const Say& other, double weight) {

@@ -528,8 +528,7 @@ RefineReport RefineScan(const ScanFeatures& features, const ColmapModel* object,
   if (!options.stated_angles_deg.empty() && report.known_angles.empty()) {
     report.angle_contradictions.emplace_back(
         "the stated table angles were neither checked nor used: the photos have poses of their own, as where "
-        "a "
-        "plate wobbles or an object is moved by hand");
+        "a plate wobbles or an object is moved by hand");
   }
   return report;
 }

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "s2gs/core/rng.h"
-#include "s2gs/table_circle.h"
+#include "s2gs/image/median_picture.h"
 #include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {

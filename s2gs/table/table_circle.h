@@ -4,24 +4,10 @@
 #include <optional>
 #include <vector>
 
-#include "s2gs/core/pinhole_view.h"
-#include "s2gs/image/image_file.h"
+#include "s2gs/table/picture_rings.h"
 #include "sfm_split/scene/scene.h"
 
 namespace s2gs {
-
-/// What a camera that stands still sees while the table turns, in the world's frame: what looks the same in
-/// most of its photos, as a plain table does.
-struct StillPicture {
-  PinholeView view;  ///< of the image's size.
-  Image8 image;      ///< RGB
-};
-
-/// Of a camera that stands still: of fewer photos what turns is in their median.
-constexpr size_t kPhotosForMedian = 8;
-
-/// Medians of each channel. \param photos  of one size, RGB; at least one.
-Image8 MedianPicture(const std::vector<Image8>& photos);
 
 /// Where a table's top may be. Lengths in the poses' unit.
 struct CircleSearch {

@@ -1,4 +1,4 @@
-#include "s2gs/table_circle.h"
+#include "s2gs/table/table_circle.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -7,293 +7,33 @@
 #include <cstddef>
 #include <limits>
 
-#include "s2gs/image/bilinear.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/binomial_tail.h"
-#include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
-#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
 
-constexpr int kDirections = 36;       // so few that neighbours see different pieces of an edge.
-constexpr double kApart = 1.5;        // [px], to either side of an edge: lenses and JPEG soften it.
-constexpr double kAlone = 2.5;        // [px], within which one edge is the clearest.
-constexpr double kNear = 1.01;        // [px], to an edge that is the circle's.
-constexpr double kLeastPitch = 0.05;  // [px] of a step: a direction along the ray of sight shows no edge.
-constexpr double kDeviations = 3;     // of a surface's own changes of colour: an edge.
-constexpr double kMinShare = 0.6;     // the sides of a square are less.
+constexpr int kDirections = 36;    // so few that neighbours see different pieces of an edge.
+constexpr double kMinShare = 0.6;  // the sides of a square are less.
 constexpr double kMaxFalseAlarms = 1e-3;
 constexpr double kFartherOut =
     1.25;                           // a ring on the table, or a round foot that stands on it, is further in.
 constexpr double kMinFacing = 0.5;  // cosine between a direction and that to the camera: its side is seen.
 constexpr double kSideReach = 0.5;  // below the top, in radii.
-constexpr double kBeyond = 1.25;    // in radii of a ring: where it is looked at what edges there are anyway,
-constexpr int kFarthest = 8;        // from so many steps beyond the ring on.
 constexpr double kStep = 0.5;       // [px], between circles that are tried
 // Neighbouring directions are further apart than one edge reaches.
-constexpr double kFirst = kDirections * kAlone / (2 * kPi);  // [px]
-constexpr int kFirstOfSide = 6;                              // [steps], beyond the rim's own edge
-constexpr double kClimb = 1;                                 // [px], between heights that are tried
+constexpr double kFirst = kDirections * kEdgeApartPx / (2 * kPi);  // [px]
+constexpr int kFirstOfSide = 6;                                    // [steps], beyond the rim's own edge
+constexpr double kClimb = 1;                                       // [px], between heights that are tried
 constexpr int kSameEnd = 4;  // [steps], either way: a pixel where the side is seen from above
 constexpr int kMaxRings = 2000;
 constexpr int kMaxHeights = 1000;
-constexpr int kLevels = 1024;  // of changes of colour, a quarter of a grey level each.
-constexpr float kLevelsPerGrey = 4;
 constexpr int kFiner = 4;  // parts of a pixel in which an edge is placed.
 constexpr int kPlaceRounds = 5;
 constexpr double kLeastTold = 1e-6;  // of radius and height by themselves.
 
 constexpr double kArc = 2 * kPi / kDirections;  // of one direction
-// What a direction's arc shows in the mean: an edge along it is in all of it, and grain is not.
-constexpr int kOfArc = 5;
-
-// What an edge is looked for in: the most different of a colour's channels, and its tint alone (red against
-// green, both against blue). Shading and shadows change light more than tint, so that a rim before ground of
-// another tint is clearer in it.
-constexpr int kWays = 3;
-using Change = std::array<float, kWays>;
-
-Change ChangeOf(const std::array<float, 3>& rgb) {
-  const float most = std::max({std::abs(rgb[0]), std::abs(rgb[1]), std::abs(rgb[2])});
-  return {most, std::abs(rgb[0] - rgb[1]), std::abs((rgb[0] + rgb[1]) / 2 - rgb[2])};
-}
-
-// A straight line on a surface, from `start` in equal steps.
-struct SurfaceLine {
-  Eigen::Vector3d start;
-  Eigen::Vector3d step;
-};
-// The lines of one direction's arc.
-using LineBundle = std::array<SurfaceLine, kOfArc>;
-
-// A line as a picture shows it.
-class SeenLine {
- public:
-  SeenLine(const PinholeView& view, const SurfaceLine& line)
-      : view_(view),
-        start_(view.cam_from_world * line.start),
-        step_(view.cam_from_world.rotation * line.step) {}
-
-  struct Place {
-    Eigen::Vector2d pixel;
-    Eigen::Vector2d step;  // [px] that one more moves it
-  };
-  // Nothing near the picture's border, and where a step is hardly seen.
-  std::optional<Place> At(double s) const {
-    const Eigen::Vector3d x = start_ + s * step_;
-    const std::optional<Eigen::Vector2d> pixel = PixelOf(view_, x);
-    constexpr double kMargin = kApart + 1;
-    if (!pixel || !(pixel->x() > kMargin && pixel->y() > kMargin && pixel->x() < view_.width - kMargin &&
-                    pixel->y() < view_.height - kMargin)) {
-      return std::nullopt;
-    }
-    const Eigen::Vector2d slope = (step_.head<2>() - step_.z() / x.z() * x.head<2>()) / x.z();
-    const Place place{*pixel, {view_.fx * slope.x(), view_.fy * slope.y()}};
-    return place.step.norm() > kLeastPitch ? std::optional<Place>(place) : std::nullopt;
-  }
-
- private:
-  const PinholeView& view_;
-  Eigen::Vector3d start_, step_;  // in the camera
-};
-
-// What an arc's lines show of a surface.
-class SeenArc {
- public:
-  SeenArc(const StillPicture& picture, const LineBundle& lines) : image_(picture.image) {
-    lines_.reserve(lines.size());
-    for (const SurfaceLine& line : lines) lines_.emplace_back(picture.view, line);
-  }
-
-  // The change of colour across a place of the lines.
-  struct Crossing {
-    Change change = {};
-    double pitch = 0;  // [px] of a step
-  };
-  // Nothing where less than half of the arc is in the picture.
-  std::optional<Crossing> At(double s) const {
-    std::array<float, 3> sum = {};
-    double pitch = 0;
-    int seen = 0;
-    for (const SeenLine& line : lines_) {
-      const std::optional<SeenLine::Place> place = line.At(s);
-      if (!place) continue;
-      const double of_line = place->step.norm();
-      const Eigen::Vector2d apart = kApart / of_line * place->step;
-      const std::array<float, 3> beyond = BilinearColor(image_, place->pixel + apart);
-      const std::array<float, 3> before = BilinearColor(image_, place->pixel - apart);
-      for (int c = 0; c < 3; ++c) sum[c] += beyond[c] - before[c];
-      pitch += of_line;
-      ++seen;
-    }
-    if (2 * seen < kOfArc) return std::nullopt;
-    for (float& of_channel : sum) of_channel /= static_cast<float>(seen);
-    return Crossing{ChangeOf(sum), pitch / seen};
-  }
-
- private:
-  const Image8& image_;
-  std::vector<SeenLine> lines_;
-};
-
-int LevelOf(float change) { return std::min(kLevels - 1, static_cast<int>(change * kLevelsPerGrey)); }
-
-// What a picture shows, in one way, along lines that lead across circles about the axis, one step on each
-// line a circle.
-class RingsOfOneWay {
- public:
-  // \param changes  at each step of the next line; negative: not seen. \param pitches  [px] of its steps.
-  void AddLine(const std::vector<float>& changes, const std::vector<double>& pitches) {
-    num_steps_ = static_cast<int>(changes.size());
-    ++num_lines_;
-    const auto reach = [&](int s, double pixels) {
-      return std::min(num_steps_, static_cast<int>(pixels / pitches[s]));
-    };
-    std::vector<float> edges(num_steps_, 0);
-    for (int s = 0; s < num_steps_; ++s) {
-      const int r = reach(s, kAlone);
-      const auto first = changes.begin() + std::max(0, s - r);
-      const auto last = changes.begin() + std::min(num_steps_, s + r + 1);
-      if (changes[s] >= *std::max_element(first, last)) edges[s] = changes[s];
-    }
-    for (int s = 0; s < num_steps_; ++s) {
-      const int r = reach(s, kNear);
-      const auto first = edges.begin() + std::max(0, s - r);
-      const auto last = edges.begin() + std::min(num_steps_, s + r + 1);
-      nearest_.push_back(changes[s] < 0 ? -1 : *std::max_element(first, last));
-    }
-    changes_.insert(changes_.end(), changes.begin(), changes.end());
-    edges_.insert(edges_.end(), edges.begin(), edges.end());
-  }
-
-  // Once all lines are added. Most of what lies just within a circle is even, whatever stands further in:
-  // half of its changes are its own.
-  void FindThresholds() {
-    std::vector<int64_t> within(kLevels, 0);
-    int64_t num_within = 0;
-    const auto count = [&](int s, int sign) {
-      for (size_t d = 0; d < num_lines_; ++d) {
-        const float change = changes_[d * num_steps_ + s];
-        if (!(change >= 0)) continue;
-        within[LevelOf(change)] += sign;
-        num_within += sign;
-      }
-    };
-    int first = 0;
-    for (int s = 0; s < num_steps_; ++s) {
-      int median = 0;
-      for (int64_t below = within[0]; median + 1 < kLevels && 2 * below < num_within;)
-        below += within[++median];
-      const double threshold = kDeviations * kSigmaOfMad * (median + 1) / kLevelsPerGrey;
-      thresholds_.push_back(static_cast<float>(threshold));
-      count(s, 1);
-      for (; kBeyond * (first + 1) < s; ++first) count(first, -1);
-    }
-  }
-
-  bool IsSeen(size_t line, int s) const { return nearest_[line * num_steps_ + s] >= 0; }
-  // Whether there is an edge next to a step. \param threshold  of what is one.
-  bool IsNearEdge(size_t line, int s, float threshold) const {
-    return nearest_[line * num_steps_ + s] > threshold;
-  }
-  bool IsEdge(size_t line, int s, float threshold) const { return edges_[line * num_steps_ + s] > threshold; }
-  // What is more than the changes of the surface within a ring.
-  float Threshold(int s) const { return thresholds_[s]; }
-
- private:
-  size_t num_lines_ = 0;
-  int num_steps_ = 0;
-  std::vector<float> changes_;     // by line and step; negative: not seen
-  std::vector<float> edges_;       // by line and step: the changes that are the clearest within kAlone
-  std::vector<float> nearest_;     // the clearest edge there, by line and step; negative: not seen
-  std::vector<float> thresholds_;  // by step: what is no change of the surface within
-};
-
-// What a picture shows in all ways.
-class PictureRings {
- public:
-  PictureRings(const StillPicture& picture, const std::vector<LineBundle>& lines, int num_steps)
-      : num_lines_(lines.size()), num_steps_(num_steps) {
-    for (const LineBundle& of_arc : lines) AddLine(picture, of_arc);
-    for (RingsOfOneWay& way : ways_) way.FindThresholds();
-  }
-
-  struct Ring {
-    int seen = 0;
-    int edges = 0;
-  };
-  // \param num_ways  of all, the first.
-  Ring At(int s, int num_ways) const {
-    Ring ring;
-    const Change thresholds = Threshold(s);
-    for (size_t d = 0; d < num_lines_; ++d) Count(d, s, thresholds, num_ways, &ring);
-    return ring;
-  }
-  // What is more than the changes of the surface within a ring.
-  Change Threshold(int s) const {
-    Change thresholds;
-    for (int k = 0; k < kWays; ++k) thresholds[k] = ways_[k].Threshold(s);
-    return thresholds;
-  }
-  // The first edge on each line, from step `first` on; the number of steps where there is none.
-  std::vector<int> FirstEdges(int first, const Change& thresholds) const {
-    std::vector<int> places;
-    for (size_t d = 0; d < num_lines_; ++d) {
-      const auto is_edge = [&](int s) {
-        for (int k = 0; k < kWays; ++k) {
-          if (ways_[k].IsEdge(d, s, thresholds[k])) return true;
-        }
-        return false;
-      };
-      int s = first;
-      while (s < num_steps_ && !is_edge(s)) ++s;
-      places.push_back(s);
-    }
-    return places;
-  }
-
-  // That there is an edge of this ring's kind, from what lies beyond: what lies within may be plain.
-  double ChanceBeyond(int s, int num_ways) const {
-    Ring beyond{1, 1};
-    const Change thresholds = Threshold(s);
-    const int last = std::min(num_steps_, static_cast<int>(kBeyond * (s + kFarthest)));
-    for (size_t d = 0; d < num_lines_; ++d) {
-      for (int t = s + kFarthest; t < last; ++t) Count(d, t, thresholds, num_ways, &beyond);
-    }
-    return static_cast<double>(beyond.edges) / beyond.seen;
-  }
-
- private:
-  void Count(size_t line, int s, const Change& thresholds, int num_ways, Ring* ring) const {
-    if (!ways_[0].IsSeen(line, s)) return;
-    ++ring->seen;
-    for (int k = 0; k < num_ways; ++k) {
-      if (!ways_[k].IsNearEdge(line, s, thresholds[k])) continue;
-      ++ring->edges;
-      return;
-    }
-  }
-
-  void AddLine(const StillPicture& picture, const LineBundle& lines) {
-    std::array<std::vector<float>, kWays> changes;
-    changes.fill(std::vector<float>(num_steps_, -1));  // not seen
-    std::vector<double> pitches(num_steps_, 1);
-    const SeenArc arc(picture, lines);
-    for (int s = 0; s < num_steps_; ++s) {
-      const std::optional<SeenArc::Crossing> crossing = arc.At(s + 0.5);
-      if (!crossing) continue;
-      for (int k = 0; k < kWays; ++k) changes[k][s] = crossing->change[k];
-      pitches[s] = crossing->pitch;
-    }
-    for (int k = 0; k < kWays; ++k) ways_[k].AddLine(changes[k], pitches);
-  }
-
-  size_t num_lines_;
-  int num_steps_;
-  std::array<RingsOfOneWay, kWays> ways_;
-};
 
 struct FoundRing {
   int step = 0;
@@ -330,7 +70,7 @@ std::vector<FoundRing> FindRings(const std::vector<PictureRings>& rings, int num
   std::vector<FoundRing> found;
   for (int s = first; s < num_rings; ++s) {
     // By light alone, too: ground of many colours has edges of tint anywhere.
-    const std::array<int, 2> families = {1, kWays};
+    const std::array<int, 2> families = {1, kColorWays};
     for (const int num_ways : families) {
       const std::optional<FoundRing> ring =
           RingAt(rings, num_lines, s, num_ways, static_cast<double>(families.size()) * num_tried);
@@ -373,7 +113,7 @@ class CircleFinder {
     if (!std::isfinite(step_)) return;
     climb_ = std::max(kClimb / kStep * step_, (search.high - search.low) / kMaxHeights);
     num_rings_ = static_cast<int>(std::min<double>(search.max_radius / step_, kMaxRings));
-    num_steps_ = static_cast<int>(kBeyond * (num_rings_ + kFarthest));
+    num_steps_ = PictureRings::NumSteps(num_rings_);
     num_heights_ = static_cast<int>((search.high - search.low) / climb_) + 1;
   }
 
@@ -415,29 +155,29 @@ class CircleFinder {
 
   // The lines of a direction's arc. \param line  (outwards), the line of one place of it.
   template <typename LineOf>
-  LineBundle Bundle(double direction, const LineOf& line) const {
-    LineBundle lines;
-    for (int i = 0; i < kOfArc; ++i)
-      lines[i] = line(frame_.Outwards(direction + (i - (kOfArc - 1) / 2.0) / kOfArc));
+  ArcLines Bundle(double direction, const LineOf& line) const {
+    ArcLines lines;
+    for (int i = 0; i < kLinesOfArc; ++i)
+      lines[i] = line(frame_.Outwards(direction + (i - (kLinesOfArc - 1) / 2.0) / kLinesOfArc));
     return lines;
   }
 
   // \param height  along the axis. \param radius  from where on.
-  LineBundle TopLine(double direction, double height, double radius) const {
+  ArcLines TopLine(double direction, double height, double radius) const {
     return Bundle(direction, [&](const Eigen::Vector3d& outwards) {
       return SurfaceLine{frame_.point + height * frame_.up + radius * outwards, step_ * outwards};
     });
   }
 
-  std::vector<std::vector<LineBundle>> TopLines(double height) const {
-    std::vector<LineBundle> lines;
+  std::vector<std::vector<ArcLines>> TopLines(double height) const {
+    std::vector<ArcLines> lines;
     lines.reserve(kDirections);
     for (int d = 0; d < kDirections; ++d) lines.push_back(TopLine(d, height, 0));
-    return std::vector<std::vector<LineBundle>>(pictures_.size(), lines);
+    return std::vector<std::vector<ArcLines>>(pictures_.size(), lines);
   }
 
   // \param lines  by picture.
-  std::vector<PictureRings> Look(const std::vector<std::vector<LineBundle>>& lines) const {
+  std::vector<PictureRings> Look(const std::vector<std::vector<ArcLines>>& lines) const {
     std::vector<PictureRings> rings;
     for (size_t i = 0; i < pictures_.size(); ++i) rings.emplace_back(pictures_[i], lines[i], num_steps_);
     return rings;
@@ -455,7 +195,7 @@ class CircleFinder {
       Eigen::Vector2d right = Eigen::Vector2d::Zero();
       for (size_t i = 0; i < pictures_.size(); ++i) {
         const StillPicture& picture = pictures_[i];
-        const Change thresholds = rings[i].Threshold(ring);
+        const ColorChange thresholds = rings[i].Threshold(ring);
         for (int d = 0; d < kDirections; ++d) {
           const Eigen::Vector3d outwards = frame_.Outwards(d);
           const Eigen::Vector3d x = frame_.point + circle->height * frame_.up + circle->radius * outwards;
@@ -475,20 +215,20 @@ class CircleFinder {
   }
 
   // How far outwards the edge next to a place lies: the middle between where it falls to half on either side.
-  // Nothing where there is none within kAlone. \param thresholds  of the changes that are an edge.
+  // Nothing where there is none within kEdgeApartPx. \param thresholds  of the changes that are an edge.
   // \param num_ways  the first, in which one is looked for.
-  std::optional<double> EdgeOffset(const StillPicture& picture, const LineBundle& lines,
-                                   const Change& thresholds, int num_ways) const {
+  std::optional<double> EdgeOffset(const StillPicture& picture, const ArcLines& lines,
+                                   const ColorChange& thresholds, int num_ways) const {
     const SeenArc arc(picture, lines);
     const std::optional<SeenArc::Crossing> here = arc.At(0);
     if (!here) return std::nullopt;
     const double unit = 1 / here->pitch / kFiner;  // [steps], a part of a pixel
-    const int reach = static_cast<int>(2 * kAlone * kFiner);
-    std::array<std::vector<float>, kWays> all;
+    const int reach = static_cast<int>(2 * kEdgeApartPx * kFiner);
+    std::array<std::vector<float>, kColorWays> all;
     for (int i = -reach; i <= reach; ++i) {
       const std::optional<SeenArc::Crossing> crossing = arc.At(i * unit);
       if (!crossing) return std::nullopt;
-      for (int k = 0; k < kWays; ++k) all[k].push_back(crossing->change[k] / thresholds[k]);
+      for (int k = 0; k < kColorWays; ++k) all[k].push_back(crossing->change[k] / thresholds[k]);
     }
     const auto most_near = [&](const std::vector<float>& changes) {
       const auto near = changes.begin() + reach / 2;
@@ -525,13 +265,13 @@ class CircleFinder {
 
   std::optional<double> SideEnd(const TableCircle& circle) const {
     const int num_rings = static_cast<int>(kSideReach * circle.radius / step_);
-    const int num_steps = static_cast<int>(kBeyond * (num_rings + kFarthest));
+    const int num_steps = PictureRings::NumSteps(num_rings);
     const Eigen::Vector3d middle = frame_.point + circle.height * frame_.up;
     std::vector<PictureRings> rings;
     for (const StillPicture& picture : pictures_) {
       const Eigen::Vector3d to_camera = picture.view.cam_from_world.Inverse().translation - middle;
       const Eigen::Vector3d level = to_camera - to_camera.dot(frame_.up) * frame_.up;
-      std::vector<LineBundle> lines;
+      std::vector<ArcLines> lines;
       lines.reserve(kDirections);
       for (int d = 0; d < kDirections; ++d) {
         if (!(frame_.Outwards(d).dot(level) > kMinFacing * level.norm())) continue;
@@ -582,20 +322,6 @@ class CircleFinder {
 };
 
 }  // namespace
-
-Image8 MedianPicture(const std::vector<Image8>& photos) {
-  S2GS_INVARIANT(!photos.empty());
-  Image8 median = photos.front();
-  const auto row = static_cast<size_t>(median.width) * median.channels;
-  ParallelFor(median.height, 0, [&](int64_t y) {
-    std::vector<uint8_t> values(photos.size());
-    for (size_t i = row * static_cast<size_t>(y); i < row * static_cast<size_t>(y + 1); ++i) {
-      for (size_t k = 0; k < photos.size(); ++k) values[k] = photos[k].pixels[i];
-      median.pixels[i] = UpperMedian(values);
-    }
-  });
-  return median;
-}
 
 std::optional<TableCircle> FindTableCircle(const std::vector<StillPicture>& pictures,
                                            const CircleSearch& search) {

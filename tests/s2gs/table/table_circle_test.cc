@@ -1,4 +1,4 @@
-#include "s2gs/table_circle.h"
+#include "s2gs/table/table_circle.h"
 
 #include <gtest/gtest.h>
 
@@ -225,16 +225,6 @@ TEST(TableCircle, OfSeveralTheOutermost) {
 }
 
 TEST(TableCircle, NothingFromNothing) { EXPECT_FALSE(FindTableCircle({}, SearchAboutTop())); }
-
-TEST(MedianPicture, LeavesOutWhatIsInFewPhotos) {
-  std::vector<Image8> photos;
-  for (int i = 0; i < 5; ++i) {
-    Image8 photo{2, 1, 3, {10, 20, 30, 40, 50, 60}};
-    photo.pixels[i] = 200;
-    photos.push_back(photo);
-  }
-  EXPECT_EQ(MedianPicture(photos).pixels, (std::vector<uint8_t>{10, 20, 30, 40, 50, 60}));
-}
 
 }  // namespace
 }  // namespace s2gs
