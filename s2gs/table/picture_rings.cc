@@ -138,11 +138,11 @@ ColorChange PictureRings::Threshold(int s) const {
   return thresholds;
 }
 
-std::vector<int> PictureRings::FirstEdges(int first, const ColorChange& thresholds) const {
+std::vector<int> PictureRings::FirstEdges(int first, const ColorChange& thresholds, int num_ways) const {
   std::vector<int> places;
   for (size_t d = 0; d < num_lines_; ++d) {
     const auto is_edge = [&](int s) {
-      for (int k = 0; k < kColorWays; ++k) {
+      for (int k = 0; k < num_ways; ++k) {
         if (ways_[k].IsEdge(d, s, thresholds[k])) return true;
       }
       return false;

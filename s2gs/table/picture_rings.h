@@ -84,8 +84,9 @@ class PictureRings {
   /// What is more than the changes of the surface just within a ring.
   ColorChange Threshold(int s) const;
 
-  /// The first edge on each line, in any way, from step `first` on; the number of steps where there is none.
-  std::vector<int> FirstEdges(int first, const ColorChange& thresholds) const;
+  /// The first edge on each line, in the first so many ways, from step `first` on; the number of steps where
+  /// there is none.
+  std::vector<int> FirstEdges(int first, const ColorChange& thresholds, int num_ways) const;
 
   /// That there is an edge of this ring's kind, from what lies beyond: what lies within may be plain.
   double ChanceBeyond(int s, int num_ways) const;

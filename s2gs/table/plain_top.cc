@@ -73,6 +73,11 @@ double MiddleOfDensest(std::vector<double> values) {
   return (values[first] + values[first + held]) / 2;
 }
 
+// Half of a ring may be in shadows, but not three quarters.
+double DeviationOfLit(std::vector<double> absolute_errors) {
+  return std::max(kLeastDeviation, kSigmaOfQuartile * Quantile(std::move(absolute_errors), 0.25));
+}
+
 }  // namespace
 
 PlainTop::PlainTop(const RotatingRegion& table) : table_(table), top_(table) {
@@ -153,7 +158,7 @@ std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& stat
     for (size_t i = 0; i < terms.size(); ++i) {
       if (count == 3 && is_ring[i] == 0) continue;
       const Color error = colors[i] - terms[i] * color.terms;
-      if (count == 6 && error.cwiseAbs().maxCoeff() > limit) continue;
+      if (error.cwiseAbs().maxCoeff() > limit) continue;
       // What a shadow or a thing covers pulls little (Cauchy's weights).
       const double weight = 1 / (1 + error.squaredNorm() / (limit * limit));
       const auto term = terms[i].head(count);
@@ -167,7 +172,7 @@ std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& stat
     for (size_t i = 0; i < terms.size(); ++i) {
       if (is_ring[i] != 0) errors.push_back((colors[i] - terms[i] * color.terms).cwiseAbs().maxCoeff());
     }
-    limit = kDeviations * std::max(kLeastDeviation, kSigmaOfMad * UpperMedian(std::move(errors)));
+    limit = std::min(kFirstLimit, kDeviations * DeviationOfLit(std::move(errors)));
   }
 
   std::vector<double> errors;
@@ -178,8 +183,7 @@ std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& stat
       if (IsOnRing(LevelOf(pixels[k].x_in_world))) errors.push_back(of_photo[k].cwiseAbs().mean());
     }
   }
-  // Half of a ring may be in shadows, but not three quarters.
-  color.deviation = std::max(kLeastDeviation, kSigmaOfQuartile * Quantile(std::move(errors), 0.25));
+  color.deviation = DeviationOfLit(std::move(errors));
   if (!(color.deviation < kMaxDeviation)) return std::nullopt;
   color.shadow = LearnShadow(color, station);
   return color;

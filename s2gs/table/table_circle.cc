@@ -42,6 +42,12 @@ struct FoundRing {
   int num_ways = 0;  // in which it was found, the first
 };
 
+// Of a side.
+struct FoundEnd {
+  int step = 0;  // below the rim
+  double false_alarms = 1;
+};
+
 // The ring of a step, looked at in the first so many ways. Nothing where it is no circle's.
 // \param rings  of each picture. \param num_lines  of all. \param num_tried  circles, of which this is one.
 std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_lines, int s, int num_ways,
@@ -281,20 +287,35 @@ class CircleFinder {
       }
       rings.emplace_back(picture, lines, num_steps);
     }
-    std::vector<int> ends;
     // The rim itself is most of what a picture shows of a narrow side: the top tells what is no edge.
     const std::vector<PictureRings> top = Look(TopLines(circle.height));
     const int rim = std::min(num_steps_ - 1, static_cast<int>(circle.radius / step_));
-    for (size_t i = 0; i < rings.size(); ++i) {
-      const std::vector<int> of_lines = rings[i].FirstEdges(kFirstOfSide, top[i].Threshold(rim));
-      ends.insert(ends.end(), of_lines.begin(), of_lines.end());
+    std::optional<FoundEnd> clearest;
+    // As rims are looked for, by light alone, too. A camera far above the table hardly sees its side, so that
+    // each is asked by itself, too.
+    const std::array<int, 2> ways = {1, kColorWays};
+    const size_t num_groups = rings.size() > 1 ? rings.size() + 1 : 1;
+    const double num_tried = static_cast<double>(ways.size() * num_groups) * num_rings;
+    for (const int num_ways : ways) {
+      std::vector<int> of_all;
+      const auto look_at = [&](std::vector<int> ends) {
+        const std::optional<FoundEnd> end = MostCommonEnd(std::move(ends), num_rings, num_tried);
+        if (end && (!clearest || end->false_alarms < clearest->false_alarms)) clearest = end;
+      };
+      for (size_t i = 0; i < rings.size(); ++i) {
+        std::vector<int> ends = rings[i].FirstEdges(kFirstOfSide, top[i].Threshold(rim), num_ways);
+        of_all.insert(of_all.end(), ends.begin(), ends.end());
+        if (num_groups > 1) look_at(std::move(ends));
+      }
+      look_at(std::move(of_all));
     }
-    return MostCommonEnd(std::move(ends), num_rings, circle.height);
+    if (!clearest) return std::nullopt;
+    return circle.height - (clearest->step + 0.5) * step_;
   }
 
   // Of where lines down the side end: the place that most share, if more than half and than chance do. That
-  // it is a circle is known from the rim.
-  std::optional<double> MostCommonEnd(std::vector<int> ends, int num_rings, double top) const {
+  // it is a circle is known from the rim. \param num_tried  places, of which this is one.
+  static std::optional<FoundEnd> MostCommonEnd(std::vector<int> ends, int num_rings, double num_tried) {
     std::sort(ends.begin(), ends.end());
     const auto count = static_cast<int>(ends.size());
     int most = 0;
@@ -306,9 +327,9 @@ class CircleFinder {
       most = std::max(most, same);
     }
     const double chance = (2.0 * kSameEnd + 1) / std::max(1, num_rings - kFirstOfSide);
-    const double false_alarms = num_rings * BinomialTail(most, count, chance);
+    const double false_alarms = num_tried * BinomialTail(most, count, chance);
     if (!(2 * most > count) || !(false_alarms < kMaxFalseAlarms)) return std::nullopt;
-    return top - (ends[first + most / 2] + 0.5) * step_;
+    return FoundEnd{ends[first + most / 2], false_alarms};
   }
 
   const std::vector<StillPicture>& pictures_;

@@ -30,7 +30,7 @@ struct TableCircle {
 /// make by chance (what is an edge, the surface just within the circle tells, whatever stands further in),
 /// and in half of them at least; of several the outermost. What stands still has no reason to end in a circle
 /// about the axis. Its side, as far as it faces a camera, ends at a lower circle, which is looked for in the
-/// same way. Nothing when there is none.
+/// same way: in all pictures and in each by itself, the clearest counts. Nothing when there is none.
 std::optional<TableCircle> FindTableCircle(const std::vector<StillPicture>& pictures,
                                            const CircleSearch& search);
 

@@ -178,6 +178,48 @@ TEST(TableCircle, ItsSideEndsWhereMoreThanHalfOfItDoes) {
   EXPECT_FALSE(nine->side_end);
 }
 
+// Compression leaves tints in patches on a grey side, which are edges of tint above its end.
+TEST(TableCircle, ItsSideEndsByLightWhereTintsDoNotTell) {
+  const PinholeView view = ViewFrom(0.3);
+  Image8 picture = PictureOf(view, IsInCircle, 150, 90);
+  PixelMask top{view.width, view.height, std::vector<uint8_t>(picture.pixels.size() / 3, 0)};
+  PixelMask table = top;
+  AddRegion({TurntableAxis(), kRadius, kTop, kTop}, view, &top);
+  AddRegion({TurntableAxis(), kRadius, kSideEnd, kTop}, view, &table);
+  for (int x = 0; x < kWidth; ++x) {
+    const auto patch = static_cast<uint64_t>(x) / 9;
+    const auto rows_above = static_cast<int>(RandomBits(19, patch, 0).words[0] % 4);
+    int row = 0;
+    for (int y = 0; y < kHeight; ++y) {
+      const size_t i = static_cast<size_t>(y) * kWidth + x;
+      if (table.inside[i] == 0 || top.inside[i] != 0) continue;
+      if (++row > 2 * (1 + rows_above)) picture.pixels[3 * i + 2] += 2;
+    }
+  }
+  const std::optional<TableCircle> circle = FindTableCircle({{view, picture}}, SearchAboutTop());
+  ASSERT_TRUE(circle);
+  ASSERT_TRUE(circle->side_end);
+  EXPECT_NEAR(*circle->side_end, kSideEnd, 1.5 * kPixel);
+}
+
+// Two other cameras see ground of the side's own grey all around the table.
+TEST(TableCircle, ItsSideEndsWhereOneCameraSeesIt) {
+  std::vector<StillPicture> pictures;
+  for (const double azimuth : {0.3, 1.9, 3.6}) {
+    const PinholeView view = ViewFrom(azimuth);
+    const auto ground = [&](const Eigen::Vector3d& x) { return azimuth < 1 ? TileAt(x) : 90; };
+    pictures.push_back({view, PictureOf(view, IsInCircle, 150, 90, ground)});
+  }
+  const std::optional<TableCircle> circle = FindTableCircle(pictures, SearchAboutTop());
+  ASSERT_TRUE(circle);
+  ASSERT_TRUE(circle->side_end);
+  EXPECT_NEAR(*circle->side_end, kSideEnd, 1.5 * kPixel);
+  pictures.erase(pictures.begin());
+  const std::optional<TableCircle> none = FindTableCircle(pictures, SearchAboutTop());
+  ASSERT_TRUE(none);
+  EXPECT_FALSE(none->side_end);
+}
+
 TEST(TableCircle, IsFoundByTwoCamerasAboutAnotherAxisInAnotherUnit) {
   constexpr double kScale = 0.25;
   const Rigid3 moved{Eigen::Quaterniond(Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, -1).normalized())),
