@@ -9,6 +9,7 @@ the median stands in the table and the range behind it.
 import argparse
 import math
 import pathlib
+import re
 import statistics
 import sys
 
@@ -387,6 +388,7 @@ def curve_plot(curve):
 def readme_block(r):
     """The table of README.md; what is not measured says so."""
     known = lambda text: text or 'not measured'
+    card = lambda runs: re.sub('NVIDIA | .*', '', runs[0]['machine']['gpu'] or '') if runs else 'GPU'
     poses, other = r.one('poses', 'falcon_desk'), r.one('poses', 'falcon_desk', 'COLMAP 3.8, perfect masks')
     gpu, cpu, example = r.one('scan', 'falcon_desk', gpu=True), r.one('scan', 'falcon_desk'), r.one('scan', 'example')
     example_poses = r.one('poses', 'example')
@@ -396,7 +398,7 @@ def readme_block(r):
         rows.append([title, known(cell(poses, f'{name}.median', f'{name}.max')), f'COLMAP with perfect masks: {theirs}' if theirs else ''])
     theirs = cell(other, 'wall_seconds')
     rows.append(['photos to poses, 2 CPU cores', known(time_cell(poses) if poses else ''), f'COLMAP with perfect masks: {theirs} s' if theirs else ''])
-    for title, runs in (('one H200 and 16 CPU cores', gpu), ('2 CPU cores, `--quality low`', cpu),
+    for title, runs in ((f'one {card(gpu)} and 16 CPU cores', gpu), ('2 CPU cores, `--quality low`', cpu),
                         ('the shipped 60 photos of 400 × 400, 2 CPU cores', example)):
         surface = ', '.join(f'{label} {text}' for label, text in (
             ('masks IoU', cell(runs, 'mask_iou.mean')), ('Chamfer', cell(runs, 'chamfer_pct.value')), ('F1 at 1 %', cell(runs, 'f1_1pct.value')),
@@ -406,7 +408,7 @@ def readme_block(r):
     rows.append(['its poses: rotation, median / max [°]', known(cell(example_poses or example, 'object_rot_deg.median', 'object_rot_deg.max')), ''])
     trained, baseline = r.one('train', 'falcon_desk', 's2gs', True), r.one('train', 'falcon_desk', 'masks', True)
     theirs = cell(baseline, 'object_psnr_db')
-    rows.append(['photos never seen, exact poses, one H200: training, PSNR, on the rotating part',
+    rows.append([f'photos never seen, exact poses, one {card(trained)}: training, PSNR, on the rotating part',
                  known(f'{cell(trained, "train_wall_seconds")} s, {cell(trained, "psnr_db")} dB, {cell(trained, "object_psnr_db")} dB' if trained else ''),
                  f'2DGS with perfect masks: {theirs} dB' if theirs else ''])
     return '\n'.join(table(['', 's2gs', 'for comparison'], rows)[:-1])
