@@ -184,30 +184,24 @@ std::vector<uint8_t> RefinementPhotos::FindSeenThrough(const TriangleMesh& mesh,
 std::vector<bool> RefinementPhotos::FindClosing(const TriangleMesh& mesh, const std::vector<bool>& keep,
                                                 int least_photos) const {
   if (reporter_.StopRequested()) throw Interrupted();
-  TriangleMesh rest;
-  rest.vertices = mesh.vertices;
-  for (size_t i = 0; i < keep.size(); ++i) {
-    if (keep[i]) rest.triangles.push_back(mesh.triangles[i]);
-  }
   std::vector<std::atomic<int32_t>> num_open(keep.size());  // photos
   std::vector<std::atomic<int32_t>> num_covered(keep.size());
   ParallelFor(static_cast<int64_t>(views_.size()), num_threads_, [&](int64_t k) {
     const Eigen::Vector3f center = CameraCentre(views_[k].cam_from_object).cast<float>();
-    const auto shows_front = [&](const TriangleMesh& of, int32_t triangle) {
-      const auto& corners = of.triangles[triangle];
-      const Eigen::Vector3f& a = of.vertices[corners[0]];
-      return (of.vertices[corners[1]] - a).cross(of.vertices[corners[2]] - a).dot(center - a) > 0;
+    const auto shows_front = [&](int32_t triangle) {
+      const auto& corners = mesh.triangles[triangle];
+      const Eigen::Vector3f& a = mesh.vertices[corners[0]];
+      return (mesh.vertices[corners[1]] - a).cross(mesh.vertices[corners[2]] - a).dot(center - a) > 0;
     };
-    std::vector<int32_t> now;
-    std::vector<int32_t> then;
-    RenderMeshDepth(mesh, views_[k], &now);
-    RenderMeshDepth(rest, views_[k], &then);
+    const ShownTriangles shown = FindShownTriangles(mesh, keep, views_[k]);
+    const std::vector<int32_t>& now = shown.of_all;
+    const std::vector<int32_t>& then = shown.of_kept;
     // Pixels that would be open, less those that would show a surface.
     std::vector<int32_t> balance(keep.size());
     for (size_t pixel = 0; pixel < now.size(); ++pixel) {
       const int32_t triangle = now[pixel];
-      if (triangle < 0 || keep[triangle] || !shows_front(mesh, triangle)) continue;
-      const bool is_open = then[pixel] < 0 || !shows_front(rest, then[pixel]);
+      if (triangle < 0 || keep[triangle] || !shows_front(triangle)) continue;
+      const bool is_open = then[pixel] < 0 || !shows_front(then[pixel]);
       balance[triangle] += is_open ? 1 : -1;
     }
     for (size_t i = 0; i < keep.size(); ++i) {

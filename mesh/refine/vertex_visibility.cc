@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "sfm_split/base/error.h"
 
@@ -44,28 +45,69 @@ float Cross(const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vec
   return (b.x() - a.x()) * (c.y() - a.y()) - (c.x() - a.x()) * (b.y() - a.y());
 }
 
-// First and last whole number in [low, high] and [0, size - 1].
+// First and last whole number in [low, high] and [0, size - 1], for high >= 0 and low < size. Truncated by
+// hand: most triangles hold no pixel's centre, and std::ceil and std::floor are calls.
 struct PixelRange {
   PixelRange(float low, float high, int size)
-      : first(static_cast<int>(std::ceil(std::max(low, 0.0F)))),
-        last(static_cast<int>(std::floor(std::min(high, static_cast<float>(size - 1))))) {}
+      : first(static_cast<int>(std::max(low, 0.0F))),
+        last(static_cast<int>(std::min(high, static_cast<float>(size - 1)))) {
+    if (static_cast<float>(first) < low) ++first;
+  }
   int first;
   int last;
 };
 
-// \param triangle_at  may be null.
-void DrawTriangle(int32_t id, const Eigen::Vector3f& a, const Eigen::Vector3f& b, const Eigen::Vector3f& c,
-                  int width, int height, std::vector<float>* depths, std::vector<int32_t>* triangle_at) {
+// A picture of depths that triangles are drawn into, in any order: of two at one depth the one of the lower
+// number is in front.
+class DepthPicture {
+ public:
+  // \param triangle_at  which triangle each pixel's centre shows, -1: none; may be null where triangles are
+  // drawn by ascending numbers.
+  DepthPicture(const TriangleMesh& mesh, const ObjectView& view, std::vector<int32_t>* triangle_at)
+      : mesh_(mesh), width_(view.width), height_(view.height), triangle_at_(triangle_at) {
+    const size_t size = static_cast<size_t>(width_) * height_;
+    if (triangle_at_ != nullptr) triangle_at_->assign(size, -1);
+    depths_.assign(size, std::numeric_limits<float>::infinity());
+    const FloatView camera(view);
+    projected_.reserve(mesh.vertices.size());
+    for (const Eigen::Vector3f& vertex : mesh.vertices) {
+      const Eigen::Vector3f x = camera.InCamera(vertex);
+      const Eigen::Vector2f p = camera.Project(x);
+      projected_.emplace_back(p.x() - 0.5F, p.y() - 0.5F, x.z());
+    }
+  }
+
+  void Draw(size_t triangle);
+  std::vector<float>& depths() { return depths_; }
+
+ private:
+  const TriangleMesh& mesh_;
+  const int width_, height_;
+  std::vector<int32_t>* const triangle_at_;
+  std::vector<float> depths_;
+  // Column and row of each vertex, counted from the centre of the first pixel, and its depth.
+  std::vector<Eigen::Vector3f> projected_;
+};
+
+void DepthPicture::Draw(size_t triangle) {
+  const auto& corners = mesh_.triangles[triangle];
+  const Eigen::Vector3f& a = projected_[corners[0]];
+  const Eigen::Vector3f& b = projected_[corners[1]];
+  const Eigen::Vector3f& c = projected_[corners[2]];
+  if (!(a.z() > 0 && b.z() > 0 && c.z() > 0)) return;
   const float area = Cross(a, b, c);
   if (!(std::abs(area) > std::numeric_limits<float>::min())) return;
-  const auto [min_x, max_x] = std::minmax({a.x(), b.x(), c.x()});
-  const auto [min_y, max_y] = std::minmax({a.y(), b.y(), c.y()});
-  if (!(max_x >= 0 && max_y >= 0 && min_x < static_cast<float>(width) &&
-        min_y < static_cast<float>(height))) {
+  const float min_x = std::min(std::min(a.x(), b.x()), c.x());
+  const float max_x = std::max(std::max(a.x(), b.x()), c.x());
+  const float min_y = std::min(std::min(a.y(), b.y()), c.y());
+  const float max_y = std::max(std::max(a.y(), b.y()), c.y());
+  if (!(max_x >= 0 && max_y >= 0 && min_x < static_cast<float>(width_) &&
+        min_y < static_cast<float>(height_))) {
     return;
   }
-  const PixelRange columns(min_x, max_x, width);
-  const PixelRange rows(min_y, max_y, height);
+  const auto id = static_cast<int32_t>(triangle);
+  const PixelRange columns(min_x, max_x, width_);
+  const PixelRange rows(min_y, max_y, height_);
   for (int row = rows.first; row <= rows.last; ++row) {
     for (int column = columns.first; column <= columns.last; ++column) {
       const Eigen::Vector3f pixel(static_cast<float>(column), static_cast<float>(row), 0);
@@ -73,11 +115,15 @@ void DrawTriangle(int32_t id, const Eigen::Vector3f& a, const Eigen::Vector3f& b
       const float v = Cross(pixel, c, a) / area;
       const float w = 1 - u - v;
       if (u < -kEdgeTolerance || v < -kEdgeTolerance || w < -kEdgeTolerance) continue;
-      const size_t at = static_cast<size_t>(row) * width + column;
+      const size_t at = static_cast<size_t>(row) * width_ + column;
       const float depth = u * a.z() + v * b.z() + w * c.z();
-      if (!(depth < (*depths)[at])) continue;
-      (*depths)[at] = depth;
-      if (triangle_at != nullptr) (*triangle_at)[at] = id;
+      const float there = depths_[at];
+      if (triangle_at_ == nullptr) {
+        if (depth < there) depths_[at] = depth;
+      } else if (depth < there || (depth == there && id < (*triangle_at_)[at])) {
+        depths_[at] = depth;
+        (*triangle_at_)[at] = id;
+      }
     }
   }
 }
@@ -86,27 +132,24 @@ void DrawTriangle(int32_t id, const Eigen::Vector3f& a, const Eigen::Vector3f& b
 
 std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& view,
                                    std::vector<int32_t>* triangle_at) {
-  const FloatView camera(view);
-  if (triangle_at != nullptr) triangle_at->assign(static_cast<size_t>(view.width) * view.height, -1);
-  std::vector<float> depths(static_cast<size_t>(view.width) * view.height,
-                            std::numeric_limits<float>::infinity());
-  // Column and row of each vertex, counted from the centre of the first pixel, and its depth.
-  std::vector<Eigen::Vector3f> projected;
-  projected.reserve(mesh.vertices.size());
-  for (const Eigen::Vector3f& vertex : mesh.vertices) {
-    const Eigen::Vector3f x = camera.InCamera(vertex);
-    const Eigen::Vector2f p = camera.Project(x);
-    projected.emplace_back(p.x() - 0.5F, p.y() - 0.5F, x.z());
+  DepthPicture picture(mesh, view, triangle_at);
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) picture.Draw(i);
+  return std::move(picture.depths());
+}
+
+ShownTriangles FindShownTriangles(const TriangleMesh& mesh, const std::vector<bool>& keep,
+                                  const ObjectView& view) {
+  S2GS_INVARIANT(keep.size() == mesh.triangles.size());
+  ShownTriangles shown;
+  DepthPicture picture(mesh, view, &shown.of_all);
+  for (size_t i = 0; i < keep.size(); ++i) {
+    if (keep[i]) picture.Draw(i);
   }
-  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
-    const auto& triangle = mesh.triangles[i];
-    const Eigen::Vector3f& a = projected[triangle[0]];
-    const Eigen::Vector3f& b = projected[triangle[1]];
-    const Eigen::Vector3f& c = projected[triangle[2]];
-    if (!(a.z() > 0 && b.z() > 0 && c.z() > 0)) continue;
-    DrawTriangle(static_cast<int32_t>(i), a, b, c, view.width, view.height, &depths, triangle_at);
+  shown.of_kept = shown.of_all;
+  for (size_t i = 0; i < keep.size(); ++i) {
+    if (!keep[i]) picture.Draw(i);
   }
-  return depths;
+  return shown;
 }
 
 VertexFlags FindVisibleVertices(const TriangleMesh& mesh, const ObjectView& view,

@@ -35,6 +35,15 @@ class VertexFlags {
 std::vector<float> RenderMeshDepth(const TriangleMesh& mesh, const ObjectView& view,
                                    std::vector<int32_t>* triangle_at = nullptr);
 
+/// Which triangle each pixel's centre shows, row by row: -1 where it shows none.
+struct ShownTriangles {
+  std::vector<int32_t> of_kept;  ///< of those that are kept alone
+  std::vector<int32_t> of_all;
+};
+/// \param keep  of each triangle.
+ShownTriangles FindShownTriangles(const TriangleMesh& mesh, const std::vector<bool>& keep,
+                                  const ObjectView& view);
+
 /// Which vertices the view sees: those within the image that the mesh itself does not hide.
 /// \param mesh  with normals.
 VertexFlags FindVisibleVertices(const TriangleMesh& mesh, const ObjectView& view, const VisibilityRule& rule);

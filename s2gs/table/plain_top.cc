@@ -11,6 +11,7 @@
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/image/srgb.h"
 #include "s2gs/table/opaque_region.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
@@ -253,8 +254,11 @@ std::vector<Eigen::RowVector3d> PlainTop::ErrorsOf(const TopColor& color, const 
 std::optional<PlainTop> PlainTop::Learn(const std::vector<StationPhotos>& stations,
                                         const RotatingRegion& table) {
   PlainTop top(table);
-  for (const StationPhotos& station : stations) {
-    const std::optional<TopColor> color = top.LearnColor(station);
+  std::vector<std::optional<TopColor>> colors(stations.size());
+  ParallelFor(static_cast<int64_t>(stations.size()), 0, [&](int64_t i) {
+    colors[static_cast<size_t>(i)] = top.LearnColor(stations[static_cast<size_t>(i)]);
+  });
+  for (const std::optional<TopColor>& color : colors) {
     if (color) top.colors_.push_back(*color);
   }
   if (top.colors_.empty()) return std::nullopt;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "s2gs/image/bilinear.h"
@@ -22,7 +23,8 @@ constexpr int kPatch = (2 * kRadius + 1) * (2 * kRadius + 1);
 constexpr float kAlike = 0.7F;
 // Photos beside the one that they agree with: chance in one place of 20,000.
 constexpr int kLeastAlike = 3;
-constexpr int kBorder = 2;  // [px], of blur, and of patches that reach over a border
+constexpr int kRowsAtOnce = 16;  // of places, whose patches reach six rows more
+constexpr int kBorder = 2;       // [px], of blur, and of patches that reach over a border
 
 // Of a place in a photo; 0: the photo does not tell.
 constexpr uint8_t kShown = 255;
@@ -30,21 +32,14 @@ constexpr uint8_t kHidden = 1;
 
 using Patch = std::array<float, kPatch>;
 
-// A photo as the places see it.
-struct Witness {
-  Image8 grey;
-  const PinholeView* view;
-
-  bool Sample(const Eigen::Vector3d& x_in_object, float* value) const {
-    const std::optional<Eigen::Vector2d> pixel = PixelOf(*view, view->cam_from_object * x_in_object);
-    if (!pixel) return false;
-    const double u = pixel->x() - 0.5;
-    const double v = pixel->y() - 0.5;
-    if (!(u >= 0 && v >= 0 && u < grey.width - 1 && v < grey.height - 1)) return false;
-    *value = Bilinear<1>(grey, *pixel)[0];
-    return true;
-  }
-};
+// Calls work(first, last) for all rows, some of them in a row, from several threads.
+template <typename Work>
+void ForRows(int count, const Work& work) {
+  ParallelFor((count + kRowsAtOnce - 1) / kRowsAtOnce, 0, [&](int64_t block) {
+    const int first = static_cast<int>(block) * kRowsAtOnce;
+    work(first, std::min(first + kRowsAtOnce, count) - 1);
+  });
+}
 
 float Product(const float* a, const float* b) {
   float sum = 0;
@@ -52,22 +47,10 @@ float Product(const float* a, const float* b) {
   return sum;
 }
 
-// Where a patch lies, in the object's frame.
-struct PatchPlace {
-  Eigen::Vector3d middle;
-  Eigen::Vector3d along_x;  // from point to point
-  Eigen::Vector3d along_y;
-};
-
-// Of mean 0 and length 1. \return  false where the photo does not show it, or no texture.
-bool ReadPatch(const Witness& witness, const PatchPlace& place, float least_texture, float* patch) {
+// Of mean 0 and length 1. \return  false where there is no texture.
+bool Normalise(float least_texture, float* patch) {
   float mean = 0;
-  for (int v = -kRadius, k = 0; v <= kRadius; ++v) {
-    for (int u = -kRadius; u <= kRadius; ++u, ++k) {
-      if (!witness.Sample(place.middle + u * place.along_x + v * place.along_y, &patch[k])) return false;
-      mean += patch[k] / kPatch;
-    }
-  }
+  for (int k = 0; k < kPatch; ++k) mean += patch[k] / kPatch;
   float squares = 0;
   for (int k = 0; k < kPatch; ++k) {
     patch[k] -= mean;
@@ -85,6 +68,60 @@ Eigen::Vector3d TexturedTop::PlaceAt(double column, double row) const {
   return table_.axis.point + table_.high * table_.axis.direction +
          spacing_ * ((column - half) * along_x_ + (row - half) * along_y_);
 }
+
+// A photo as the places see it.
+struct TexturedTop::Witness {
+  Image8 grey;
+  const PinholeView* view;
+
+  bool Sample(const Eigen::Vector3d& x_in_object, float* value) const {
+    const std::optional<Eigen::Vector2d> pixel = PixelOf(*view, view->cam_from_object * x_in_object);
+    if (!pixel) return false;
+    const double u = pixel->x() - 0.5;
+    const double v = pixel->y() - 0.5;
+    if (!(u >= 0 && v >= 0 && u < grey.width - 1 && v < grey.height - 1)) return false;
+    *value = Bilinear<1>(grey, *pixel)[0];
+    return true;
+  }
+};
+
+// What a photo shows at the places of some rows and of those that their patches reach: each place is looked
+// up once, and is part of 49 patches.
+class TexturedTop::SampledRows {
+ public:
+  SampledRows(const TexturedTop& top, const Witness& witness, int first, int last)
+      : side_(top.side_), first_(std::max(0, first - kRadius)) {
+    const int end = std::min(side_, last + kRadius + 1);
+    values_.assign(static_cast<size_t>(end - first_) * side_, std::numeric_limits<float>::quiet_NaN());
+    const Eigen::Vector3d middle = top.table_.axis.point + top.table_.high * top.table_.axis.direction;
+    // To the corners of the patches that touch the rim.
+    const double reach = top.table_.radius + kRadius * top.spacing_;
+    for (int row = first_; row < end; ++row) {
+      for (int column = 0; column < side_; ++column) {
+        const Eigen::Vector3d place = top.PlaceAt(column, row);
+        if ((place - middle).squaredNorm() <= reach * reach)
+          witness.Sample(place, &values_[static_cast<size_t>(row - first_) * side_ + column]);
+      }
+    }
+  }
+
+  // \return  false where the photo does not show the patch, or no texture.
+  bool ReadPatch(int column, int row, float least_texture, float* patch) const {
+    for (int v = -kRadius, k = 0; v <= kRadius; ++v) {
+      const float* const values = &values_[static_cast<size_t>(row + v - first_) * side_ + column];
+      for (int u = -kRadius; u <= kRadius; ++u, ++k) {
+        if (std::isnan(values[u])) return false;
+        patch[k] = values[u];
+      }
+    }
+    return Normalise(least_texture, patch);
+  }
+
+ private:
+  const int side_;
+  const int first_;            // row
+  std::vector<float> values_;  // row by row; not a number where the photo does not show the place
+};
 
 std::optional<TexturedTop> TexturedTop::Learn(const std::vector<StationPhotos>& stations,
                                               const RotatingRegion& table) {
@@ -114,17 +151,24 @@ std::optional<TexturedTop> TexturedTop::Learn(const std::vector<StationPhotos>& 
   if (witnesses.size() <= kLeastAlike || !(top.spacing_ > 0)) return std::nullopt;
   top.side_ = 2 * static_cast<int>(table.radius / top.spacing_) + 1;
   top.least_texture_ = least_texture;
-  const Eigen::Vector3d step_x = top.spacing_ * top.along_x_;
-  const Eigen::Vector3d step_y = top.spacing_ * top.along_y_;
   top.patches_.resize(static_cast<size_t>(top.side_) * top.side_);
-  ParallelFor(top.side_, 0, 4, [&](int64_t row) {
-    std::vector<Patch> patches(witnesses.size());
-    for (int column = 0; column < top.side_; ++column) {
-      const Eigen::Vector3d place = top.PlaceAt(column, static_cast<double>(row));
-      if ((place - middle).norm() > table.radius - kRadius * top.spacing_) continue;
+  ForRows(top.side_, [&](int first, int last) { top.LearnRows(witnesses, first, last); });
+  const bool is_known = std::any_of(top.patches_.begin(), top.patches_.end(),
+                                    [](const std::vector<float>& patch) { return !patch.empty(); });
+  return is_known ? std::make_optional(std::move(top)) : std::nullopt;
+}
+
+void TexturedTop::LearnRows(const std::vector<Witness>& witnesses, int first, int last) {
+  std::vector<SampledRows> photos;
+  photos.reserve(witnesses.size());
+  for (const Witness& witness : witnesses) photos.emplace_back(*this, witness, first, last);
+  std::vector<Patch> patches(witnesses.size());
+  for (int row = first; row <= last; ++row) {
+    for (int column = 0; column < side_; ++column) {
+      if (!HoldsPatch(column, row)) continue;
       size_t count = 0;
-      for (const Witness& witness : witnesses) {
-        if (ReadPatch(witness, {place, step_x, step_y}, least_texture, patches[count].data())) ++count;
+      for (const SampledRows& photo : photos) {
+        if (photo.ReadPatch(column, row, least_texture_, patches[count].data())) ++count;
       }
       int most = 0;
       size_t best = 0;
@@ -138,27 +182,29 @@ std::optional<TexturedTop> TexturedTop::Learn(const std::vector<StationPhotos>& 
         }
       }
       if (most < kLeastAlike) continue;
-      top.patches_[static_cast<size_t>(row) * top.side_ + column].assign(patches[best].begin(),
-                                                                         patches[best].end());
+      patches_[static_cast<size_t>(row) * side_ + column].assign(patches[best].begin(), patches[best].end());
     }
-  });
-  const bool is_known = std::any_of(top.patches_.begin(), top.patches_.end(),
-                                    [](const std::vector<float>& patch) { return !patch.empty(); });
-  return is_known ? std::make_optional(std::move(top)) : std::nullopt;
+  }
+}
+
+bool TexturedTop::HoldsPatch(int column, int row) const {
+  const Eigen::Vector3d middle = table_.axis.point + table_.high * table_.axis.direction;
+  return std::min(column, row) >= kRadius && std::max(column, row) + kRadius < side_ &&
+         (PlaceAt(column, row) - middle).norm() <= table_.radius - kRadius * spacing_;
 }
 
 Image8 TexturedTop::Look(const Image8& photo, const PinholeView& view) const {
   const Witness witness{GreyImage(photo), &view};
   std::vector<uint8_t> is_seen(patches_.size(), 0);
-  ParallelFor(side_, 0, 16, [&](int64_t row) {
+  ForRows(side_, [&](int first, int last) {
+    const SampledRows sampled(*this, witness, first, last);
     Patch patch;
-    for (int column = 0; column < side_; ++column) {
-      const size_t i = static_cast<size_t>(row) * side_ + column;
-      if (patches_[i].empty()) continue;
-      const PatchPlace place = {PlaceAt(column, static_cast<double>(row)), spacing_ * along_x_,
-                                spacing_ * along_y_};
-      if (!ReadPatch(witness, place, least_texture_, patch.data())) continue;
-      is_seen[i] = Product(patch.data(), patches_[i].data()) > kAlike ? kShown : kHidden;
+    for (int row = first; row <= last; ++row) {
+      for (int column = 0; column < side_; ++column) {
+        const size_t i = static_cast<size_t>(row) * side_ + column;
+        if (patches_[i].empty() || !sampled.ReadPatch(column, row, least_texture_, patch.data())) continue;
+        is_seen[i] = Product(patch.data(), patches_[i].data()) > kAlike ? kShown : kHidden;
+      }
     }
   });
   RotatingRegion top = table_;

@@ -30,7 +30,14 @@ class TexturedTop {
 
  private:
   explicit TexturedTop(const RotatingRegion& table) : table_(table) {}
+  struct Witness;
+  class SampledRows;
+
   Eigen::Vector3d PlaceAt(double column, double row) const;  // in the object's frame
+  // Whether a patch about the place lies on the top.
+  bool HoldsPatch(int column, int row) const;
+  // Finds the patches of rows first to last.
+  void LearnRows(const std::vector<Witness>& witnesses, int first, int last);
 
   RotatingRegion table_;
   Eigen::Vector3d along_x_ = Eigen::Vector3d::UnitX();

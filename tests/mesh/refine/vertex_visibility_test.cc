@@ -55,5 +55,36 @@ TEST(VertexVisibility, FrontIsSeenAndBackIsNot) {
   }
 }
 
+// With every third triangle left out and every fifth there twice, so that depths are equal: as two meshes
+// show it, each drawn from its first triangle to its last.
+TEST(VertexVisibility, TrianglesShownWithAndWithoutSomeAreThoseOfTwoMeshes) {
+  TriangleMesh mesh = Sphere(1, 60);
+  const size_t num = mesh.triangles.size();
+  for (size_t i = 0; i < num; i += 5) mesh.triangles.push_back(mesh.triangles[i]);
+  std::vector<bool> keep;
+  TriangleMesh rest;
+  rest.vertices = mesh.vertices;
+  std::vector<int32_t> number_of;  // in the mesh, of a triangle of the rest
+  for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+    keep.push_back(i % 3 != 0);
+    if (!keep[i]) continue;
+    rest.triangles.push_back(mesh.triangles[i]);
+    number_of.push_back(static_cast<int32_t>(i));
+  }
+  const ObjectView view = LookAtMiddle(0.4, 0.3);
+  std::vector<int32_t> of_all, of_rest;
+  RenderMeshDepth(mesh, view, &of_all);
+  RenderMeshDepth(rest, view, &of_rest);
+  const ShownTriangles shown = FindShownTriangles(mesh, keep, view);
+  EXPECT_EQ(shown.of_all, of_all);
+  int num_twice = 0;
+  for (size_t pixel = 0; pixel < of_rest.size(); ++pixel) {
+    const int32_t there = of_rest[pixel] < 0 ? -1 : number_of[static_cast<size_t>(of_rest[pixel])];
+    ASSERT_EQ(shown.of_kept[pixel], there) << pixel;
+    num_twice += of_all[pixel] >= 0 && of_all[pixel] % 5 == 0 && of_all[pixel] % 3 == 0 ? 1 : 0;
+  }
+  EXPECT_GT(num_twice, 100);  // whose first was left out
+}
+
 }  // namespace
 }  // namespace s2gs
