@@ -22,12 +22,18 @@ using Eigen::MatrixXd;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using PointRows = Eigen::Matrix<double, Eigen::Dynamic, 3>;  // of columns, by the point's coordinates
 
 // Parts of the points, each with a matrix of its own: as many threads at most can work.
 constexpr int kParts = 16;
 // A pass over so many observations takes about a millisecond, far longer than to wake a thread and wait for
 // it.
 constexpr size_t kTermsOfAThread = 1000;
+// Of a point's columns, from where on the matrix' memory is what its elimination waits for: cameras that are
+// free.
+constexpr size_t kManyColumns = 100;
+// Of a matrix' columns, which a thread sums over the parts: some 100 us where there are 600.
+constexpr int kColumnsAtOnce = 64;
 // Two poses and COLMAP's largest camera model.
 constexpr int kMaxColumns = 6 + 6 + 12;
 
@@ -114,6 +120,9 @@ class Solver {
   // Damped by the radius. False when the matrix is not positive definite.
   bool FindStep(double radius);
   void EliminatePart(size_t part, double radius);
+  static void SubtractPoint(const std::vector<int>& columns, const PointRows& times_inverse,
+                            const PointRows& by_both, MatrixXd* sum);
+  void SumComplements();
   double ModelDecrease();
   double GradientNorm() const;
   // x + step; returns the length of the step and of x.
@@ -355,13 +364,43 @@ double Damping(double square, double radius) {
   return std::clamp(square, kMinDiagonal, kMaxDiagonal) / radius;
 }
 
+// What eliminating a point of many columns takes from the cameras' matrix: each of its columns' rows times
+// those of the columns before it, down a column of the matrix, as it lies in memory. The same bits.
+void Solver::SubtractPoint(const std::vector<int>& columns, const PointRows& times_inverse,
+                           const PointRows& by_both, MatrixXd* sum) {
+  const size_t count = columns.size();
+  const double* const x = times_inverse.col(0).data();
+  const double* const y = times_inverse.col(1).data();
+  const double* const z = times_inverse.col(2).data();
+  for (size_t l = 0; l < count; ++l) {
+    const auto at = static_cast<Eigen::Index>(l);
+    const double by_x = by_both(at, 0), by_y = by_both(at, 1), by_z = by_both(at, 2);
+    const int other = columns[l];
+    for (size_t k = l; k < count;) {
+      // Columns that follow each other: a block's.
+      size_t end = k + 1;
+      while (end < count && columns[end] == columns[end - 1] + 1) ++end;
+      if (columns[k] >= other) {
+        double* const to = &(*sum)(columns[k], other);
+        for (size_t i = k; i < end; ++i) to[i - k] -= x[i] * by_x + (y[i] * by_y + z[i] * by_z);
+        k = end;
+      } else {
+        for (; k < end; ++k) {
+          (*sum)(std::max(columns[k], other), std::min(columns[k], other)) -=
+              x[k] * by_x + (y[k] * by_y + z[k] * by_z);
+        }
+      }
+    }
+  }
+}
+
 void Solver::EliminatePart(size_t part, double radius) {
   Complement& sum = complements_[part];
   sum.matrix.setZero(gradient_.size(), gradient_.size());
   sum.right.setZero(gradient_.size());
   std::vector<int> columns;
   std::vector<int> place_of(columns_.size(), -1);
-  Eigen::Matrix<double, Eigen::Dynamic, 3> by_both, times_inverse;
+  PointRows by_both, times_inverse;
   for (size_t p = part_begin_[part]; p < part_begin_[part + 1]; ++p) {
     Point& point = points_[p];
     Matrix3d block = Matrix3d::Zero();
@@ -393,26 +432,36 @@ void Solver::EliminatePart(size_t part, double radius) {
       }
     }
     times_inverse.noalias() = by_both * inverses_[p];
+    const bool is_long = columns.size() >= kManyColumns;
     for (size_t k = 0; k < columns.size(); ++k) {
       const auto at = static_cast<Eigen::Index>(k);
       sum.right(columns[k]) += times_inverse.row(at).dot(point.gradient);
-      for (size_t l = 0; l <= k; ++l) {
+      for (size_t l = 0; l <= k && !is_long; ++l) {
         sum.matrix(std::max(columns[k], columns[l]), std::min(columns[k], columns[l])) -=
             times_inverse.row(at).dot(by_both.row(static_cast<Eigen::Index>(l)));
       }
     }
+    if (is_long) SubtractPoint(columns, times_inverse, by_both, &sum.matrix);
     for (const int column : columns) place_of[static_cast<size_t>(column)] = -1;
   }
+}
+
+// Into the first; in their order, however many threads there are.
+void Solver::SumComplements() {
+  MatrixXd& matrix = complements_[0].matrix;
+  ParallelFor(matrix.cols(), num_threads_, kColumnsAtOnce, [&](int64_t j) {
+    const Eigen::Index below = matrix.rows() - j;
+    for (size_t part = 1; part < kParts; ++part)
+      matrix.col(j).tail(below) += complements_[part].matrix.col(j).tail(below);
+  });
 }
 
 bool Solver::FindStep(double radius) {
   ForParts([&](size_t part) { EliminatePart(part, radius); });
   MatrixXd& matrix = complements_[0].matrix;
   VectorXd right = complements_[0].right - gradient_;
-  for (size_t part = 1; part < kParts; ++part) {
-    matrix += complements_[part].matrix;
-    right += complements_[part].right;
-  }
+  for (size_t part = 1; part < kParts; ++part) right += complements_[part].right;
+  SumComplements();
   for (const PriorRow& row : prior_rows_) {
     for (const auto& [a, by_a] : row.columns) {
       for (const auto& [b, by_b] : row.columns) {

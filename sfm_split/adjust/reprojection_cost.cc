@@ -25,6 +25,7 @@ ReprojectionCost::ReprojectionCost(Kind kind, const Camera& camera, const Vector
       spread_(spread) {
   set_num_residuals(2);
   std::vector<int32_t>& sizes = *mutable_parameter_block_sizes();
+  sizes.reserve(5);
   sizes.push_back(6);
   if (kind == Kind::kTurntable) {
     sizes.push_back(4);

@@ -24,17 +24,22 @@ struct RingScore {
 // foreshortening, which stay in the world, move all of them alike, however many they are: rings as clusters,
 // each left out in turn (the jackknife). Background points stay clusters of their own.
 MatrixXd CovarianceOfRings(const ReducedSystem& reduced, const MatrixXd& inverse_system,
-                           const MatrixXd& of_background) {
+                           const MatrixXd& of_background, int num_threads) {
   const auto size = reduced.s.rows();
   std::map<int, RingScore> rings;
-  for (const PointScore& score : reduced.scores) {
-    if (score.ring < 0) continue;
+  const auto information = [&](size_t i) {
+    const PointScore& score = reduced.scores[i];
+    return score.ring < 0 ? MatrixXd() : MatrixXd(score.by_cameras.transpose() * score.by_cameras);
+  };
+  PrepareAndAdd(reduced.scores.size(), num_threads, information, [&](size_t i, const MatrixXd* of_point) {
+    const PointScore& score = reduced.scores[i];
+    if (score.ring < 0) return;
     RingScore& ring =
         rings.try_emplace(score.ring, RingScore{VectorXd::Zero(size), MatrixXd::Zero(size, size)})
             .first->second;
     ring.gradient(score.columns) += score.Gradient() / std::sqrt(score.weight);
-    ring.information(score.columns, score.columns) += score.by_cameras.transpose() * score.by_cameras;
-  }
+    ring.information(score.columns, score.columns) += *of_point;
+  });
   MatrixXd sum = of_background;
   const auto count = static_cast<double>(rings.size());
   for (const auto& [height, ring] : rings) {
@@ -97,7 +102,7 @@ ScoreCovariance CovarianceOfScores(const ReducedSystem& reduced, const MatrixXd&
   const auto num_cells = static_cast<double>(by_cell.size());
   sums.of_regions += sums.of_points;
   sums.of_regions += cells * cells.transpose() * (growth * num_cells / std::max(1.0, num_cells - 1));
-  sums.of_rings = CovarianceOfRings(reduced, inverse_system, of_background);
+  sums.of_rings = CovarianceOfRings(reduced, inverse_system, of_background, num_threads);
   return sums;
 }
 

@@ -11,6 +11,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/sampson_error.h"
 #include "sfm_split/base/union_find.h"
@@ -27,6 +28,7 @@ constexpr int kMaxPointsOfTrack =
     4;  // that one track is taken apart into, where wrong matches joined several
 // Keypoints that are looked at: chains of wrong matches join thousands.
 constexpr size_t kMaxTrackLength = 2000;
+constexpr int kSetsAtOnce = 64;  // that a thread makes points of: about a millisecond
 
 struct Ray {
   bool is_valid = false;
@@ -115,19 +117,7 @@ class Triangulator {
       if (is_matched[k]) by_set.emplace_back(sets.Root(k), k);
     }
     std::sort(by_set.begin(), by_set.end());
-    std::vector<TrackPoint> points;
-    for (size_t begin = 0; begin < by_set.size();) {
-      size_t end = begin;
-      while (end < by_set.size() && by_set[end].first == by_set[begin].first) ++end;
-      std::vector<TrackElement> elements;
-      elements.reserve(end - begin);
-      for (size_t k = begin; k < end && elements.size() < kMaxTrackLength; ++k) {
-        elements.push_back(ElementOf(by_set[k].second));
-      }
-      begin = end;
-      Extract(std::move(elements), &points);
-    }
-    return points;
+    return PointsOf(by_set);
   }
 
  private:
@@ -177,6 +167,36 @@ class Triangulator {
       edges->emplace_back(std::min(k1, k2), std::max(k1, k2));
     }
   }
+
+  // \param by_set  keypoints with their sets, by these.
+  std::vector<TrackPoint> PointsOf(const std::vector<std::pair<uint32_t, uint32_t>>& by_set) {
+    std::vector<std::vector<TrackElement>> sets;
+    for (size_t begin = 0; begin < by_set.size();) {
+      size_t end = begin;
+      while (end < by_set.size() && by_set[end].first == by_set[begin].first) ++end;
+      std::vector<TrackElement>& elements = sets.emplace_back();
+      elements.reserve(std::min(end - begin, kMaxTrackLength));
+      for (size_t k = begin; k < end && elements.size() < kMaxTrackLength; ++k) {
+        elements.push_back(ElementOf(by_set[k].second));
+      }
+      begin = end;
+    }
+    std::vector<std::vector<TrackPoint>> points_of(sets.size());
+    // Those that draw numbers come one after another. All rays are there since the matches were looked at.
+    ParallelFor(static_cast<int64_t>(sets.size()), 0, kSetsAtOnce, [&](int64_t i) {
+      const auto set = static_cast<size_t>(i);
+      if (!IsDrawn(sets[set].size())) Extract(std::move(sets[set]), &points_of[set]);
+    });
+    std::vector<TrackPoint> points;
+    for (size_t set = 0; set < sets.size(); ++set) {
+      if (IsDrawn(sets[set].size())) Extract(std::move(sets[set]), &points_of[set]);
+      std::move(points_of[set].begin(), points_of[set].end(), std::back_inserter(points));
+    }
+    return points;
+  }
+
+  // Whether so many keypoints have more pairs than are tried.
+  bool IsDrawn(size_t n) const { return n * (n - 1) / 2 > static_cast<size_t>(options_.max_hypotheses); }
 
   // Where two rays pass closest; nothing when they are parallel or pass behind a camera.
   std::optional<Vector3d> Intersect(const TrackElement& a, const TrackElement& b) {
@@ -244,7 +264,7 @@ class Triangulator {
         best_inliers = inliers;
       };
       const size_t n = elements.size();
-      if (n * (n - 1) / 2 <= static_cast<size_t>(options_.max_hypotheses)) {
+      if (!IsDrawn(n)) {
         for (size_t a = 1; a < n; ++a) {
           for (size_t b = 0; b < a; ++b) attempt(a, b);
         }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/adjust/prepare_and_add.h"
 #include "sfm_split/adjust/reduced_system.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
@@ -31,10 +32,10 @@ struct Say {
 
   explicit Say(Eigen::Index size) : information(MatrixXd::Zero(size, size)), gradient(VectorXd::Zero(size)) {}
 
-  // \param weight  that the point has in its score and not here.
-  void Add(const PointScore& score, double weight) {
-    gradient(score.columns) += score.Gradient() / weight;
-    information(score.columns, score.columns) += score.by_cameras.transpose() * score.by_cameras / weight;
+  void AddPoint(const std::vector<int>& columns, const VectorXd& its_gradient,
+                const MatrixXd& its_information) {
+    gradient(columns) += its_gradient;
+    information(columns, columns) += its_information;
     ++num_points;
   }
   void Add(const Say& other, double weight) {
@@ -88,7 +89,8 @@ double Median(const std::vector<double>& values, const LogLikelihood& log_likeli
 // What classes of a problem's points say of what all photos share.
 class ClassComparison {
  public:
-  ClassComparison(const JointProblem& problem, const JointSystem& system, const ReducedSystem& reduced)
+  ClassComparison(const JointProblem& problem, const JointSystem& system, const ReducedSystem& reduced,
+                  int num_threads)
       : known_(0) {
     FindShared(problem, system, reduced);
     const auto size = reduced.s.rows();
@@ -97,24 +99,33 @@ class ClassComparison {
     priors.information = SumPriors(system, reduced).information / curvature;
     priors.information.diagonal() += kRounding * (reduced.diagonal + priors.information.diagonal());
     std::vector<Say> classes(TrackWeights::kClasses, Say(size));
-    Say object(size);
     Say background(size);
     MatrixXd of_points = MatrixXd::Zero(size, size);
-    for (const PointScore& score : reduced.scores) {
-      const VectorXd gradient = score.Gradient();
+    struct Prepared {
+      VectorXd gradient;
+      MatrixXd information;
+    };
+    const auto prepare = [&](size_t i) {
+      const PointScore& score = reduced.scores[i];
+      return Prepared{score.Gradient(), score.by_cameras.transpose() * score.by_cameras};
+    };
+    PrepareAndAdd(reduced.scores.size(), num_threads, prepare, [&](size_t i, const Prepared* point) {
+      const PointScore& score = reduced.scores[i];
       // At the optimum all gradients' sum is 0: what points leave is the priors'.
-      priors.gradient(score.columns) -= gradient;
+      priors.gradient(score.columns) -= point->gradient;
       if (score.ring < 0) {
         // Their weights make the keypoints of a station one measurement.
-        background.Add(score, 1);
-        continue;
+        background.AddPoint(score.columns, point->gradient, point->information);
+        return;
       }
+      const VectorXd unweighed = point->gradient / score.weight;
       const int of_class = TrackWeights::ClassOf(static_cast<int>(score.cells.size()));
-      classes[static_cast<size_t>(of_class)].Add(score, score.weight);
-      object.Add(score, score.weight);
-      of_points(score.columns, score.columns) +=
-          gradient * gradient.transpose() / (score.weight * score.weight);
-    }
+      classes[static_cast<size_t>(of_class)].AddPoint(score.columns, unweighed,
+                                                      point->information / score.weight);
+      of_points(score.columns, score.columns) += unweighed * unweighed.transpose();
+    });
+    Say object(size);
+    for (const Say& of_class : classes) object.Add(of_class, 1);
     for (const Say& of_class : classes) classes_.push_back(OfShared(of_class, priors));
     known_ = OfShared(background, priors);
     known_.Add(Pick(priors), 1);
@@ -211,7 +222,7 @@ TrackWeights FitTrackWeights(const JointProblem& problem, const JointOptions& op
   if (free == 0 || free > options.max_dense_parameters) return all_alike;
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
   const ReducedSystem reduced = Reduce(problem, system, loss.get(), options.num_threads);
-  const ClassComparison comparison(problem, system, reduced);
+  const ClassComparison comparison(problem, system, reduced, options.num_threads);
   if (comparison.num_shared() == 0) return all_alike;
   const double curvature = CurvatureShare(reduced.loss);
   const double variance = std::max(
