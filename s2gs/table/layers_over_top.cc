@@ -8,6 +8,7 @@
 
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/table/opaque_region.h"
+#include "s2gs/table/still_witness.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
@@ -170,6 +171,55 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
     if (is_layer) layers.gaussians.push_back(static_cast<uint32_t>(i));
   }
   return layers;
+}
+
+std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
+                                          const std::vector<StationPhotos>& stations,
+                                          const std::vector<std::vector<float>>& depths,
+                                          const Placement& gaussians) {
+  std::vector<StillWitness> witnesses;
+  std::vector<size_t> first_photo;
+  size_t num_photos = 0;
+  for (const StationPhotos& station : stations) {
+    witnesses.emplace_back(station, table);
+    first_photo.push_back(num_photos);
+    num_photos += station.views.size();
+  }
+  const double pixel_size = PixelAtAxis(stations, table.axis);
+  const auto is_hidden = [&](size_t witness, size_t photo, const Eigen::Vector2d& pixel, double z) {
+    const auto width = static_cast<size_t>(stations[witness].views[photo].width);
+    const size_t p = static_cast<size_t>(pixel.y()) * width + static_cast<size_t>(pixel.x());
+    const float depth = depths[first_photo[witness] + photo][p];
+    return depth > 0 && z > depth + kBehind * pixel_size;
+  };
+  struct Asked {
+    double height = 0;  // [radii]
+    bool is_judged = false;
+    bool stands = false;
+  };
+  std::vector<Asked> asked(gaussians.size());
+  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
+  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
+    const auto i = static_cast<size_t>(gaussian);
+    const float* centre = gaussians.centre.data() + 3 * i;
+    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
+    if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
+    const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
+    if (!(height > pixel_size)) return;
+    const StillVotes votes = AskWitnesses(witnesses, x, is_hidden);
+    asked[i].height = height / table.radius;
+    asked[i].is_judged = votes.same + votes.changes >= kLeastLit;
+    asked[i].stands = votes.tinted >= kLeastLit && votes.tinted > votes.changes;
+  });
+  Tally tally;
+  std::vector<uint32_t> standing;
+  for (size_t i = 0; i < asked.size(); ++i) {
+    if (!asked[i].is_judged) continue;
+    tally.Add(asked[i].height, asked[i].stands);
+    if (asked[i].stands) standing.push_back(static_cast<uint32_t>(i));
+  }
+  if (tally.TakesThings(kChance)) return {};
+  return standing;
 }
 
 }  // namespace s2gs

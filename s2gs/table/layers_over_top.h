@@ -35,4 +35,13 @@ struct LayersOverTop {
 LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
                                 const std::vector<std::vector<float>>& depths, const Placement& gaussians);
 
+/// The rotating Gaussians over the top, higher than a pixel, through which photos show what stands still:
+/// more of them the same as most of their station do, of another tint than elsewhere, than something else
+/// that nothing before them explains. None where as many of what stands too high for a layer would go. \param
+/// depths  RotatingDepths'.
+std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
+                                          const std::vector<StationPhotos>& stations,
+                                          const std::vector<std::vector<float>>& depths,
+                                          const Placement& gaussians);
+
 }  // namespace s2gs

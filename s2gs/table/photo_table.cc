@@ -14,6 +14,7 @@
 #include "s2gs/photo_exposure.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/table/opaque_region.h"
+#include "s2gs/table/still_witness.h"
 #include "s2gs/table/table_circle.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
@@ -28,7 +29,6 @@ constexpr double kFew = 0.05;      // of the points: outliers.
 // The table lies where the rotating points begin, so many of their heights about it.
 constexpr double kAround = 0.5;
 constexpr double kReach = 4;                // the same: a small thing on a large table.
-constexpr double kSamePlace = 0.5;          // how far the room's picture may move [px], and poses err
 constexpr int64_t kGaussiansAtOnce = 1000;  // that one thread looks at
 
 PinholeView Reduced(const PinholeView& view) {
@@ -74,73 +74,6 @@ double StaticShare(const TrainingScene& scene, const RotatingRegion& region,
   }
   return std::max(top.Share(), side.Share());
 }
-
-// The pixel of a point that is not at the picture's border.
-std::optional<Eigen::Vector2d> InnerPixelOf(const PinholeView& view, const Eigen::Vector3d& x_in_cam) {
-  const std::optional<Eigen::Vector2d> pixel = PixelOf(view, x_in_cam);
-  const bool is_inner = pixel && pixel->x() >= 1 && pixel->y() >= 1 && pixel->x() < view.width - 1 &&
-                        pixel->y() < view.height - 1;
-  return is_inner ? pixel : std::nullopt;
-}
-
-// A station's photos as witnesses of what stands still.
-class StillWitness {
- public:
-  StillWitness(const StationPhotos& station, const RotatingRegion& table)
-      : station_(station),
-        noise_(MeasurePictureNoise(station.images.data(), station.images.size())),
-        least_texture_(LeastTexture(noise_)) {
-    tables_.reserve(station.views.size());
-    for (const PinholeView& view : station.views) tables_.emplace_back(table, view);
-  }
-
-  // Photos that show something else at the point than most do, less those that show the same.
-  // \param by_texture  the same says something only where it has texture: a plain round thing looks alike
-  //     as it turns.
-  int Changes(const Eigen::Vector3d& x_in_object, bool by_texture) const {
-    int changes = 0;
-    for (size_t i = 0; i < station_.views.size(); ++i) {
-      const PinholeView& view = station_.views[i];
-      const Eigen::Vector3d in_camera = view.cam_from_object * x_in_object;
-      const std::optional<Eigen::Vector2d> pixel = InnerPixelOf(view, in_camera);
-      if (!pixel || !(MovedBy(view, in_camera, *pixel) < kSamePlace)) continue;
-      const auto x = static_cast<int>(pixel->x());
-      const auto y = static_cast<int>(pixel->y());
-      const std::optional<RegionHit> hit = tables_[i].At(x, y);
-      if (hit && hit->depth < in_camera.z()) continue;
-      const float most = noise_.tolerance + static_cast<float>(kSamePlace) * SlopeAt(station_.still, x, y);
-      const bool is_other =
-          MostDifferentChannel(station_.images[i].Pixel(x, y), station_.still.Pixel(x, y)) > most;
-      if (is_other) {
-        ++changes;
-      } else if (!by_texture || HasTexture(x, y)) {
-        --changes;
-      }
-    }
-    return changes;
-  }
-
- private:
-  bool HasTexture(int x, int y) const {
-    const Image8& still = station_.still;
-    return x >= kTextureRadius && y >= kTextureRadius && x + kTextureRadius < still.width &&
-           y + kTextureRadius < still.height && TextureAt(still, x, y) >= least_texture_;
-  }
-  // A camera that was touched sees the room elsewhere than the first view, of which the still picture is
-  // [px].
-  double MovedBy(const PinholeView& view, const Eigen::Vector3d& in_camera,
-                 const Eigen::Vector2d& pixel) const {
-    const PinholeView& first = station_.views.front();
-    const std::optional<Eigen::Vector2d> there =
-        InnerPixelOf(first, first.cam_from_world * (view.cam_from_world.Inverse() * in_camera));
-    return there ? (*there - pixel).norm() : kSamePlace;
-  }
-
-  const StationPhotos& station_;
-  PictureNoise noise_;
-  float least_texture_;
-  std::vector<RegionView> tables_;  // by photo
-};
 
 }  // namespace
 
@@ -285,10 +218,10 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
   ParallelFor(static_cast<int64_t>(around.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
     Around& of = around[static_cast<size_t>(i)];
     const float* centre = gaussians.centre.data() + size_t{3} * of.index;
-    int changes = 0;
-    for (const StillWitness& witness : witnesses)
-      changes += witness.Changes(Eigen::Vector3d(centre[0], centre[1], centre[2]), of.is_high);
-    of.stands = of.is_high ? changes < 0 : changes <= 0;
+    const StillVotes votes =
+        AskWitnesses(witnesses, Eigen::Vector3d(centre[0], centre[1], centre[2]),
+                     [](size_t, size_t, const Eigen::Vector2d&, double) { return false; });
+    of.stands = of.is_high ? votes.told > votes.changes : votes.same >= votes.changes;
   });
   std::vector<uint32_t> standing;
   for (const Around& of : around) {

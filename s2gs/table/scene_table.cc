@@ -13,6 +13,23 @@ namespace {
 // Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and more.
 constexpr double kTexturedTop = 0.5;
 
+// In rounds, since a layer hides the next one.
+constexpr int kStandingRounds = 5;
+
+size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingRegion& table,
+                     Backend* backend, Reporter& reporter) {
+  size_t count = 0;
+  for (int round = 0; round < kStandingRounds; ++round) {
+    const std::vector<uint32_t> standing =
+        FindStandingOverTop(table, stations, RotatingDepths(stations, backend), backend->GetPlacement());
+    if (standing.empty()) break;
+    count += standing.size();
+    LeaveOut(standing, "over the table's top, where photos see what stands still by its tint", backend,
+             reporter);
+  }
+  return count;
+}
+
 }  // namespace
 
 void LeaveOut(const std::vector<uint32_t>& gaussians, const char* which, Backend* backend,
@@ -61,6 +78,7 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   }
   if (options.draw_seen && is_textured) table.known_texture_ = TexturedTop::Learn(stations, region);
   if (!options.cut_around) return table;
+  table.num_over_top += ClearStanding(stations, region, backend, reporter);
   const std::vector<uint32_t> standing = FindStandingAroundTable(stations, region, backend->GetPlacement());
   table.num_around = standing.size();
   LeaveOut(standing, "around the table, where photos show no change", backend, reporter);

@@ -6,11 +6,14 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
+#include <numeric>
 #include <optional>
 #include <vector>
 
 #include "s2gs/core/rng.h"
 #include "s2gs/image/median_picture.h"
+#include "s2gs/table/opaque_region.h"
 #include "tests/s2gs/table/table_on_ground.h"
 
 namespace s2gs {
@@ -145,6 +148,86 @@ class LayersInShadow : public testing::Test {
   Placement gaussians;
   size_t num_layers = 0;
 };
+
+// A wall of rotating Gaussians on the rim, and a thing on the axis that looks alike as it turns, before
+// smooth ground.
+class StandingOverTop : public testing::Test {
+ protected:
+  StandingOverTop() : scene(TableOnGround(kTablePhotos, TopLook::kPlain)) {
+    for (double angle = 0; angle < 6; angle += 0.25)
+      Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.2}, 5, &gaussians);
+    num_wall = gaussians.size();
+    for (int i = 0; i < 40; ++i) Add({0, 0, kTableTop + 0.45 + 0.001 * i}, 5, &gaussians);
+  }
+
+  // \param red, blue  of the ground at the picture's column, which is no table's, from 0 to 1.
+  void Paint(const std::function<double(double)>& red, const std::function<double(double)>& blue) {
+    for (ScenePhoto& photo : scene.photos) {
+      PixelMask table{photo.image.width, photo.image.height, {}};
+      table.inside.assign(photo.image.pixels.size() / 3, 0);
+      AddRegion(TableRegion(), photo.view, &table);
+      AddRegion({TurntableAxis(), 0.15, kTableTop, kTableTop + 0.6}, photo.view, &table);
+      for (size_t i = 0; i < table.inside.size(); ++i) {
+        if (table.inside[i] != 0) continue;
+        const double column = static_cast<double>(i % kTablePhotoWidth) / kTablePhotoWidth;
+        photo.image.pixels[3 * i] = static_cast<uint8_t>(red(column));
+        photo.image.pixels[3 * i + 1] = 120;
+        photo.image.pixels[3 * i + 2] = static_cast<uint8_t>(blue(column));
+      }
+    }
+    stations = LoadStations(scene);
+  }
+
+  std::vector<uint32_t> Find() const {
+    return FindStandingOverTop(TableRegion(), stations, NothingHides(), gaussians);
+  }
+
+  TrainingScene scene;
+  std::vector<StationPhotos> stations;
+  Placement gaussians;
+  size_t num_wall = 0;
+};
+
+TEST_F(StandingOverTop, IsKnownByTheTintOfTheGroundBehind) {
+  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
+  std::vector<uint32_t> wall(num_wall);
+  std::iota(wall.begin(), wall.end(), 0);
+  EXPECT_EQ(Find(), wall);
+  EXPECT_TRUE(FindStandingOverTop(TableRegion(), {}, {}, gaussians).empty());
+
+  // What is known to be before it says nothing of it.
+  std::vector<std::vector<float>> hidden = NothingHides();
+  for (std::vector<float>& depths : hidden) std::fill(depths.begin(), depths.end(), 1.0F);
+  EXPECT_TRUE(FindStandingOverTop(TableRegion(), stations, hidden, gaussians).empty());
+
+  // Nor can a thing be told from it that is so high and goes for the same reason.
+  for (double angle = 0; angle < 6; angle += 0.25)
+    Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.45}, 5, &gaussians);
+  EXPECT_TRUE(Find().empty());
+}
+
+// Light may fall on a thing that turns as it does on that ground.
+TEST_F(StandingOverTop, IsNotKnownByGreyGround) {
+  Paint([](double) { return 120; }, [](double) { return 120; });
+  EXPECT_TRUE(Find().empty());
+}
+
+// Photos show the wall, of one tint.
+TEST_F(StandingOverTop, IsNotWhatPhotosShowTurning) {
+  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
+  for (size_t i = 0; i < kTablePhotos; ++i) {
+    const PinholeView& view = stations[0].views[i];
+    for (size_t k = 0; k < num_wall; k += 2) {
+      const float* x = &gaussians.centre[3 * k];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * Eigen::Vector3d(x[0], x[1], x[2]));
+      uint8_t* color = stations[0].images[i].Pixel(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+      color[0] = color[1] = 230;
+      color[2] = 20;
+    }
+  }
+  for (const uint32_t i : Find()) EXPECT_EQ(i % 2, 1U);
+  EXPECT_GT(Find().size(), num_wall / 3);
+}
 
 TEST(TopEvidence, SaysWhichSightsCount) {
   for (const TopSight sight : {TopSight::kElsewhere, TopSight::kOther, TopSight::kBorder}) {
