@@ -213,6 +213,10 @@ struct Loader {
   const Undistortion& Plan(const Camera& camera) {
     const auto found = undistortions.find(camera.camera_id);
     if (found != undistortions.end()) return found->second;
+    if (LensTurnsBack(camera)) {
+      reporter.Warn(paths.object_model.string() + ": the lens of camera " + std::to_string(camera.camera_id) +
+                    " turns back within its photos: what they show near their borders is left out");
+    }
     return undistortions.emplace(camera.camera_id, PlanUndistortion(camera, paths.object_model))
         .first->second;
   }

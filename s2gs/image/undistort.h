@@ -9,10 +9,15 @@
 
 namespace s2gs {
 
+/// Whether its lens turns back within the photo: some pixels of the border show nothing in front of the
+/// camera, as where one coefficient was fitted to a strong lens and the object is in the middle.
+bool LensTurnsBack(const Camera& camera);
+
 /// The pinhole that images of `camera` are resampled to: its focal lengths, and the largest image that the
 /// photo fills whatever the lens, so that no pixel is blank. A camera without distortion stays as it is, but
-/// as a PINHOLE. Throws UserError when the lens leaves no such image, or the model cannot be projected.
-/// \param path  the file that the camera comes from, for the message.
+/// as a PINHOLE. Of a lens that turns back it is the largest box around the principal point that lies within.
+/// Throws UserError when the lens leaves no such image, or the model cannot be projected. \param path  the
+/// file that the camera comes from, for the message.
 Camera UndistortedCamera(const Camera& camera, const std::filesystem::path& path);
 
 /// The image as `pinhole` (of UndistortedCamera) sees it, bilinear between pixels. The result does not depend

@@ -62,6 +62,43 @@ TEST(Undistort, ResamplesToThePinhole) {
   }
 }
 
+// r (1 - .5 r^2) has its largest value, .544, at r = .816: the corners, at .72 to .77, show nothing, and
+// neither do the left and right sides, at .59 to .61.
+TEST(Undistort, LensThatTurnsBackIsUsedWithin) {
+  Camera camera = Distorted(-0.5);
+  EXPECT_TRUE(LensTurnsBack(camera));
+  EXPECT_FALSE(LensTurnsBack(Distorted(-0.15)));
+  EXPECT_FALSE(LensTurnsBack(Distorted(0)));
+  const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
+  EXPECT_EQ(FocalLengths(pinhole), FocalLengths(camera));
+  const Eigen::Vector2d principal = PrincipalPoint(pinhole);
+  const double turn = 100 * std::sqrt(2 / 3.0);
+  double farthest = 0;
+  for (const double x : {0.5, pinhole.width - 0.5}) {
+    for (const double y : {0.5, pinhole.height - 0.5}) {
+      farthest = std::max(farthest, (Eigen::Vector2d(x, y) - principal).norm());
+    }
+  }
+  EXPECT_LE(farthest, turn);
+  // A square within the circle, but for what the photo itself does not reach above and below, would have 2
+  // r^2.
+  EXPECT_GE(static_cast<double>(pinhole.width * pinhole.height), 0.9 * 2 * turn * turn);
+  Reporter silent;
+  const Image8 image = UndistortImage(Picture(camera), camera, pinhole, silent);
+  const Image8 expected = Picture(pinhole);
+  double worst = 0;
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      // Towards the turn a pixel of the photo is many of the pinhole's.
+      if ((Eigen::Vector2d(x + 0.5, y + 0.5) - principal).norm() > 0.8 * turn) continue;
+      for (int c = 0; c < 3; ++c) {
+        worst = std::max(worst, std::abs(1.0 * image.Pixel(x, y)[c] - expected.Pixel(x, y)[c]));
+      }
+    }
+  }
+  EXPECT_LE(worst, 6);
+}
+
 TEST(Undistort, LeavesPinholesAlone) {
   const Camera camera = Distorted(0);
   const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
