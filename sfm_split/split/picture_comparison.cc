@@ -161,8 +161,9 @@ PictureStandard::Level PictureStandard::MakeLevel(const GreyPicture& picture, in
 
 std::vector<PictureStandard::Tile> PictureStandard::MakeTiles(const Level& level, int side) {
   std::vector<Tile> tiles;
-  const auto num_x = static_cast<int>(level.gx.cols()) / side;
-  const auto num_y = static_cast<int>(level.gx.rows()) / side;
+  // Not where a search would leave the picture.
+  const auto num_x = (static_cast<int>(level.gx.cols()) - 2 * kSearchRadius) / side;
+  const auto num_y = (static_cast<int>(level.gx.rows()) - 2 * kSearchRadius) / side;
   const int left = (static_cast<int>(level.gx.cols()) - num_x * side) / 2;
   const int top = (static_cast<int>(level.gx.rows()) - num_y * side) / 2;
   for (int y = 0; y < num_y; ++y) {
@@ -322,12 +323,13 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
   Eigen::Matrix2d all = Eigen::Matrix2d::Zero();
   Eigen::Matrix2d agreeing = Eigen::Matrix2d::Zero();
   int num = 0;
+  double by_chance = 0;  // of the edges: as an edge was placed, so wide is what it agrees with
   for (TileMatch& tile : comparison->tiles) {
     if (!tile.is_textured && !tile.is_edge) continue;
     all += Told(tile);
-    const double bound = tile.is_edge ? kMaxResidualPx : Bound(tile);
     tile.agrees = IsSeen(tile) && Moved(motion, tile).cwiseAbs().maxCoeff() <= max_shake &&
-                  Residual(motion, tile).norm() <= bound;
+                  Residual(motion, tile).norm() <= Bound(tile);
+    if (tile.is_edge) by_chance += std::min(1.0, 2 * Bound(tile) / (2 * kSearchRadius + 1));
     if (!tile.agrees) continue;
     agreeing += Told(tile);
     ++num;
@@ -337,10 +339,12 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
   const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::Matrix2d> share(agreeing, all,
                                                                         Eigen::EigenvaluesOnly);
   comparison->num_cells = CellsOfAgreeing(comparison->tiles, width_, height_);
-  double log_chance = LogPoissonTail(num, kChanceOfEdge * comparison->num_edges);
-  // A shift was chosen among as many places as differ, and so was a roll of what lies at the picture's
-  // border.
-  if (!motion.isIdentity()) log_chance -= (motion(1, 0) != 0 ? 3 : 2) * std::log(kChanceOfEdge);
+  double log_chance = LogPoissonTail(num, by_chance);
+  // A shift was chosen among as many places as differ, and so were a roll and a growth of what lies at the
+  // picture's border.
+  const double log_zoom = std::log(motion.topLeftCorner<2, 2>().determinant()) / 2;
+  const int num_chosen = 2 + (motion(1, 0) != 0 ? 1 : 0) + (std::abs(log_zoom) > 1e-12 ? 1 : 0);
+  if (!motion.isIdentity()) log_chance -= num_chosen * std::log(kChanceOfEdge);
   return share.eigenvalues().minCoeff() >= min_share_ && comparison->num_cells >= min_cells_ &&
          log_chance <= kMaxLogChance;
 }

@@ -4,7 +4,10 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
+#include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 #include <utility>
 
 #include "sfm_split/base/parallel_for.h"
@@ -54,31 +57,35 @@ void CompareByWhatStays(const PictureStandard& standard, const std::vector<GreyP
   });
 }
 
-// Leaves those members out in which much of what stays in place in most of them lies elsewhere. A tile of
-// little texture before noise, of a checked cloth or of what turns lies elsewhere now and then in every
-// photo: only more of them than that makes a photo of another place.
-void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vector<int>* members) {
-  if (members->size() < kMinPersistencePhotos) return;
-  const size_t num_tiles = comparisons[members->front()].tiles.size();
-  std::vector<int> num_found(num_tiles, 0);
-  std::vector<int> num_elsewhere(num_tiles, 0);
-  for (const int m : *members) {
-    for (size_t t = 0; t < num_tiles; ++t) {
-      const TileMatch& tile = comparisons[m].tiles[t];
-      num_found[t] += tile.is_found ? 1 : 0;
-      num_elsewhere[t] += tile.is_found && !tile.agrees ? 1 : 0;
+// What is found in most of a station's photos, and how often it lies elsewhere. A tile of little texture
+// before noise, of a checked cloth or of what turns lies elsewhere now and then in every photo: only more of
+// them than that makes a photo of another place.
+class WhatStays {
+ public:
+  // Comparisons of the station's members with one standard.
+  WhatStays(const std::vector<PictureComparison>& comparisons, const std::vector<int>& members)
+      : needed_(kMinPersistence * static_cast<double>(members.size())),
+        num_found_(comparisons[members.front()].tiles.size(), 0),
+        num_elsewhere_(num_found_.size(), 0) {
+    for (const int m : members) {
+      for (size_t t = 0; t < num_found_.size(); ++t) {
+        const TileMatch& tile = comparisons[m].tiles[t];
+        num_found_[t] += tile.is_found ? 1 : 0;
+        num_elsewhere_[t] += tile.is_found && !tile.agrees ? 1 : 0;
+      }
     }
   }
-  const double needed = kMinPersistence * static_cast<double>(members->size());
-  const auto has_moved = [&](int m) {
+
+  // Of a comparison with the same standard: whether much of what stays lies elsewhere.
+  bool HasMovedIn(const PictureComparison& comparison) const {
     int num_moved = 0;
     int num = 0;
     double expected = 0;
     double variance = 0;
-    for (size_t t = 0; t < num_tiles; ++t) {
-      const TileMatch& tile = comparisons[m].tiles[t];
-      if (!tile.is_found || num_found[t] < needed) continue;
-      const double share = num_elsewhere[t] / static_cast<double>(num_found[t]);
+    for (size_t t = 0; t < num_found_.size(); ++t) {
+      const TileMatch& tile = comparison.tiles[t];
+      if (!tile.is_found || num_found_[t] < needed_) continue;
+      const double share = num_elsewhere_[t] / static_cast<double>(num_found_[t]);
       expected += share;
       variance += share * (1 - share);
       ++num;
@@ -86,8 +93,21 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
     }
     return num_moved >= kMinMovedTiles && num_moved > kMaxMovedShare * num &&
            num_moved - expected > kMovedSigmas * std::sqrt(variance);
-  };
-  members->erase(std::remove_if(members->begin(), members->end(), has_moved), members->end());
+  }
+
+ private:
+  double needed_;
+  std::vector<int> num_found_;
+  std::vector<int> num_elsewhere_;
+};
+
+// Leaves those members out in which much of what stays in place in most of them lies elsewhere.
+void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vector<int>* members) {
+  if (members->size() < kMinPersistencePhotos) return;
+  const WhatStays stays(comparisons, *members);
+  members->erase(std::remove_if(members->begin(), members->end(),
+                                [&](int m) { return stays.HasMovedIn(comparisons[m]); }),
+                 members->end());
 }
 
 // What a camera that stands still sees, of pictures in which it did: what turns or passes by is not in it,
@@ -111,34 +131,220 @@ GreyPicture MedianPicture(const std::vector<const GreyPicture*>& pictures) {
   return median;
 }
 
+// The second picture as the first one's camera would show it.
+GreyPicture SeenFrom(const Eigen::Matrix3d& second_from_first, const GreyPicture& second) {
+  if (second_from_first.isIdentity()) return second;
+  // OpenCV counts from the middle of the first pixel.
+  Eigen::Matrix3d to_corner = Eigen::Matrix3d::Identity();
+  to_corner.topRightCorner<2, 1>().setConstant(0.5);
+  const Eigen::Matrix3d H = to_corner.inverse() * second_from_first * to_corner;
+  cv::Matx33d map;
+  for (int i = 0; i < 9; ++i) map(i / 3, i % 3) = H(i / 3, i % 3);
+  GreyPicture seen = second;
+  const cv::Mat from(second.height, second.width, CV_8UC1, const_cast<uint8_t*>(second.grey.data()));
+  cv::Mat to(second.height, second.width, CV_8UC1, seen.grey.data());
+  cv::warpPerspective(from, to, map, to.size(), cv::INTER_CUBIC | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  return seen;
+}
+
 // Takes photos in that show what the others show without what turns: one of them, which the rest were
 // compared with, has its share of the thing before the wall, and of a plain wall's few tiles that is many.
-// \param first  the station's standard. \param images  those that were compared.
-void TakeInByMedian(const std::vector<GreyPicture>& pictures, int first, const std::vector<int>& images,
-                    const StationOptions& options, std::vector<PictureComparison>* comparisons,
-                    std::vector<int>* members) {
-  std::vector<const GreyPicture*> still = {&pictures[first]};
-  for (const int m : *members) {
-    if ((*comparisons)[m].second_from_first.isIdentity()) still.push_back(&pictures[images[m]]);
-  }
-  if (still.size() < kPicturesForMedian || members->size() == images.size()) return;
-  const PictureStandard median(MedianPicture(still), options.max_shake_px, options.min_unmoved_share,
-                               options.min_cells);
+// \param still   pictures in the standard's frame, those of members apart. \param images  those that were
+// compared.
+void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const GreyPicture*> still,
+                    const std::vector<int>& images, const StationOptions& options,
+                    std::vector<PictureComparison>* comparisons, std::vector<int>* members) {
+  const std::vector<const GreyPicture*> apart = still;
   std::vector<char> is_taken(images.size(), 0);
   for (const int m : *members) is_taken[m] = 1;
-  ParallelFor(static_cast<int64_t>(images.size()), 0, [&](int64_t i) {
-    if (is_taken[i] != 0) return;
-    PictureComparison comparison = median.CompareWith(pictures[images[i]]);
-    if (comparison.verdict != Verdict::kStill) return;
-    int num_found = 0;
-    for (const TileMatch& tile : comparison.tiles) num_found += tile.is_found ? 1 : 0;
-    if (num_found - comparison.num_agreeing > kMaxMovedShare * num_found) return;
-    (*comparisons)[i] = std::move(comparison);
-    is_taken[i] = 1;
+  for (size_t num_before = 0; members->size() > num_before;) {
+    if (members->size() + apart.size() < kPicturesForMedian || members->size() == images.size()) return;
+    num_before = members->size();
+    std::vector<GreyPicture> steadied(members->size());
+    ParallelFor(static_cast<int64_t>(members->size()), 0, [&](int64_t k) {
+      const int m = (*members)[k];
+      steadied[k] = SeenFrom((*comparisons)[m].second_from_first, pictures[images[m]]);
+    });
+    still = apart;
+    for (const GreyPicture& picture : steadied) still.push_back(&picture);
+    const PictureStandard median(MedianPicture(still), options.max_shake_px, options.min_unmoved_share,
+                                 options.min_cells);
+    std::vector<PictureComparison> anew(images.size());
+    ParallelFor(static_cast<int64_t>(images.size()), 0,
+                [&](int64_t i) { anew[i] = median.CompareWith(pictures[images[i]]); });
+    const WhatStays stays(anew, *members);
+    for (size_t i = 0; i < images.size(); ++i) {
+      // The members', too: a median tells their shake better than one photo did, and so the next median.
+      if (anew[i].verdict != Verdict::kStill || (is_taken[i] == 0 && stays.HasMovedIn(anew[i]))) continue;
+      (*comparisons)[i] = std::move(anew[i]);
+      is_taken[i] = 1;
+    }
+    members->clear();
+    for (size_t i = 0; i < images.size(); ++i) {
+      if (is_taken[i] != 0) members->push_back(static_cast<int>(i));
+    }
+  }
+}
+
+// How pictures moved from a median of others, or nothing where that is none of a camera that stood still:
+// each must stand still before the median of the others, and most do.
+bool StandStillTogether(const std::vector<const GreyPicture*>& window, const StationOptions& options) {
+  const auto num_still = [&](const auto& standard_without) {
+    std::vector<char> is_still(window.size(), 0);
+    for (size_t k = 0; k < window.size(); ++k)
+      is_still[k] = standard_without(k).CompareWith(*window[k]).verdict == Verdict::kStill ? 1 : 0;
+    return static_cast<double>(std::count(is_still.begin(), is_still.end(), 1));
+  };
+  const auto standard_of = [&](const std::vector<const GreyPicture*>& pictures) {
+    return PictureStandard(MedianPicture(pictures), options.max_shake_px, options.min_unmoved_share,
+                           options.min_cells);
+  };
+  const double needed = kMinPersistence * static_cast<double>(window.size());
+  const PictureStandard of_all = standard_of(window);
+  if (num_still([&](size_t) -> const PictureStandard& { return of_all; }) <= needed) return false;
+  return num_still([&](size_t k) {
+           std::vector<const GreyPicture*> others = window;
+           others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
+           return standard_of(others);
+         }) > needed;
+}
+
+// Where what turns fills the pictures, as on a plain disc before a plain wall, no photo tells what stays: its
+// tiles are the thing's, and of the table's rim and a shadow's edge each photo has its own share. The median
+// of photos that follow one another has what stays alone, if the camera stood still: so this is tried of
+// photos that found no station. \param loose  these, in their order.
+void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector<int> loose,
+                           const StationOptions& options, Reporter& reporter, PictureStations* stations) {
+  size_t begin = 0;
+  while (begin + kPicturesForMedian <= loose.size()) {
+    if (reporter.StopRequested()) throw Interrupted();
+    std::vector<const GreyPicture*> window;
+    for (size_t k = begin; k < begin + kPicturesForMedian; ++k) window.push_back(&pictures[loose[k]]);
+    const bool is_one_size = std::all_of(window.begin(), window.end(), [&](const GreyPicture* picture) {
+      return picture->width == window.front()->width && picture->height == window.front()->height;
+    });
+    if (!is_one_size || !StandStillTogether(window, options)) {
+      begin += kPicturesForMedian / 2;
+      continue;
+    }
+    const PictureStandard median(MedianPicture(window), options.max_shake_px, options.min_unmoved_share,
+                                 options.min_cells);
+    std::vector<PictureComparison> comparisons(loose.size());
+    ParallelFor(static_cast<int64_t>(loose.size()), 0,
+                [&](int64_t i) { comparisons[i] = median.CompareWith(pictures[loose[i]]); });
+    std::vector<int> members;
+    for (size_t i = 0; i < loose.size(); ++i) {
+      if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));
+    }
+    LeaveOutMoved(comparisons, &members);
+    TakeInByMedian(pictures, {}, loose, options, &comparisons, &members);
+    if (members.size() < kMinPersistencePhotos) {
+      begin += kPicturesForMedian / 2;
+      continue;
+    }
+    const Eigen::Vector2d scale = pictures[loose[members.front()]].Scale();
+    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+    const Eigen::Matrix3d median_from_first = comparisons[members.front()].second_from_first.inverse();
+    const int station = static_cast<int>(pictures.size()) + loose[members.front()];
+    for (const int m : members) {
+      stations->station_of_image[loose[m]] = station;
+      stations->photo_from_first[loose[m]] =
+          to_photo * comparisons[m].second_from_first * median_from_first * to_photo.inverse();
+    }
+    loose.erase(std::remove_if(loose.begin(), loose.end(),
+                               [&](int image) { return stations->station_of_image[image] == station; }),
+                loose.end());
+    begin = 0;
+  }
+}
+
+// Photos of stations that are too small for what stays in them to show.
+std::vector<int> LoosePhotos(const PictureStations& stations) {
+  std::map<int, size_t> num_photos;
+  for (const int station : stations.station_of_image) ++num_photos[station];
+  std::vector<int> loose;
+  for (size_t i = 0; i < stations.station_of_image.size(); ++i) {
+    if (num_photos[stations.station_of_image[i]] < kMinPersistencePhotos)
+      loose.push_back(static_cast<int>(i));
+  }
+  return loose;
+}
+
+// A station's photos, as its first one's camera would show them.
+std::vector<GreyPicture> SteadiedPictures(const std::vector<GreyPicture>& pictures,
+                                          const PictureStations& stations, const std::vector<int>& images) {
+  std::vector<GreyPicture> steadied(images.size());
+  ParallelFor(static_cast<int64_t>(images.size()), 0, [&](int64_t k) {
+    const Eigen::Vector2d scale = pictures[images[k]].Scale();
+    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+    steadied[k] =
+        SeenFrom(to_photo.inverse() * stations.photo_from_first[images[k]] * to_photo, pictures[images[k]]);
   });
-  members->clear();
-  for (size_t i = 0; i < images.size(); ++i) {
-    if (is_taken[i] != 0) members->push_back(static_cast<int>(i));
+  return steadied;
+}
+
+// Joins stations whose medians, or a smaller one's first photo, show that the camera stood still: each has
+// had a photo for its standard, and what that shows of the thing is not what the other's photos show.
+void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOptions& options,
+                   Reporter& reporter, PictureStations* stations) {
+  std::map<int, std::vector<int>> images;
+  for (size_t i = 0; i < pictures.size(); ++i)
+    images[stations->station_of_image[i]].push_back(static_cast<int>(i));
+  std::vector<int> by_size;
+  std::map<int, GreyPicture> shown;
+  for (const auto& [station, members] : images) {
+    by_size.push_back(station);
+    std::vector<GreyPicture> steadied;
+    if (members.size() >= kMinPersistencePhotos) steadied = SteadiedPictures(pictures, *stations, members);
+    std::vector<const GreyPicture*> still;
+    for (const GreyPicture& picture : steadied) still.push_back(&picture);
+    shown.emplace(station, still.empty() ? pictures[members.front()] : MedianPicture(still));
+  }
+  std::stable_sort(by_size.begin(), by_size.end(),
+                   [&](int a, int b) { return images[a].size() > images[b].size(); });
+  for (size_t a = 0; a + 1 < by_size.size() && images[by_size[a]].size() >= kPicturesForMedian; ++a) {
+    if (reporter.StopRequested()) throw Interrupted();
+    const std::vector<int> kept = images[by_size[a]];
+    if (stations->station_of_image[kept.front()] != by_size[a]) continue;  // joined to a larger one
+    const GreyPicture& picture = shown.at(by_size[a]);
+    const PictureStandard standard(picture, options.max_shake_px, options.min_unmoved_share,
+                                   options.min_cells);
+    const Eigen::Vector2d scale = picture.Scale();
+    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+    std::vector<PictureComparison> comparisons(by_size.size());
+    ParallelFor(static_cast<int64_t>(by_size.size() - a - 1), 0, [&](int64_t k) {
+      comparisons[a + 1 + k] = standard.CompareWith(shown.at(by_size[a + 1 + k]));
+    });
+    std::vector<PictureComparison> of_kept(kept.size());
+    ParallelFor(static_cast<int64_t>(kept.size()), 0,
+                [&](int64_t k) { of_kept[k] = standard.CompareWith(pictures[kept[k]]); });
+    std::vector<int> all(kept.size());
+    std::iota(all.begin(), all.end(), 0);
+    const WhatStays stays(of_kept, all);
+    for (size_t b = a + 1; b < by_size.size(); ++b) {
+      const std::vector<int>& joined = images[by_size[b]];
+      if (stations->station_of_image[joined.front()] != by_size[b] ||
+          comparisons[b].verdict != Verdict::kStill || stays.HasMovedIn(comparisons[b]))
+        continue;
+      const Eigen::Matrix3d joined_from_kept =
+          to_photo * comparisons[b].second_from_first * to_photo.inverse();
+      for (const int image : joined) {
+        stations->station_of_image[image] = by_size[a];
+        stations->photo_from_first[image] = stations->photo_from_first[image] * joined_from_kept;
+      }
+    }
+  }
+}
+
+// In the order of first photos, which what was left of a station may have another of.
+void Renumber(PictureStations* stations) {
+  std::map<int, std::pair<int, Eigen::Matrix3d>> of_old;  // new number, first photo from the old first one
+  for (size_t i = 0; i < stations->station_of_image.size(); ++i) {
+    const auto [found, is_new] =
+        of_old.try_emplace(stations->station_of_image[i], static_cast<int>(of_old.size()),
+                           stations->photo_from_first[i].inverse());
+    stations->station_of_image[i] = found->second.first;
+    stations->photo_from_first[i] = stations->photo_from_first[i] * found->second.second;
   }
 }
 
@@ -176,7 +382,7 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
       if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));
     }
     LeaveOutMoved(comparisons, &members);
-    TakeInByMedian(pictures, first, left, options, &comparisons, &members);
+    TakeInByMedian(pictures, {&picture}, left, options, &comparisons, &members);
     result.station_of_image[first] = num_stations;
     const Eigen::Vector2d scale = picture.Scale();
     const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
@@ -191,6 +397,9 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
     reporter.Progress("compare pictures", static_cast<int64_t>(pictures.size() - left.size()),
                       static_cast<int64_t>(pictures.size()));
   }
+  FindStationsByMedians(pictures, LoosePhotos(result), options, reporter, &result);
+  JoinByMedians(pictures, options, reporter, &result);
+  Renumber(&result);
   return result;
 }
 

@@ -118,15 +118,16 @@ Eigen::Vector2d DensestDisplacement(const std::vector<const TileMatch*>& found) 
   return best;
 }
 
-// A shift and a roll about the picture's middle [px, rad].
+// A shift, a roll about the picture's middle and a growth [px, rad, natural logarithm].
 struct Turn {
   Eigen::Vector2d middle;
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();
   double roll = 0;
+  double log_zoom = 0;
 
   Eigen::Matrix3d Homography() const {
-    const Eigen::Affine2d T =
-        Eigen::Translation2d(middle + shift) * Eigen::Rotation2Dd(roll) * Eigen::Translation2d(-middle);
+    const Eigen::Affine2d T = Eigen::Translation2d(middle + shift) * Eigen::Rotation2Dd(roll) *
+                              Eigen::Scaling(std::exp(log_zoom)) * Eigen::Translation2d(-middle);
     return T.matrix();
   }
 };
@@ -150,17 +151,18 @@ Eigen::Vector2d LikeliestShift(const std::vector<const TileMatch*>& seen, const 
   return best;
 }
 
-// Least squares over what agrees within falling bounds: of the shift alone (2), or of the roll, too (3).
+// Least squares over what agrees within falling bounds: of the shift alone (2), of the roll (3) and the
+// growth (4), too.
 Turn Refined(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& from, int num_parameters,
              Turn turn) {
   for (const double bound : {1.0, 0.7, 0.5, 0.0, 0.0}) {
     const Eigen::Matrix3d H = turn.Homography() * from;
     Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(num_parameters, num_parameters);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(num_parameters);
-    for (const TileMatch* tile : Inliers(H, seen, num_parameters == 3 ? bound : 0.0)) {
+    for (const TileMatch* tile : Inliers(H, seen, num_parameters > 2 ? bound : 0.0)) {
       const Eigen::Vector2d arm = tile->centre + Moved(H, *tile) - turn.middle - turn.shift;
-      Eigen::Matrix<double, 2, 3> design;
-      design << 1, 0, -arm.y(), 0, 1, arm.x();
+      Eigen::Matrix<double, 2, 4> design;
+      design << 1, 0, -arm.y(), arm.x(), 0, 1, arm.x(), arm.y();
       const Eigen::MatrixXd told = Told(*tile) * design.leftCols(num_parameters);
       const double weight = 1 / (tile->sigma_px * tile->sigma_px);
       normal += weight * told.transpose() * told;
@@ -170,7 +172,8 @@ Turn Refined(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& f
     if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) break;
     const Eigen::VectorXd step = solver.solve(right);
     turn.shift += step.head<2>();
-    if (num_parameters == 3) turn.roll += step(2);
+    if (num_parameters > 2) turn.roll += step(2);
+    if (num_parameters > 3) turn.log_zoom += step(3);
   }
   return turn;
 }
@@ -217,7 +220,7 @@ Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix
   Turn turn{0.5 * Eigen::Vector2d(width, height), LikeliestShift(seen, from, radius), 0};
   Eigen::Matrix3d chosen = from;
   double least = Criterion(from, seen, 0);
-  for (const int num_parameters : {2, 3}) {
+  for (const int num_parameters : {2, 3, 4}) {
     // Less than a residual's bound is no shift: what stays is the likelier for it.
     if (num_parameters == 2 && turn.shift.isZero()) continue;
     turn = Refined(seen, from, num_parameters, turn);

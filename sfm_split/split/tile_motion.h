@@ -48,8 +48,9 @@ bool IsSeen(const TileMatch& tile);
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height);
 
 /// What a camera that was turned a little about its centre shows, as tiles and edges ask for it beyond a
-/// motion, by the criterion that chooses between motions: nothing, a shift of up to `radius`, or a shift and
-/// a roll about the picture's middle. \param width, height  of the picture [px].
+/// motion, by the criterion that chooses between motions: nothing, a shift of up to `radius`, a shift and
+/// a roll about the picture's middle, or these and the growth of all that a lens shows when it focuses anew.
+/// \param width, height  of the picture [px].
 Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
                         int width, int height);
 

@@ -150,8 +150,10 @@ TEST(PictureStandard, IgnoresAHand) {
 struct PlainShot {
   double turn_deg = 0;
   double roll_rad = 0;  // of the camera about the picture's middle, before the shift
+  double zoom = 1;      // about the same
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();
   double flatness = 0.5;   // of the disc's ellipse: how high the camera stands
+  double turning = 50;     // radius of what turns [px]
   bool has_shelf = false;  // two long edges instead of the disc's rim
   double hidden = 0;       // share of the picture's width that somebody stands before
   double gain = 1;
@@ -162,7 +164,6 @@ struct PlainShot {
 // and has structure are edges.
 GreyPicture TakePlain(const PlainShot& shot) {
   constexpr double kRadius = 130;
-  constexpr double kObjectRadius = 50;
   const cv::Mat texture = Texture(3, 10);
   const double c = std::cos(shot.turn_deg * CV_PI / 180);
   const double s = std::sin(shot.turn_deg * CV_PI / 180);
@@ -170,13 +171,14 @@ GreyPicture TakePlain(const PlainShot& shot) {
   for (int y = 0; y < picture.rows; ++y) {
     for (int x = 0; x < picture.cols; ++x) {
       const Eigen::Vector2d middle(0.5 * kWidth, 0.5 * kHeight);
-      const Eigen::Vector2d unturned =
-          middle + Eigen::Rotation2Dd(-shot.roll_rad) * (0.5 * Eigen::Vector2d(x, y) - shot.shift - middle);
+      const Eigen::Vector2d unturned = middle + Eigen::Rotation2Dd(-shot.roll_rad) *
+                                                    (0.5 * Eigen::Vector2d(x, y) - shot.shift - middle) /
+                                                    shot.zoom;
       const double u = unturned.x() - kDiscCentre.x();
       const double v = unturned.y() - kDiscCentre.y();
       double grey = 170 - 0.05 * y;
       if (shot.has_shelf ? v > -120 && v < 60 : std::hypot(u, v / shot.flatness) < kRadius) grey = 110;
-      if (std::hypot(u, 2 * v) < kObjectRadius)
+      if (std::hypot(u, 2 * v) < shot.turning)
         grey = texture.at<float>(static_cast<int>(200 + s * u + 2 * c * v),
                                  static_cast<int>(200 + c * u - 2 * s * v));
       if (x < shot.hidden * picture.cols) grey = 60;
@@ -236,6 +238,32 @@ TEST(PictureStandard, TellsARollByEdges) {
       const Eigen::Vector3d found = comparison.second_from_first * at.homogeneous();
       EXPECT_LT((found.hnormalized() - truth).norm(), 0.15) << roll << " " << at.transpose();
     }
+  }
+}
+
+// A lens that focuses anew shows all a little larger: by more at the picture's border than an edge may differ
+// by.
+TEST(PictureStandard, TellsAGrowthByEdges) {
+  uint64_t seed = 1;
+  for (const double zoom : {0.994, 1.005, 1.008}) {
+    PlainShot other;
+    other.turn_deg = 40;
+    other.zoom = zoom;
+    other.shift = {-0.9, 0.6};
+    other.roll_rad = 0.002;
+    other.seed = ++seed;
+    const PictureComparison comparison = ComparePlain({}, other);
+    EXPECT_EQ(comparison.verdict, Verdict::kStill) << zoom;
+    const Eigen::Vector2d middle(0.5 * kWidth, 0.5 * kHeight);
+    double worst = 0;
+    for (const Eigen::Vector2d& at :
+         {Eigen::Vector2d(70, 190), Eigen::Vector2d(330, 190), Eigen::Vector2d(200, 255)}) {
+      const Eigen::Vector2d truth =
+          middle + zoom * (Eigen::Rotation2Dd(other.roll_rad) * (at - middle)) + other.shift;
+      const Eigen::Vector3d found = comparison.second_from_first * at.homogeneous();
+      worst = std::max(worst, (found.hnormalized() - truth).norm());
+    }
+    EXPECT_LT(worst, 0.2) << zoom;
   }
 }
 
@@ -331,6 +359,28 @@ TEST(FindPictureStations, SomebodyBeforeAPlainWallHidesNoStation) {
   Reporter reporter;
   const PictureStations stations = FindPictureStations(pictures, {}, reporter);
   for (int i = 0; i < 12; ++i) EXPECT_EQ(stations.station_of_image[i], 0) << i;
+}
+
+// What turns covers all but the disc's outermost pixels: no photo tells what stays, only what they have in
+// common does. Two tripods, and then a camera that is carried, whose photos have no such thing.
+TEST(FindPictureStations, MediansTellWhereWhatTurnsFillsTheDisc) {
+  std::vector<GreyPicture> pictures;
+  std::vector<GreyPicture> carried;
+  for (int i = 0; i < 24; ++i) {
+    PlainShot shot;
+    shot.turn_deg = 30.0 * i + (i < 12 ? 0 : 15);
+    shot.turning = 120;
+    shot.seed = static_cast<uint64_t>(i + 1);
+    if (i >= 12) shot.flatness = 0.56;
+    pictures.push_back(TakePlain(shot));
+    shot.flatness = 0.5 + 0.012 * i;
+    carried.push_back(TakePlain(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  for (int i = 0; i < 24; ++i) EXPECT_EQ(stations.station_of_image[i], i < 12 ? 0 : 1) << i;
+  const PictureStations places = FindPictureStations(carried, {}, reporter);
+  EXPECT_GT(*std::max_element(places.station_of_image.begin(), places.station_of_image.end()), 12);
 }
 
 TEST(JoinStations, FeaturesJoinWhatPicturesDoNotTellButNotWhatTheyContradict) {
