@@ -8,10 +8,12 @@
 namespace s2gs {
 namespace {
 
-// What is asked of a scan: table angles and the axis to a degree, but for one scan in 400, and a place for
-// each photo.
+// What is asked of a scan: every pose to a degree, but for one scan in 400, the median one to .3 degrees, but
+// for one in 20, and a place for each photo.
 constexpr double kMaxAngleDeg = 1;
 constexpr double kSigmas = 3;
+constexpr double kMedianAngleDeg = 0.3;
+constexpr double kMedianSigmas = 2;
 constexpr double kMaxFocal = 0.01;  // of the focal length: depths are off by as much; said alone, not judged.
 // Single photos and pairs may fail where nine in ten do not.
 constexpr double kMost = 0.9;
@@ -297,8 +299,15 @@ class Judge {
           : IsLevel()            ? std::vector<std::string>{kHigher, kFullTurn, kTexture}
                                  : std::vector<std::string>{kTexture, kSmallerSteps, kFullTurn});
     }
-    // Where the axis is wrong before the camera, the rotation of each photo of the station is, by as much.
-    if (evidence_.axis_sigma_deg && kSigmas * *evidence_.axis_sigma_deg > kMaxAngleDeg) {
+    if (evidence_.angle_sigma_median_deg && std::isfinite(*evidence_.angle_sigma_median_deg) &&
+        kMedianSigmas * *evidence_.angle_sigma_median_deg > kMedianAngleDeg) {
+      Add(Verdict::kDoubtful,
+          FormatText("table angles are known to +- %.2g degrees only", *evidence_.angle_sigma_median_deg),
+          {kTexture, kSmallerSteps});
+    }
+    // Where the axis is wrong before the camera, the rotation of each photo of the station is, by as much,
+    // and so the median one.
+    if (evidence_.axis_sigma_deg && kMedianSigmas * *evidence_.axis_sigma_deg > kMedianAngleDeg) {
       Add(Verdict::kDoubtful,
           std::isfinite(*evidence_.axis_sigma_deg)
               ? FormatText("the direction of the table's axis is known to +- %.2g degrees only",
