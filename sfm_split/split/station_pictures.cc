@@ -297,6 +297,7 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     std::vector<GreyPicture> steadied;
     if (members.size() >= kMinPersistencePhotos) steadied = SteadiedPictures(pictures, *stations, members);
     std::vector<const GreyPicture*> still;
+    still.reserve(steadied.size());
     for (const GreyPicture& picture : steadied) still.push_back(&picture);
     shown.emplace(station, still.empty() ? pictures[members.front()] : MedianPicture(still));
   }
