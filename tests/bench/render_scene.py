@@ -663,7 +663,9 @@ def main():
     disc_counts = write_ply(os.path.join(options.folder, 'gt/disc.ply'), [m for m in table.meshes if m['label'] == 128])
     camera_model = dict(camera_model='SIMPLE_RADIAL', k1=options.k1) if options.k1 else dict(camera_model='SIMPLE_PINHOLE')
     scene = dict(
-        scene=os.path.basename(os.path.normpath(options.folder)), target_mesh=options.object, options=vars(options),
+        scene=os.path.basename(os.path.normpath(options.folder)), target_mesh=options.object,
+        # Not where it lies, so that a scene rendered anew elsewhere has the same hash.
+        options={name: value for name, value in vars(options).items() if name != 'folder'},
         width=options.width, height=options.height, **camera_model, fx=camera[2], fy=camera[2], cx=options.width / 2,
         cy=options.height / 2, units='metres', axis_point=AXIS.tolist(), axis_direction=[0, 0, 1], step_degrees=steps[0],
         pixel_convention='COLMAP: image origin at the top-left corner, centre of the first pixel at (0.5, 0.5)',
