@@ -72,7 +72,7 @@ GreyPicture PictureFor(const Eigen::Vector2i& photo_size) {
 }
 
 PictureStandard::PictureStandard(const GreyPicture& picture, double max_shake_px, double min_share,
-                                 int min_cells)
+                                 int min_cells, bool to_border)
     : width_(picture.width),
       height_(picture.height),
       max_shake_px_(max_shake_px / picture.Scale().maxCoeff()),
@@ -80,8 +80,8 @@ PictureStandard::PictureStandard(const GreyPicture& picture, double max_shake_px
       min_cells_(min_cells),
       fine_(MakeLevel(picture, 1)),
       coarse_(MakeLevel(picture, kCoarseFactor)),
-      tiles_(MakeTiles(fine_, kTileSide)),
-      coarse_tiles_(MakeTiles(coarse_, kCoarseTileSide)) {
+      tiles_(MakeTiles(fine_, kTileSide, to_border ? kSearchRadius : 0)),
+      coarse_tiles_(MakeTiles(coarse_, kCoarseTileSide, 0)) {
   FindUniqueTiles();
   FindEdges();
 }
@@ -159,11 +159,10 @@ PictureStandard::Level PictureStandard::MakeLevel(const GreyPicture& picture, in
   return level;
 }
 
-std::vector<PictureStandard::Tile> PictureStandard::MakeTiles(const Level& level, int side) {
+std::vector<PictureStandard::Tile> PictureStandard::MakeTiles(const Level& level, int side, int margin) {
   std::vector<Tile> tiles;
-  // Not where a search would leave the picture.
-  const auto num_x = (static_cast<int>(level.gx.cols()) - 2 * kSearchRadius) / side;
-  const auto num_y = (static_cast<int>(level.gx.rows()) - 2 * kSearchRadius) / side;
+  const auto num_x = (static_cast<int>(level.gx.cols()) - 2 * margin) / side;
+  const auto num_y = (static_cast<int>(level.gx.rows()) - 2 * margin) / side;
   const int left = (static_cast<int>(level.gx.cols()) - num_x * side) / 2;
   const int top = (static_cast<int>(level.gx.rows()) - num_y * side) / 2;
   for (int y = 0; y < num_y; ++y) {

@@ -54,7 +54,10 @@ class PictureStandard {
   /// \param max_shake_px    largest shift that shake explains [px of the photo].
   /// \param min_share       of the textured tiles that must agree.
   /// \param min_cells       of the 8 x 8 grid that they must lie in.
-  PictureStandard(const GreyPicture& picture, double max_shake_px, double min_share, int min_cells);
+  /// \param to_border       its tiles reach as near to the border as a search allows, where a rim may be all
+  /// that stays.
+  PictureStandard(const GreyPicture& picture, double max_shake_px, double min_share, int min_cells,
+                  bool to_border = false);
 
   /// Pictures of another size are kMoved.
   /// \param is_passing  per tile: whether other pictures show that it does not stay, so that it is not asked;
@@ -84,7 +87,7 @@ class PictureStandard {
   };
 
   static Level MakeLevel(const GreyPicture& picture, int factor);
-  static std::vector<Tile> MakeTiles(const Level& level, int side);
+  static std::vector<Tile> MakeTiles(const Level& level, int side, int margin);
   // Correlations at all shifts of up to `radius` from a place, row by row; false where that leaves the
   // picture.
   static bool Correlate(const Level& first, const Tile& tile, const Level& second,

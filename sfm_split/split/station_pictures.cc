@@ -168,7 +168,7 @@ void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const 
     still = apart;
     for (const GreyPicture& picture : steadied) still.push_back(&picture);
     const PictureStandard median(MedianPicture(still), options.max_shake_px, options.min_unmoved_share,
-                                 options.min_cells);
+                                 options.min_cells, true);
     std::vector<PictureComparison> anew(images.size());
     ParallelFor(static_cast<int64_t>(images.size()), 0,
                 [&](int64_t i) { anew[i] = median.CompareWith(pictures[images[i]]); });
@@ -197,7 +197,7 @@ bool StandStillTogether(const std::vector<const GreyPicture*>& window, const Sta
   };
   const auto standard_of = [&](const std::vector<const GreyPicture*>& pictures) {
     return PictureStandard(MedianPicture(pictures), options.max_shake_px, options.min_unmoved_share,
-                           options.min_cells);
+                           options.min_cells, true);
   };
   const double needed = kMinPersistence * static_cast<double>(window.size());
   const PictureStandard of_all = standard_of(window);
@@ -228,7 +228,7 @@ void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector
       continue;
     }
     const PictureStandard median(MedianPicture(window), options.max_shake_px, options.min_unmoved_share,
-                                 options.min_cells);
+                                 options.min_cells, true);
     std::vector<PictureComparison> comparisons(loose.size());
     ParallelFor(static_cast<int64_t>(loose.size()), 0,
                 [&](int64_t i) { comparisons[i] = median.CompareWith(pictures[loose[i]]); });
@@ -309,7 +309,7 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     if (stations->station_of_image[kept.front()] != by_size[a]) continue;  // joined to a larger one
     const GreyPicture& picture = shown.at(by_size[a]);
     const PictureStandard standard(picture, options.max_shake_px, options.min_unmoved_share,
-                                   options.min_cells);
+                                   options.min_cells, true);
     const Eigen::Vector2d scale = picture.Scale();
     const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
     std::vector<PictureComparison> comparisons(by_size.size());
