@@ -135,6 +135,24 @@ std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>&
   return depths;
 }
 
+namespace {
+
+// A rotating splat that is higher than the top.
+struct OverTop {
+  Eigen::Vector3d x = Eigen::Vector3d::Zero();
+  double height = 0;  // over the top
+};
+std::optional<OverTop> PlaceOverTop(const Placement& gaussians, size_t i, const RotatingRegion& table,
+                                    double pixel_size) {
+  const float* centre = gaussians.centre.data() + 3 * i;
+  const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
+  if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return std::nullopt;
+  const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
+  return height > pixel_size ? std::optional<OverTop>({x, height}) : std::nullopt;
+}
+
+}  // namespace
+
 LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
                                 const std::vector<std::vector<float>>& depths, const Placement& gaussians) {
   std::vector<Witness> witnesses;
@@ -152,16 +170,13 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
   constexpr int64_t kAtOnce = 1000;  // that one thread looks at
   ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
     const auto i = static_cast<size_t>(gaussian);
-    const float* centre = gaussians.centre.data() + 3 * i;
-    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
-    if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
-    const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
-    if (!(height > pixel_size) ||
-        (x - table.axis.point - (height + table.high) * table.axis.direction).norm() > table.radius)
+    const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
+    if (!over || (over->x - table.axis.point - (over->height + table.high) * table.axis.direction).norm() >
+                     table.radius)
       return;
-    votes[i] = Ask(witnesses, pixel_size, x);
+    votes[i] = Ask(witnesses, pixel_size, over->x);
     votes[i].is_over_top = true;
-    votes[i].height = height / table.radius;
+    votes[i].height = over->height / table.radius;
   });
   LayersOverTop layers;
   layers.evidence = ChooseEvidence(votes);
@@ -201,13 +216,10 @@ std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
   constexpr int64_t kAtOnce = 1000;  // that one thread looks at
   ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
     const auto i = static_cast<size_t>(gaussian);
-    const float* centre = gaussians.centre.data() + 3 * i;
-    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
-    if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
-    const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
-    if (!(height > pixel_size)) return;
-    const StillVotes votes = AskWitnesses(witnesses, x, is_hidden);
-    asked[i].height = height / table.radius;
+    const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
+    if (!over) return;
+    const StillVotes votes = AskWitnesses(witnesses, over->x, is_hidden);
+    asked[i].height = over->height / table.radius;
     asked[i].is_judged = votes.same + votes.changes >= kLeastLit;
     asked[i].stands = votes.tinted >= kLeastLit && votes.tinted > votes.changes;
   });

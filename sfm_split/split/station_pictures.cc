@@ -29,6 +29,26 @@ constexpr size_t kPicturesForMedian = 8;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;
 
+PictureStandard StandardOf(const GreyPicture& picture, const StationOptions& options,
+                           bool to_border = false) {
+  return {picture, options.max_shake_px, options.min_unmoved_share, options.min_cells, to_border};
+}
+
+std::vector<int> StillAmong(const std::vector<PictureComparison>& comparisons) {
+  std::vector<int> still;
+  for (size_t i = 0; i < comparisons.size(); ++i) {
+    if (comparisons[i].verdict == Verdict::kStill) still.push_back(static_cast<int>(i));
+  }
+  return still;
+}
+
+// What a motion between pictures is between photos.
+Eigen::Matrix3d InPhotos(const Eigen::Matrix3d& H, const GreyPicture& picture) {
+  const Eigen::Vector2d scale = picture.Scale();
+  const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+  return to_photo * H * to_photo.inverse();
+}
+
 // What is found in few of a station's photos turns or passes by. It may move as one from photo to photo, and
 // be taken for the camera's own motion, and where it fills the picture what stays is a small share of all:
 // such photos are compared again by what stays alone.
@@ -167,8 +187,7 @@ void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const 
     });
     still = apart;
     for (const GreyPicture& picture : steadied) still.push_back(&picture);
-    const PictureStandard median(MedianPicture(still), options.max_shake_px, options.min_unmoved_share,
-                                 options.min_cells, true);
+    const PictureStandard median = StandardOf(MedianPicture(still), options, true);
     std::vector<PictureComparison> anew(images.size());
     ParallelFor(static_cast<int64_t>(images.size()), 0,
                 [&](int64_t i) { anew[i] = median.CompareWith(pictures[images[i]]); });
@@ -186,27 +205,23 @@ void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const 
   }
 }
 
-// How pictures moved from a median of others, or nothing where that is none of a camera that stood still:
-// each must stand still before the median of the others, and most do.
-bool StandStillTogether(const std::vector<const GreyPicture*>& window, const StationOptions& options) {
-  const auto num_still = [&](const auto& standard_without) {
-    std::vector<char> is_still(window.size(), 0);
-    for (size_t k = 0; k < window.size(); ++k)
-      is_still[k] = standard_without(k).CompareWith(*window[k]).verdict == Verdict::kStill ? 1 : 0;
-    return static_cast<double>(std::count(is_still.begin(), is_still.end(), 1));
-  };
-  const auto standard_of = [&](const std::vector<const GreyPicture*>& pictures) {
-    return PictureStandard(MedianPicture(pictures), options.max_shake_px, options.min_unmoved_share,
-                           options.min_cells, true);
-  };
+// Whether pictures are those of a camera that stood still: most stand still before their median, and before
+// the median of the others.
+bool StandStillTogether(const std::vector<const GreyPicture*>& window, const PictureStandard& median,
+                        const StationOptions& options) {
+  size_t num_before_all = 0;
+  for (const GreyPicture* picture : window)
+    num_before_all += median.CompareWith(*picture).verdict == Verdict::kStill ? 1 : 0;
   const double needed = kMinPersistence * static_cast<double>(window.size());
-  const PictureStandard of_all = standard_of(window);
-  if (num_still([&](size_t) -> const PictureStandard& { return of_all; }) <= needed) return false;
-  return num_still([&](size_t k) {
-           std::vector<const GreyPicture*> others = window;
-           others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
-           return standard_of(others);
-         }) > needed;
+  if (static_cast<double>(num_before_all) <= needed) return false;
+  size_t num_before_others = 0;
+  for (size_t k = 0; k < window.size(); ++k) {
+    std::vector<const GreyPicture*> others = window;
+    others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
+    const PictureStandard of_others = StandardOf(MedianPicture(others), options, true);
+    num_before_others += of_others.CompareWith(*window[k]).verdict == Verdict::kStill ? 1 : 0;
+  }
+  return static_cast<double>(num_before_others) > needed;
 }
 
 // Where what turns fills the pictures, as on a plain disc before a plain wall, no photo tells what stays: its
@@ -223,33 +238,28 @@ void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector
     const bool is_one_size = std::all_of(window.begin(), window.end(), [&](const GreyPicture* picture) {
       return picture->width == window.front()->width && picture->height == window.front()->height;
     });
-    if (!is_one_size || !StandStillTogether(window, options)) {
-      begin += kPicturesForMedian / 2;
-      continue;
-    }
-    const PictureStandard median(MedianPicture(window), options.max_shake_px, options.min_unmoved_share,
-                                 options.min_cells, true);
     std::vector<PictureComparison> comparisons(loose.size());
-    ParallelFor(static_cast<int64_t>(loose.size()), 0,
-                [&](int64_t i) { comparisons[i] = median.CompareWith(pictures[loose[i]]); });
     std::vector<int> members;
-    for (size_t i = 0; i < loose.size(); ++i) {
-      if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));
+    if (is_one_size) {
+      const PictureStandard median = StandardOf(MedianPicture(window), options, true);
+      if (StandStillTogether(window, median, options)) {
+        ParallelFor(static_cast<int64_t>(loose.size()), 0,
+                    [&](int64_t i) { comparisons[i] = median.CompareWith(pictures[loose[i]]); });
+        members = StillAmong(comparisons);
+        LeaveOutMoved(comparisons, &members);
+        TakeInByMedian(pictures, {}, loose, options, &comparisons, &members);
+      }
     }
-    LeaveOutMoved(comparisons, &members);
-    TakeInByMedian(pictures, {}, loose, options, &comparisons, &members);
     if (members.size() < kMinPersistencePhotos) {
       begin += kPicturesForMedian / 2;
       continue;
     }
-    const Eigen::Vector2d scale = pictures[loose[members.front()]].Scale();
-    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
     const Eigen::Matrix3d median_from_first = comparisons[members.front()].second_from_first.inverse();
     const int station = static_cast<int>(pictures.size()) + loose[members.front()];
     for (const int m : members) {
       stations->station_of_image[loose[m]] = station;
       stations->photo_from_first[loose[m]] =
-          to_photo * comparisons[m].second_from_first * median_from_first * to_photo.inverse();
+          InPhotos(comparisons[m].second_from_first * median_from_first, pictures[loose[m]]);
     }
     loose.erase(std::remove_if(loose.begin(), loose.end(),
                                [&](int image) { return stations->station_of_image[image] == station; }),
@@ -308,14 +318,12 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     const std::vector<int> kept = images[by_size[a]];
     if (stations->station_of_image[kept.front()] != by_size[a]) continue;  // joined to a larger one
     const GreyPicture& picture = shown.at(by_size[a]);
-    const PictureStandard standard(picture, options.max_shake_px, options.min_unmoved_share,
-                                   options.min_cells, true);
-    const Eigen::Vector2d scale = picture.Scale();
-    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
+    const PictureStandard standard = StandardOf(picture, options, true);
     std::vector<PictureComparison> comparisons(by_size.size());
     ParallelFor(static_cast<int64_t>(by_size.size() - a - 1), 0, [&](int64_t k) {
       comparisons[a + 1 + k] = standard.CompareWith(shown.at(by_size[a + 1 + k]));
     });
+    if (StillAmong(comparisons).empty()) continue;
     std::vector<PictureComparison> of_kept(kept.size());
     ParallelFor(static_cast<int64_t>(kept.size()), 0,
                 [&](int64_t k) { of_kept[k] = standard.CompareWith(pictures[kept[k]]); });
@@ -327,8 +335,7 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
       if (stations->station_of_image[joined.front()] != by_size[b] ||
           comparisons[b].verdict != Verdict::kStill || stays.HasMovedIn(comparisons[b]))
         continue;
-      const Eigen::Matrix3d joined_from_kept =
-          to_photo * comparisons[b].second_from_first * to_photo.inverse();
+      const Eigen::Matrix3d joined_from_kept = InPhotos(comparisons[b].second_from_first, picture);
       for (const int image : joined) {
         stations->station_of_image[image] = by_size[a];
         stations->photo_from_first[image] = stations->photo_from_first[image] * joined_from_kept;
@@ -372,24 +379,18 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
     const int first = left.front();
     left.erase(left.begin());
     const GreyPicture& picture = pictures[first];
-    const PictureStandard standard(picture, options.max_shake_px, options.min_unmoved_share,
-                                   options.min_cells);
+    const PictureStandard standard = StandardOf(picture, options);
     std::vector<PictureComparison> comparisons(left.size());
     ParallelFor(static_cast<int64_t>(left.size()), 0,
                 [&](int64_t i) { comparisons[i] = standard.CompareWith(pictures[left[i]]); });
     CompareByWhatStays(standard, pictures, left, &comparisons);
-    std::vector<int> members;
-    for (size_t i = 0; i < left.size(); ++i) {
-      if (comparisons[i].verdict == Verdict::kStill) members.push_back(static_cast<int>(i));
-    }
+    std::vector<int> members = StillAmong(comparisons);
     LeaveOutMoved(comparisons, &members);
     TakeInByMedian(pictures, {&picture}, left, options, &comparisons, &members);
     result.station_of_image[first] = num_stations;
-    const Eigen::Vector2d scale = picture.Scale();
-    const Eigen::Matrix3d to_photo = Eigen::Vector3d(scale.x(), scale.y(), 1).asDiagonal();
     for (const int m : members) {
       result.station_of_image[left[m]] = num_stations;
-      result.photo_from_first[left[m]] = to_photo * comparisons[m].second_from_first * to_photo.inverse();
+      result.photo_from_first[left[m]] = InPhotos(comparisons[m].second_from_first, picture);
     }
     left.erase(std::remove_if(left.begin(), left.end(),
                               [&](int image) { return result.station_of_image[image] >= 0; }),
@@ -417,8 +418,7 @@ Stations JoinStations(const std::vector<GreyPicture>& pictures, const PictureSta
     const int kept = group[join.image1];
     const int joined = group[join.image2];
     if (kept == joined) continue;
-    const PictureStandard standard(pictures[join.image1], options.max_shake_px, options.min_unmoved_share,
-                                   options.min_cells);
+    const PictureStandard standard = StandardOf(pictures[join.image1], options);
     if (standard.CompareWith(pictures[join.image2]).verdict == Verdict::kMoved) continue;
     const Eigen::Matrix3d joined_from_kept =
         from_group[join.image2].inverse() * Translation(join.shift) * from_group[join.image1];
