@@ -127,7 +127,7 @@ class Session:
     def shown(self, word):
         """Without the paths of this machine."""
         for path, name in ((str(self.args.program), 's2gs'), (str(self.work), 'WORK'), (str(self.data), 'DATA'),
-                           (str(scenes.REPOSITORY), '.'), (str(scenes.REPOSITORY.parent), '..')):
+                           (f'{self.args.tools}/', ''), (str(scenes.REPOSITORY), '.'), (str(scenes.REPOSITORY.parent), '..')):
             word = word.replace(path, name)
         return re.sub(r'^/.*/(?=shared/data)', '../', word)
 
