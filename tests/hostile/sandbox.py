@@ -99,6 +99,16 @@ class Run:
         self.wall_seconds, self.cpu_seconds, self.is_hung = wall_seconds, cpu_seconds, is_hung
 
 
+def catches(pid, number):
+    """Whether a process has a handler of a signal."""
+    try:
+        status = pathlib.Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+    mask = int(next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt:")), 16)
+    return bool(mask >> (number - 1) & 1)
+
+
 class Sandbox:
     """A case's folder: `scan` is the workspace, in which the program may write; all else must stay as it is."""
 
@@ -123,7 +133,7 @@ class Sandbox:
                 if key != own and not key.startswith(own + b"/")}
 
     def run(self, arguments, env=None, file_limit=None, interrupt_after=None, user=None, stdout=None):
-        """Runs the program. `interrupt_after` seconds it gets SIGINT."""
+        """Runs the program. So many seconds after it catches SIGINT it gets one (`interrupt_after`)."""
         environment = dict(os.environ, LC_ALL="C.UTF-8", OMP_NUM_THREADS="2")
         environment.update(env or {})
         environment = {key: value for key, value in environment.items() if value is not None}
@@ -146,6 +156,10 @@ class Sandbox:
             is_hung = False
             try:
                 if interrupt_after is not None:
+                    # A machine that others keep busy may take seconds to load it.
+                    while process.poll() is None and not catches(process.pid, signal.SIGINT) \
+                            and time.time() - started < MAX_WALL_SECONDS:
+                        time.sleep(0.02)
                     try:
                         process.wait(interrupt_after)
                     except subprocess.TimeoutExpired:
