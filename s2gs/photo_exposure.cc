@@ -11,6 +11,7 @@
 
 #include "s2gs/image/median_picture.h"
 #include "s2gs/image/photos.h"
+#include "sfm_split/base/median_of_pictures.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
@@ -96,7 +97,7 @@ std::vector<LogGains> GainsOf(const std::vector<Image8*>& photos) {
 
 // The gains that were taken off a camera's photos. Empty where nothing was.
 std::vector<LogGains> EqualiseCamera(const std::vector<Image8*>& photos) {
-  if (photos.size() < kPhotosForMedian) return {};
+  if (photos.size() < kPicturesForMedian) return {};
   std::vector<LogGains> gains = GainsOf(photos);
   double most = 0;
   for (const LogGains& of_photo : gains) {

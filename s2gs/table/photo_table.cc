@@ -16,6 +16,7 @@
 #include "s2gs/table/opaque_region.h"
 #include "s2gs/table/still_witness.h"
 #include "s2gs/table/table_circle.h"
+#include "sfm_split/base/median_of_pictures.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
@@ -101,7 +102,7 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
   }
   std::vector<StationPhotos> stations;
   for (const auto& [number, photos] : by_number) {
-    if (photos.size() < kPhotosForMedian) continue;
+    if (photos.size() < kPicturesForMedian) continue;
     const size_t count = std::min(photos.size(), kMaxPhotos);
     StationPhotos station;
     station.number = number;

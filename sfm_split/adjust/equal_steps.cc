@@ -7,10 +7,10 @@
 #include <map>
 #include <utility>
 
+#include "sfm_split/adjust/angle_scatter.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
-#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {
@@ -18,11 +18,8 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr size_t kLeastImages = 6;       // of a station: two unknowns and some scatter
-constexpr double kTwoSigmas = 2;         // less of a log-likelihood: two standard deviations
-constexpr double kWidthFactor = 1.05;    // between widths that are tried
-constexpr double kLeastWidthRad = 1e-6;  // the search begins here: no table is read as finely [rad]
-constexpr double kHalfStep = 0.5;        // scatter beyond it is no scatter about steps
+constexpr size_t kLeastImages = 6;  // of a station: two unknowns and some scatter
+constexpr double kHalfStep = 0.5;   // scatter beyond it is no scatter about steps
 
 // Places of images that stand about equal steps in the order of their angles, from after the widest gap on;
 // none where two share a place. A gap of several steps is so many places.
@@ -52,21 +49,14 @@ std::vector<std::pair<int, int>> PlacesByAngle(const std::vector<std::pair<int, 
   return places;
 }
 
-// A station's angles about equal steps: the scatter in directions that offset and step leave, and the
-// variances there.
-struct Scatter {
-  VectorXd deviations;  // along directions in which the errors are independent [rad]
-  VectorXd variances;   // [rad^2]
-};
-
-double RootMeanSquare(const Scatter& scatter) {
+double RootMeanSquare(const AngleScatter& scatter) {
   return scatter.deviations.norm() /
          std::sqrt(std::max<double>(1, static_cast<double>(scatter.deviations.size())));
 }
 
 struct Station {
   EqualStepsPrior steps;
-  Scatter scatter;
+  AngleScatter scatter;
 };
 
 // Nothing (no places) where the images are too few or their angles no steps.
@@ -111,28 +101,12 @@ Station FitSteps(std::vector<std::pair<int, int>> order, int num_photos, const J
       of_angles(a, b) = i < 0 || j < 0 ? 0 : inflation * covariance(i, j);
     }
   }
-  const MatrixXd q = design.householderQr().householderQ() * MatrixXd::Identity(num, num);
-  const MatrixXd left = q.rightCols(num - design.cols());
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(MatrixXd(left.transpose() * of_angles * left));
-  result.scatter.deviations = eigen.eigenvectors().transpose() * (left.transpose() * centred);
-  result.scatter.variances = eigen.eigenvalues().cwiseMax(0);
+  result.scatter = ScatterBeside(design, of_angles, centred);
   result.steps.closes = closes;
   result.steps.step_rad = closes ? whole : open(1);
   result.steps.offset_rad = offset;
   for (const auto& [place, image] : order) result.steps.places.push_back({image, static_cast<double>(place)});
   return result;
-}
-
-double LogLikelihood(const std::vector<Station>& stations, double width_rad) {
-  double sum = 0;
-  for (const Station& station : stations) {
-    for (Eigen::Index k = 0; k < station.scatter.deviations.size(); ++k) {
-      const double variance = station.scatter.variances(k) + width_rad * width_rad;
-      sum -= 0.5 *
-             (std::log(variance) + station.scatter.deviations(k) * station.scatter.deviations(k) / variance);
-    }
-  }
-  return sum;
 }
 
 }  // namespace
@@ -178,13 +152,10 @@ std::vector<EqualStepsPrior> FindEqualSteps(const JointProblem& problem,
     if (!fitted.steps.places.empty()) stations.push_back(std::move(fitted));
   }
   if (stations.empty()) return {};
-  double best = LogLikelihood(stations, kLeastWidthRad);
-  double width = kLeastWidthRad;
-  for (double tried = kLeastWidthRad; tried < kPi; tried *= kWidthFactor) {
-    const double here = LogLikelihood(stations, tried);
-    best = std::max(best, here);
-    if (here >= best - kTwoSigmas) width = tried;
-  }
+  std::vector<AngleScatter> scatters;
+  scatters.reserve(stations.size());
+  for (const Station& station : stations) scatters.push_back(station.scatter);
+  const double width = LargestWidthRad(scatters);
   std::vector<EqualStepsPrior> result;
   for (Station& station : stations) {
     station.steps.sigma_rad = width;

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_problem.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 namespace s2gs {
 

@@ -8,19 +8,19 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_model.h"
-#include "sfm_split/adjust/joint_residuals.h"
 #include "sfm_split/adjust/joint_sigmas.h"
-#include "sfm_split/adjust/joint_solve.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/principal_point.h"
-#include "sfm_split/adjust/track_weights.h"
-#include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/adjust/wrong_pull.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
+#include "sfm_split/joint_system/joint_residuals.h"
+#include "sfm_split/joint_system/joint_solve.h"
+#include "sfm_split/joint_system/joint_system.h"
+#include "sfm_split/joint_system/track_weights.h"
+#include "sfm_split/joint_system/wobble_prior.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {
@@ -184,20 +184,6 @@ ChosenModel ChooseLensAndModel(const JointOptions& options, const JointProblem& 
 
 }  // namespace
 
-const char* JointModelName(JointModel model) {
-  switch (model) {
-    case JointModel::kAuto:
-      return "auto";
-    case JointModel::kSharedStations:
-      return "shared stations";
-    case JointModel::kFreeCameras:
-      return "free cameras";
-    case JointModel::kFreeObject:
-      return "free object";
-  }
-  return "";
-}
-
 std::optional<double> AnglePriorShare(const JointReport& report) {
   std::vector<double> shares;
   for (size_t i = 0; i < report.angle_prior_share.size(); ++i) {
@@ -206,28 +192,6 @@ std::optional<double> AnglePriorShare(const JointReport& report) {
   }
   if (shares.empty()) return std::nullopt;
   return UpperMedian(std::move(shares));
-}
-
-OptionCheck JointOptions::Check() const {
-  const auto fault = [](const char* field, double value, const char* bound) {
-    return OptionFault{field, NumberText(value), bound};
-  };
-  if (!(loss_scale_px >= 0)) return fault("loss_scale_px", loss_scale_px, "loss_scale_px >= 0");
-  if (!(max_reprojection_error_px > 0)) {
-    return fault("max_reprojection_error_px", max_reprojection_error_px, "max_reprojection_error_px > 0");
-  }
-  if (!(min_triangulation_deg >= 0)) {
-    return fault("min_triangulation_deg", min_triangulation_deg, "min_triangulation_deg >= 0");
-  }
-  if (max_rounds < 1) return fault("max_rounds", max_rounds, "max_rounds >= 1");
-  if (max_iterations < 1) return fault("max_iterations", max_iterations, "max_iterations >= 1");
-  if (!(function_tolerance >= 0))
-    return fault("function_tolerance", function_tolerance, "function_tolerance >= 0");
-  if (min_free_observations < 3) {
-    return fault("min_free_observations", min_free_observations, "min_free_observations >= 3");
-  }
-  if (num_threads < 0) return fault("num_threads", num_threads, "num_threads >= 0");
-  return std::nullopt;
 }
 
 FilterCounts FilterObservations(const JointOptions& options, double max_error_px, JointProblem* problem) {

@@ -3,12 +3,12 @@
 #include <Eigen/Core>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/joint_problem.h"
-#include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/joint_system/joint_options.h"
+#include "sfm_split/joint_system/joint_problem.h"
+#include "sfm_split/joint_system/observability.h"
 
 namespace s2gs {
 
@@ -36,41 +36,6 @@ namespace s2gs {
 // from the station farthest from it. Its standard deviation is propagated from theirs and depends on no
 // gauge.
 
-/// What the poses share.
-enum class JointModel {
-  kAuto,            ///< the simplest of the below that the data do not reject.
-  kSharedStations,  ///< one camera pose a station, one axis.
-  kFreeCameras,     ///< a camera pose for each image with enough observations (hand-held, shaken), one axis.
-  kFreeObject,      ///< in addition, a pose of the object for each image (a table that wobbles).
-};
-const char* JointModelName(JointModel model);
-
-enum class JointLoss { kSquared, kHuber, kCauchy };
-
-struct JointOptions {
-  JointModel model = JointModel::kAuto;
-  bool refine_focal_length = true;
-  bool refine_principal_point = false;
-  bool refine_extra_params = true;
-  JointLoss loss = JointLoss::kCauchy;
-  /// Where the loss turns from squared; 0: at twice the standard deviation of a keypoint's coordinate, as the
-  /// residuals show it.
-  double loss_scale_px = 0;
-  double max_reprojection_error_px = 4;  ///< observations beyond are taken out between rounds.
-  double min_triangulation_deg = 0.25;   ///< points whose rays all meet at less are taken out.
-  int max_rounds = 3;                    ///< of adjusting and taking out.
-  int max_iterations = 100;              ///< of Levenberg-Marquardt, per round.
-  double function_tolerance = 1e-8;      ///< relative decrease of the cost at which the last round stops.
-  int min_free_observations = 12;        ///< of one body; images with fewer share their station's camera.
-  bool compute_covariance = true;
-  int max_dense_parameters = 1500;  ///< no covariance for more camera-side parameters than these.
-  /// 0: all cores. Up to a thousand camera-side parameters the result is the same to the last bit for any
-  /// number; with more it is so with one thread alone, which 0 then means.
-  int num_threads = 0;
-
-  OptionCheck Check() const;
-};
-
 /// One comparison of nested models.
 struct ModelTest {
   JointModel simple = JointModel::kSharedStations;
@@ -95,34 +60,6 @@ struct PrincipalPointTest {
   double overdispersion = 1;  ///< what the gain is taken over: the photos' scores with free ones.
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();  ///< the farthest, in longer sides of its photos.
   bool accepted = false;
-};
-
-/// What the linearised system at the solution says, camera side only (points eliminated).
-struct Observability {
-  bool computed = false;
-  int num_parameters = 0;  ///< camera-side, after the gauge.
-  int nullity = 0;         ///< eigenvalues of the reduced system, scaled to unit diagonal, that are zero.
-  double gap = 0;  ///< smallest eigenvalue that counts over the largest that does not, or over rounding.
-  double condition = 0;                      ///< largest eigenvalue over smallest that counts.
-  std::vector<std::string> null_directions;  ///< what moves along each, by share, e.g. "focal length 80 %".
-  std::vector<std::string> names;            ///< of the parameters.
-  std::vector<std::pair<int, int>> parameters;  ///< their block and place in it, as JointSystem counts.
-  Eigen::VectorXd eigenvalues;                  ///< ascending.
-  /// Of the parameters, when all keypoints' errors are independent; along null directions 0.
-  Eigen::MatrixXd covariance;
-  /// The same from the residuals themselves, when those of one point depend on each other.
-  Eigen::MatrixXd robust_covariance;
-  /// And when those in one part of the photos do, too; from few parts, so that it may come out too small.
-  Eigen::MatrixXd regional_covariance;
-  /// And when those of the points of one ring about the axis do: of highlights, say. From few rings, and not
-  /// for a photo's own parameters, which the points of one may tell alone.
-  Eigen::MatrixXd ring_covariance;
-  /// What of each of these comes from priors; empty without priors.
-  Eigen::MatrixXd prior_covariance;
-  /// What wrong observations pull the parameters by (PullOfWrongOnes); empty when not computed.
-  Eigen::VectorXd pull;
-  /// The variance of the pull when there are no wrong ones, over `covariance`.
-  double pull_variance = 0;
 };
 
 struct JointReport {
@@ -167,12 +104,6 @@ std::optional<double> AnglePriorShare(const JointReport& report);
 
 /// Adjusts in place. Throws Interrupted when the reporter asks to stop; the problem is then unchanged.
 JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointProblem* problem);
-
-/// The linearised system of a problem as it stands.
-/// \param sigma_px  standard deviation of a keypoint's coordinate; scales a loss whose scale is open.
-/// \param fix_gauge  false: nothing is held, so that the nullity counts the gauge freedoms too.
-Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
-                                   double sigma_px);
 
 /// Takes observations beyond the error bound, behind the camera, and of points that are not determined out of
 /// a problem. Returns how many of each.

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <memory>
 
-#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 namespace {

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_solve.h"
+#include "sfm_split/joint_system/joint_solve.h"
 
 namespace s2gs {
 

@@ -7,9 +7,9 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/infinity.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {

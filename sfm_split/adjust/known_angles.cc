@@ -8,10 +8,10 @@
 #include <map>
 #include <utility>
 
+#include "sfm_split/adjust/angle_scatter.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
-#include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
 namespace {
@@ -19,13 +19,10 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr size_t kLeastImages = 3;       // a constant, and two that could contradict it
-constexpr double kHalfSpacing = 0.5;     // beyond it an angle is nearer to another photo's
-constexpr double kTwoSigmas = 2;         // less of a log-likelihood: two standard deviations
-constexpr double kWidthFactor = 1.05;    // between widths that are tried
-constexpr double kLeastWidthRad = 1e-6;  // the search begins here: no table is read as finely [rad]
-constexpr double kFactorSigmas = 4;      // a factor that is off by more is no chance: 6e-5 with two sides
-constexpr size_t kMaxNamed = 5;          // photos that one message names
+constexpr size_t kLeastStated = 3;    // a constant, and two that could contradict it
+constexpr double kHalfSpacing = 0.5;  // beyond it an angle is nearer to another photo's
+constexpr double kFactorSigmas = 4;   // a factor that is off by more is no chance: 6e-5 with two sides
+constexpr size_t kMaxNamed = 5;       // photos that one message names
 
 struct Image {
   int index = 0;
@@ -62,25 +59,9 @@ std::pair<double, double> BestOffset(const std::vector<Image>& images, double si
   return {best_offset, best_sum};
 }
 
-struct Scatter {
-  VectorXd deviations;
-  VectorXd variances;
-};
-
-double LogLikelihood(const std::vector<Scatter>& stations, double width_rad) {
-  double sum = 0;
-  for (const Scatter& scatter : stations) {
-    for (Eigen::Index k = 0; k < scatter.deviations.size(); ++k) {
-      const double variance = scatter.variances(k) + width_rad * width_rad;
-      sum -= 0.5 * (std::log(variance) + scatter.deviations(k) * scatter.deviations(k) / variance);
-    }
-  }
-  return sum;
-}
-
 // Fills everything but the prior's width. Returns the scatter in the directions that the constant leaves.
-Scatter Compare(const std::vector<Image>& images, const std::vector<int>& columns, const MatrixXd& covariance,
-                double inflation, KnownAngles* result) {
+AngleScatter Compare(const std::vector<Image>& images, const std::vector<int>& columns,
+                     const MatrixXd& covariance, double inflation, KnownAngles* result) {
   result->spacing_rad = Spacing(images);
   const auto [offset_up, sum_up] = BestOffset(images, 1);
   const auto [offset_down, sum_down] = BestOffset(images, -1);
@@ -96,7 +77,7 @@ Scatter Compare(const std::vector<Image>& images, const std::vector<int>& column
     }
   }
   result->is_believed =
-      result->spacing_rad > 0 && kept.size() >= kLeastImages && 2 * kept.size() > images.size();
+      result->spacing_rad > 0 && kept.size() >= kLeastStated && 2 * kept.size() > images.size();
   if (!result->is_believed) return {};
   const auto num = static_cast<Eigen::Index>(kept.size());
   VectorXd deviations(num);
@@ -128,11 +109,7 @@ Scatter Compare(const std::vector<Image>& images, const std::vector<int>& column
     const double shared = lever.dot(of_angles * lever) / (lever.squaredNorm() * lever.squaredNorm());
     result->factor_sigma = std::sqrt(left / lever.squaredNorm() + shared);
   }
-  const MatrixXd ones = MatrixXd::Ones(num, 1);
-  const MatrixXd q = ones.householderQr().householderQ() * MatrixXd::Identity(num, num);
-  const MatrixXd rest = q.rightCols(num - 1);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(MatrixXd(rest.transpose() * of_angles * rest));
-  return {eigen.eigenvectors().transpose() * (rest.transpose() * centred), eigen.eigenvalues().cwiseMax(0)};
+  return ScatterBeside(MatrixXd::Ones(num, 1), of_angles, centred);
 }
 
 std::string Degrees(double rad) {
@@ -155,22 +132,16 @@ std::vector<KnownAngles> CompareKnownAngles(const JointProblem& problem, const s
     of_station[stations[i]].push_back({static_cast<int>(i), *stated_rad[i], problem.images[i].angle_rad});
   }
   std::vector<KnownAngles> result;
-  std::vector<Scatter> scatters;
+  std::vector<AngleScatter> scatters;
   for (const auto& [station, images] : of_station) {
-    if (images.size() < kLeastImages) continue;
+    if (images.size() < kLeastStated) continue;
     KnownAngles angles;
     angles.station = station;
-    Scatter scatter = Compare(images, columns, report.observability.covariance, inflation, &angles);
+    AngleScatter scatter = Compare(images, columns, report.observability.covariance, inflation, &angles);
     if (angles.is_believed) scatters.push_back(std::move(scatter));
     result.push_back(std::move(angles));
   }
-  double best = LogLikelihood(scatters, kLeastWidthRad);
-  double width = kLeastWidthRad;
-  for (double tried = kLeastWidthRad; tried < kPi; tried *= kWidthFactor) {
-    const double here = LogLikelihood(scatters, tried);
-    best = std::max(best, here);
-    if (here >= best - kTwoSigmas) width = tried;
-  }
+  const double width = LargestWidthRad(scatters);
   for (KnownAngles& angles : result) angles.prior.sigma_rad = width;
   return result;
 }

@@ -6,7 +6,7 @@
 
 #include "sfm_split/adjust/equal_steps.h"
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_problem.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 namespace s2gs {
 

@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_model.h"
-#include "sfm_split/adjust/joint_residuals.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/infinity.h"
+#include "sfm_split/joint_system/joint_residuals.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 namespace {

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_solve.h"
+#include "sfm_split/joint_system/joint_solve.h"
 
 namespace s2gs {
 

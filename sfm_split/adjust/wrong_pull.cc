@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "sfm_split/adjust/joint_solve.h"
-#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/joint_system/joint_solve.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "sfm_split/adjust/joint_priors.h"
+#include "sfm_split/joint_system/joint_priors.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/scene/scene.h"
 

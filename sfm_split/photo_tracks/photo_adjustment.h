@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_priors.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/evidence/held_back.h"
+#include "sfm_split/joint_system/joint_priors.h"
 #include "sfm_split/photo_tracks/track_places.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"

@@ -8,10 +8,10 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/joint_system/joint_problem.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/scene/axis_turn.h"
 

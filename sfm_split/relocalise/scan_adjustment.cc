@@ -7,11 +7,11 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/joint_problem.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/adjust/principal_point.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/evidence/step_width.h"
+#include "sfm_split/joint_system/joint_problem.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 
 // The adjustments of a scan's rounds, and what is known beside the matches: lenses, steps, stated angles.

@@ -8,13 +8,13 @@
 #include <optional>
 #include <set>
 
-#include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/points_apart.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/evidence/match_noise.h"
+#include "sfm_split/joint_system/joint_problem.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/relocalise/unmoved_keypoints.h"
 #include "sfm_split/scene/number_stations.h"

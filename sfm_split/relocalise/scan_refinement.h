@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_priors.h"
 #include "sfm_split/adjust/known_angles.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/evidence/held_back.h"
+#include "sfm_split/joint_system/joint_priors.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"
 

@@ -4,8 +4,8 @@
 #include <set>
 #include <vector>
 
-#include "sfm_split/adjust/joint_priors.h"
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/joint_system/joint_priors.h"
 #include "sfm_split/photo_tracks/track_places.h"
 #include "sfm_split/scene/scan_features.h"
 #include "sfm_split/turntable/align_scene.h"

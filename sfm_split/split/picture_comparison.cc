@@ -317,7 +317,8 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
   motion.topRightCorner<2, 1>() = shift.cast<double>();
   MatchEdges(other, shift, comparison);
   if (comparison->num_edges == 0) return false;
-  motion = FitTurn(comparison->tiles, motion, kSearchRadius, width_, height_);
+  const CameraTurn turn = FitCameraTurn(comparison->tiles, motion, kSearchRadius, width_, height_);
+  motion = turn.second_from_first;
   const double max_shake = max_shake_px_ + kMaxResidualPx;
   Eigen::Matrix2d all = Eigen::Matrix2d::Zero();
   Eigen::Matrix2d agreeing = Eigen::Matrix2d::Zero();
@@ -339,11 +340,10 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
                                                                         Eigen::EigenvaluesOnly);
   comparison->num_cells = CellsOfAgreeing(comparison->tiles, width_, height_);
   double log_chance = LogPoissonTail(num, by_chance);
-  // A shift was chosen among as many places as differ, and so were a roll and a growth of what lies at the
-  // picture's border.
-  const double log_zoom = std::log(motion.topLeftCorner<2, 2>().determinant()) / 2;
-  const int num_chosen = 2 + (motion(1, 0) != 0 ? 1 : 0) + (std::abs(log_zoom) > 1e-12 ? 1 : 0);
-  if (!motion.isIdentity()) log_chance -= num_chosen * std::log(kChanceOfEdge);
+  // A shift was chosen among as many places as differ, here or by the coarse pictures, and so were a roll and
+  // a growth of what lies at the picture's border.
+  const int num_chosen = std::max(turn.num_parameters, shift.isZero() ? 0 : 2);
+  log_chance -= num_chosen * std::log(kChanceOfEdge);
   return share.eigenvalues().minCoeff() >= min_share_ && comparison->num_cells >= min_cells_ &&
          log_chance <= kMaxLogChance;
 }

@@ -10,6 +10,7 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
+#include "sfm_split/base/median_of_pictures.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 
@@ -24,8 +25,6 @@ constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
 // Fewer lie elsewhere by chance in a crowd of tiles: a debt, chosen and not derived.
 constexpr int kMinMovedTiles = 4;
-// Of a camera that stands still: of fewer what turns is in their median.
-constexpr size_t kPicturesForMedian = 8;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;
 
@@ -134,20 +133,16 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
 // and noise and compression hardly. Photos of other exposures are brought to the first one's light.
 GreyPicture MedianPicture(const std::vector<const GreyPicture*>& pictures) {
   GreyPicture median = *pictures.front();
-  std::vector<double> gain;
   const auto sum = [](const GreyPicture& picture) {
     return std::accumulate(picture.grey.begin(), picture.grey.end(), 1.0);
   };
-  gain.reserve(pictures.size());
-  for (const GreyPicture* picture : pictures) gain.push_back(sum(median) / sum(*picture));
-  ParallelFor(median.height, 0, [&](int64_t y) {
-    std::vector<double> values(pictures.size());
-    for (size_t i = static_cast<size_t>(y) * median.width; i < (static_cast<size_t>(y) + 1) * median.width;
-         ++i) {
-      for (size_t k = 0; k < pictures.size(); ++k) values[k] = gain[k] * pictures[k]->grey[i];
-      median.grey[i] = static_cast<uint8_t>(std::lround(std::min(255.0, UpperMedian(values))));
-    }
-  });
+  std::vector<double> gains;
+  std::vector<const std::vector<uint8_t>*> greys;
+  for (const GreyPicture* picture : pictures) {
+    gains.push_back(sum(median) / sum(*picture));
+    greys.push_back(&picture->grey);
+  }
+  median.grey = MedianOfPictures(greys, static_cast<size_t>(median.width), gains);
   return median;
 }
 

@@ -214,11 +214,11 @@ Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, in
   return chosen;
 }
 
-Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
-                        int width, int height) {
+CameraTurn FitCameraTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
+                         int width, int height) {
   const std::vector<const TileMatch*> seen = SeenTiles(tiles);
   Turn turn{0.5 * Eigen::Vector2d(width, height), LikeliestShift(seen, from, radius), 0};
-  Eigen::Matrix3d chosen = from;
+  CameraTurn chosen{from};
   double least = Criterion(from, seen, 0);
   for (const int num_parameters : {2, 3, 4}) {
     // Less than a residual's bound is no shift: what stays is the likelier for it.
@@ -229,7 +229,7 @@ Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix
     const double cost = Criterion(H, seen, num_parameters);
     if (cost >= least) continue;
     least = cost;
-    chosen = H;
+    chosen = {H, num_parameters};
   }
   return chosen;
 }

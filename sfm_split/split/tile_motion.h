@@ -47,11 +47,17 @@ bool IsSeen(const TileMatch& tile);
 /// ended: none, a shift, an affine map or a homography. \param width, height  of the picture [px].
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height);
 
+/// A camera's turn and how many numbers were chosen for it.
+struct CameraTurn {
+  Eigen::Matrix3d second_from_first;  ///< the motion that it was sought beyond, included.
+  int num_parameters = 0;             ///< 0: nothing beyond that; 2: a shift; 3: a roll, too; 4: and growth.
+};
+
 /// What a camera that was turned a little about its centre shows, as tiles and edges ask for it beyond a
 /// motion, by the criterion that chooses between motions: nothing, a shift of up to `radius`, a shift and
 /// a roll about the picture's middle, or these and the growth of all that a lens shows when it focuses anew.
 /// \param width, height  of the picture [px].
-Eigen::Matrix3d FitTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
-                        int width, int height);
+CameraTurn FitCameraTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
+                         int width, int height);
 
 }  // namespace s2gs

@@ -12,13 +12,13 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/adjust/dense_schur.h"
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_problem.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/joint_system/dense_schur.h"
+#include "sfm_split/joint_system/joint_problem.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "tests/bench/markdown_rows.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/synthetic_aligned_object.h"

@@ -13,10 +13,10 @@
 #include <utility>
 #include <vector>
 
-#include "sfm_split/adjust/dense_schur.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/joint_system/dense_schur.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "tests/support/measured_bound.h"
 
 namespace s2gs {

@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/joint_system/joint_problem.h"
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/pose_error.h"
 #include "sfm_split/scene/projection_jacobians.h"

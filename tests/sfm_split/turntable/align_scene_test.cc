@@ -5,9 +5,9 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "sfm_split/adjust/joint_problem.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 namespace s2gs {
 namespace {

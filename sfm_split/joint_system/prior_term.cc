@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/prior_term.h"
+#include "sfm_split/joint_system/prior_term.h"
 
 #include <cmath>
 #include <cstddef>

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/score_covariance.h"
+#include "sfm_split/joint_system/score_covariance.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -6,7 +6,7 @@
 #include <map>
 #include <vector>
 
-#include "sfm_split/adjust/prepare_and_add.h"
+#include "sfm_split/joint_system/prepare_and_add.h"
 
 namespace s2gs {
 namespace {

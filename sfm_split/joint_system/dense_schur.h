@@ -1,7 +1,7 @@
 #pragma once
 
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 

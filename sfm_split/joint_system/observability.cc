@@ -1,3 +1,5 @@
+#include "sfm_split/joint_system/observability.h"
+
 #include <ceres/loss_function.h>
 
 #include <Eigen/Dense>
@@ -8,10 +10,9 @@
 #include <memory>
 #include <utility>
 
-#include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_system.h"
-#include "sfm_split/adjust/reduced_system.h"
-#include "sfm_split/adjust/score_covariance.h"
+#include "sfm_split/joint_system/joint_system.h"
+#include "sfm_split/joint_system/reduced_system.h"
+#include "sfm_split/joint_system/score_covariance.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {

@@ -2,7 +2,8 @@
 
 #include <array>
 
-#include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/joint_system/joint_options.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 namespace s2gs {
 
@@ -15,6 +16,7 @@ namespace s2gs {
 /// a mean whose variance is 1 + (n - 1) rho times that of independent ones (Kish's design effect), and each
 /// point counts by one over that. Residuals do not show it; that classes contradict each other does.
 struct TrackWeights {
+  /// The last has all from 129 keypoints on: a judgement, few tracks are as long.
   static constexpr int kClasses = 8;
   double correlation = 0;  ///< rho, the same for all classes.
   std::array<double, kClasses> of_class = {1, 1, 1, 1, 1, 1, 1, 1};

@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 
-#include "sfm_split/adjust/reduced_system.h"
+#include "sfm_split/joint_system/reduced_system.h"
 
 namespace s2gs {
 

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,10 +6,10 @@
 #include <numeric>
 #include <optional>
 
-#include "sfm_split/adjust/wobble_prior.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/union_find.h"
+#include "sfm_split/joint_system/wobble_prior.h"
 
 namespace s2gs {
 namespace {

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/joint_priors.h"
+#include "sfm_split/joint_system/joint_priors.h"
 
 #include <gtest/gtest.h>
 
@@ -13,9 +13,9 @@
 
 #include "sfm_split/adjust/equal_steps.h"
 #include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_turntable.h"

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/adjust/joint_priors.h"
 #include "sfm_split/base/rigid3.h"
+#include "sfm_split/joint_system/joint_priors.h"
 #include "sfm_split/scene/scene.h"
 #include "sfm_split/turntable/align_scene.h"
 

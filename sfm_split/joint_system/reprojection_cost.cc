@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/reprojection_cost.h"
+#include "sfm_split/joint_system/reprojection_cost.h"
 
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/rotation.h"

@@ -1,6 +1,10 @@
 #pragma once
 
-#include "sfm_split/adjust/joint_ba.h"
+#include <Eigen/Core>
+#include <optional>
+
+#include "sfm_split/joint_system/joint_options.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 namespace s2gs {
 

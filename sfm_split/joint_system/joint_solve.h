@@ -2,8 +2,10 @@
 
 #include <string>
 
-#include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/joint_system/joint_options.h"
+#include "sfm_split/joint_system/joint_problem.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "sfm_split/adjust/joint_problem.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 namespace s2gs {
 

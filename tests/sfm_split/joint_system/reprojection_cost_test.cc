@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/reprojection_cost.h"
+#include "sfm_split/joint_system/reprojection_cost.h"
 
 #include <ceres/autodiff_cost_function.h>
 #include <ceres/dynamic_autodiff_cost_function.h>

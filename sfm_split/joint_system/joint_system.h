@@ -9,9 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/adjust/joint_ba.h"
-#include "sfm_split/adjust/prior_term.h"
-#include "sfm_split/adjust/reprojection_cost.h"
+#include "sfm_split/joint_system/joint_options.h"
+#include "sfm_split/joint_system/joint_problem.h"
+#include "sfm_split/joint_system/prior_term.h"
+#include "sfm_split/joint_system/reprojection_cost.h"
 
 namespace s2gs {
 

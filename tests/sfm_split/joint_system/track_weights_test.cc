@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/track_weights.h"
+#include "sfm_split/joint_system/track_weights.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/joint_solve.h"
+#include "sfm_split/joint_system/joint_solve.h"
 
 #include <ceres/ceres.h>
 
@@ -12,8 +12,8 @@
 #include <unordered_set>
 #include <vector>
 
-#include "sfm_split/adjust/dense_schur.h"
-#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/joint_system/dense_schur.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 namespace {

@@ -1,9 +1,9 @@
-#include "sfm_split/adjust/joint_residuals.h"
+#include "sfm_split/joint_system/joint_residuals.h"
 
 #include <utility>
 
-#include "sfm_split/adjust/reprojection_cost.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/joint_system/reprojection_cost.h"
 #include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/wobble_prior.h"
+#include "sfm_split/joint_system/wobble_prior.h"
 
 #include <gtest/gtest.h>
 
@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "sfm_split/adjust/joint_model.h"
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_turntable.h"

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/track_weights.h"
+#include "sfm_split/joint_system/track_weights.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -8,9 +8,9 @@
 #include <numeric>
 #include <vector>
 
-#include "sfm_split/adjust/joint_system.h"
-#include "sfm_split/adjust/prepare_and_add.h"
-#include "sfm_split/adjust/reduced_system.h"
+#include "sfm_split/joint_system/joint_system.h"
+#include "sfm_split/joint_system/prepare_and_add.h"
+#include "sfm_split/joint_system/reduced_system.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {

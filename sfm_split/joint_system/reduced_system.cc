@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/reduced_system.h"
+#include "sfm_split/joint_system/reduced_system.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include <map>
 #include <utility>
 
-#include "sfm_split/adjust/prepare_and_add.h"
+#include "sfm_split/joint_system/prepare_and_add.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {

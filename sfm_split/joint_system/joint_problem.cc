@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/joint_problem.h"
+#include "sfm_split/joint_system/joint_problem.h"
 
 #include <algorithm>
 #include <cmath>

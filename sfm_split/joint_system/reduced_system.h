@@ -5,8 +5,8 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "sfm_split/adjust/joint_problem.h"
-#include "sfm_split/adjust/joint_system.h"
+#include "sfm_split/joint_system/joint_problem.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 

@@ -1,4 +1,4 @@
-#include "sfm_split/adjust/wobble_prior.h"
+#include "sfm_split/joint_system/wobble_prior.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -7,8 +7,8 @@
 #include <memory>
 #include <vector>
 
-#include "sfm_split/adjust/joint_system.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/joint_system/joint_system.h"
 
 namespace s2gs {
 namespace {
