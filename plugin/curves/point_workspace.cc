@@ -30,21 +30,23 @@ void LinkOrCopy(const fs::path& from, const fs::path& to) {
   ThrowIf(ec, to, "cannot be copied");
 }
 
-// Relative to the workspace: what no run needs, and what the stages from `from` on make.
+// Relative to the workspace: what no run needs, and what the stages from `from` on make. By their names:
+// photos may lie behind a link.
 std::set<fs::path> LeftOut(const Workspace& base, const std::string& from) {
-  std::set<fs::path> left_out = {fs::relative(base.Images(), base.root), "work_precision", "report.json",
-                                 "report.html", fs::relative(base.LockFile(), base.root)};
+  const auto within = [&](const fs::path& path) { return path.lexically_relative(base.root); };
+  std::set<fs::path> left_out = {within(base.Images()), "work_precision", "report.json", "report.html",
+                                 within(base.LockFile())};
   bool is_later = false;
   for (const StandardStage& stage : StandardStages(base)) {
     is_later = is_later || stage.name == from;
     if (!is_later) continue;
-    left_out.insert(fs::relative(base.StageStamp(stage.name), base.root));
-    for (const fs::path& output : stage.outputs) left_out.insert(fs::relative(output, base.root));
+    left_out.insert(within(base.StageStamp(stage.name)));
+    for (const fs::path& output : stage.outputs) left_out.insert(within(output));
   }
   S2GS_INVARIANT(is_later);
-  if (left_out.count(fs::relative(base.PointCloud(), base.root)) > 0) {
-    left_out.insert(fs::relative(base.Checkpoints(), base.root));
-    left_out.insert(fs::relative(base.Log(), base.root));
+  if (left_out.count(within(base.PointCloud())) > 0) {
+    left_out.insert(within(base.Checkpoints()));
+    left_out.insert(within(base.Log()));
   }
   return left_out;
 }

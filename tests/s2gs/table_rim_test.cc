@@ -12,6 +12,7 @@
 #include "s2gs/rotating_mask.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
+#include "tests/support/random_numbers.h"
 #include "tests/support/view_from_above.h"
 
 namespace s2gs {
@@ -292,6 +293,20 @@ TEST(TableRim, OfATableThatTurnsIsDecided) {
   EXPECT_NEAR(rim->region.radius, kTableRadius, 0.03);
   EXPECT_EQ(rim->static_share, 0);
   EXPECT_FALSE(rim->IsUndecided());
+}
+
+// A rotating thing of no shape above the ground.
+TEST(TableRim, NoneWithoutATable) {
+  std::vector<ReferenceGaussian> scene;
+  for (const ReferenceGaussian& g : ThingOnTable(false)) {
+    if (g[kRefCentre + 2] == kGround) scene.push_back(g);
+  }
+  RandomNumbers random(3);
+  for (int i = 0; i < 200; ++i) {
+    scene.push_back(Splat({random.Uniform(-0.2, 0.5), random.Uniform(-0.4, 0.1), random.Uniform(0, 0.4)},
+                          i % 2 == 0, 0.03, 1, true));
+  }
+  EXPECT_FALSE(FindTableRim(SceneOf(2), BackendOf(scene).get()));
 }
 
 TEST(TableRim, IsNotLookedForFromOneStation) {

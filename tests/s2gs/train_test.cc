@@ -205,6 +205,20 @@ TEST(Train, ResumesAsIfItHadNeverStopped) {
   EXPECT_EQ(last, 120);
 }
 
+TEST(Train, BeginsAnewBesideACheckpointWhenToldSo) {
+  const TrainingScene scene = MakeSmallScene(TrainMode::kS2gs, 64, 48, 2, 6);
+  const TemporaryFolder folder;
+  TrainFiles files;
+  files.checkpoint = folder / "latest.checkpoint";
+  files.settings = "same";
+  for (const int64_t stop_at : {30, 10}) {
+    StoppingReporter stopping(stop_at);
+    EXPECT_THROW(Train(scene, QuickOptions(120), 3, files, MakeCpuBackend().get(), stopping), Interrupted);
+    EXPECT_EQ(ReadCheckpoint(files.checkpoint).cursor.iteration, stop_at);
+    files.resume = false;
+  }
+}
+
 // An error that can be anything at the end is not to be had: with a threshold of all of it, training stops as
 // soon as there are enough measurements.
 TEST(Train, StopsWhenHeldOutPhotosGainTooLittleAlsoWhenResumed) {

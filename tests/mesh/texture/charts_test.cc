@@ -156,6 +156,21 @@ TEST(Charts, BeginWhereTheSurfaceIsFlattest) {
   EXPECT_EQ(num_found, 1);
 }
 
+// Whichever two of a triangle's corners are one.
+TEST(Charts, HaveNoTriangleWithoutAnArea) {
+  TriangleMesh mesh = RoughRing(0);
+  const auto first = static_cast<uint32_t>(mesh.triangles.size());
+  mesh.triangles.emplace_back(0, 0, 1);
+  mesh.triangles.emplace_back(0, 1, 1);
+  mesh.triangles.emplace_back(1, 0, 1);
+  size_t num_triangles = 0;
+  for (const Chart& chart : MakeCharts(mesh, {0.004, 4, 8192})) {
+    num_triangles += chart.triangles.size();
+    for (const uint32_t triangle : chart.triangles) EXPECT_LT(triangle, first);
+  }
+  EXPECT_EQ(num_triangles, first);
+}
+
 TEST(Charts, NoneIsLargerThanAPage) {
   const TriangleMesh mesh = RoughRing(0);
   for (const Chart& chart : MakeCharts(mesh, {0.004, 2, 100})) {

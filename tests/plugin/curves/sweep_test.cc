@@ -193,6 +193,27 @@ TEST_F(SweepTest, OtherSettingsRunAgain) {
   EXPECT_EQ(Calls(), 18);
 }
 
+// What a seed starts from is made once, though the runs are made again.
+TEST_F(SweepTest, StartsOfSeedsAreKept) {
+  folder_.Write("program",
+                "#!/bin/sh\necho \"$*\" >> " + (folder_ / "calls").string() +
+                    "\nwhile [ $# -gt 0 ]; do case $1 in --workspace_path) workspace=$2;; esac; shift; done\n"
+                    "echo {} > \"$workspace/turntable.json\"\n");
+  fs::permissions(folder_ / "program", fs::perms::owner_all);
+  options_.knob = FindKnob("turntable_mapper.knob");
+  const auto num_starts = [&] {
+    std::istringstream lines(folder_.Read("calls"));
+    int num = 0;
+    for (std::string line; std::getline(lines, line);)
+      num += line.find("start_seed") != std::string::npos && line.find("--knob") == std::string::npos ? 1 : 0;
+    return num;
+  };
+  RunSweep(options_, silent_);
+  EXPECT_EQ(num_starts(), 2);  // one a seed
+  RunSweep(options_, silent_);
+  EXPECT_EQ(num_starts(), 2);
+}
+
 // The scan's features are those that automatic_scanner asked for; a sweep of the split must not look for
 // others, which the defaults of motion_splitter would.
 TEST_F(SweepTest, FeaturesOfTheScanAreKept) {

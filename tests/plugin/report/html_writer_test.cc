@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "plugin/report/data_uri.h"
@@ -41,6 +42,14 @@ TEST(HtmlWriter, EscapesTextAndAttributes) {
   HtmlWriter out;
   out.Open("p", {{"title", "a\"><b"}}).Text("1 < 2").Void("img", {{"alt", "x'y"}}).Close();
   EXPECT_EQ(out.html(), "<p title=\"a&quot;&gt;&lt;b\">1 &lt; 2<img alt=\"x&#39;y\"/>\n</p>\n");
+}
+
+TEST(WriteTiles, ATileWithoutANoteHasNoPlaceForOne) {
+  HtmlWriter out;
+  WriteTiles({{"photos", "60", "of 61"}, {"verdict", "good", ""}}, &out);
+  const std::string html = out.html();
+  EXPECT_NE(html.find("<dd class=\"note\">of 61</dd>"), std::string::npos) << html;
+  EXPECT_EQ(html.find("note", html.find("good")), std::string::npos) << html;
 }
 
 TEST(Numbers, ForPeople) {

@@ -62,6 +62,15 @@ TEST(Undistort, ResamplesToThePinhole) {
   }
 }
 
+TEST(Undistort, APhotoOfTwoPixelsEachWayIsOne) {
+  Camera camera = Distorted(0);
+  camera.width = camera.height = 2;
+  camera.params = {100, 1, 1, 0};
+  const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
+  EXPECT_EQ(pinhole.width, 2u);
+  EXPECT_EQ(pinhole.height, 2u);
+}
+
 // r (1 - .5 r^2) has its largest value, .544, at r = .816: the corners, at .72 to .77, show nothing, and
 // neither do the left and right sides, at .59 to .61.
 TEST(Undistort, LensThatTurnsBackIsUsedWithin) {

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <sstream>
 #include <string>
 
@@ -351,6 +352,17 @@ TEST(ColmapModel, MissingFilesAreNamed) {
   fs::remove(folder / "frames.bin");
   ExpectUserError([&] { ReadColmapModel(folder.path()); }, {"frames.bin", "no such file"});
   ExpectUserError([&] { ReadColmapCameras(folder / "cameras.ply"); }, {"cameras.ply", ".bin"});
+}
+
+// The shortest that the format allows.
+TEST(ColmapModel, FramesWithoutDataAreRead) {
+  std::map<uint32_t, ColmapFrame> frames;
+  for (const uint32_t id : {3U, 4U, 9U}) frames[id].frame_id = id;
+  std::istringstream stream(Bytes(&WriteColmapFrames, ColmapFormat::kBinary, frames));
+  const std::map<uint32_t, ColmapFrame> read = ReadColmapFrames(stream, ColmapFormat::kBinary, "frames.bin");
+  EXPECT_EQ(Bytes(&WriteColmapFrames, ColmapFormat::kBinary, read),
+            Bytes(&WriteColmapFrames, ColmapFormat::kBinary, frames));
+  EXPECT_EQ(read.size(), 3U);
 }
 
 }  // namespace
