@@ -63,9 +63,9 @@ TEST(Undistort, ResamplesToThePinhole) {
 }
 
 TEST(Undistort, APhotoOfTwoPixelsEachWayIsOne) {
-  Camera camera = Distorted(0);
+  Camera camera = Distorted(-1e-3);
   camera.width = camera.height = 2;
-  camera.params = {100, 1, 1, 0};
+  camera.params = {10, 1, 1, -1e-3};
   const Camera pinhole = UndistortedCamera(camera, "cameras.bin");
   EXPECT_EQ(pinhole.width, 2u);
   EXPECT_EQ(pinhole.height, 2u);
