@@ -245,7 +245,8 @@ void DecideFreeCameras(const PlanRequest& /*request*/, const Evidence& e, PlanDe
                                is_fitted ? fmt::format(", BIC gain {:.1f}", Number(test, "bic_gain")) : "");
   }
   // As ModelTest::score and bic_gain say (joint_ba.h).
-  d->threshold = "a score of 1.5, then a gain of the Bayesian information criterion above 0";
+  d->threshold =
+      "a score of 1.5 and of a third of what the Bayesian information criterion asks, then its gain above 0";
   const std::string chosen = Text(model, "chosen");
   if (chosen != "shared stations") return Keep(d, "the matches ask for it: " + chosen);
   LeaveOut(d, "the photos of a station agree on one pose",

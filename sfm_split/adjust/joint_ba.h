@@ -41,7 +41,7 @@ struct ModelTest {
   JointModel simple = JointModel::kSharedStations;
   JointModel general = JointModel::kFreeCameras;
   /// Mean over images of the score statistic per parameter: 1 when the simple model is true. The general
-  /// model is only fitted when it exceeds 1.5.
+  /// model is only fitted when it exceeds 1.5 and a third of what bic_gain asks of each parameter.
   double score = 0;
   std::string worst_image;  ///< the image with the largest score.
   double worst_score = 0;
