@@ -214,6 +214,28 @@ TEST(JointBa, OneStationIsAdjustedWithoutABackground) {
   EXPECT_EQ(report.scale_sigma_rel, std::numeric_limits<double>::infinity());
 }
 
+TEST(JointBa, TheScalesStandardDeviationDoesNotDependOnTheOrigin) {
+  Scene scene;
+  scene.background_points = 80;
+  scene.noise_px = 0.5;
+  scene.Build(7);
+  JointProblem moved = scene.start;
+  const Vector3d shift(0.7, -0.4, 0);  // of centres that are 1 apart from the axis
+  for (Rigid3& pose : moved.cam_from_world) pose = pose * Rigid3{Eigen::Quaterniond::Identity(), -shift};
+  moved.axis.tail<2>() += shift.head<2>();
+  for (JointBody* body : {&moved.object, &moved.background}) {
+    for (Vector3d& x : body->points) x += shift;
+  }
+  JointOptions options;
+  options.model = JointModel::kSharedStations;
+  Reporter silent;
+  const double sigma = AdjustJointly(options, silent, &scene.start).scale_sigma_rel;
+  EXPECT_GT(sigma, 1e-6);
+  EXPECT_LT(sigma, 1e-2);
+  // The same optimum, to where the adjustment ends.
+  EXPECT_NEAR(AdjustJointly(options, silent, &moved).scale_sigma_rel / sigma, 1, 1e-3);
+}
+
 // A background that only one station sees has no depth: its points go, the rest is adjusted.
 TEST(JointBa, BackgroundOfOneStationIsTakenOut) {
   Scene scene;
