@@ -113,6 +113,13 @@ void PhotoAdjuster::SetUp(const std::vector<AlignedTrack>& tracks, const JointPr
       if (place.point2D_idx != kNoKeypoint) places[{place.image_id, place.point2D_idx}] = &place.place;
     }
   }
+  const std::set<uint64_t> known(body.point_ids.begin(), body.point_ids.end());
+  num_model_points_ = body.points.size();
+  for (const AlignedTrack& track : tracks) {
+    if (known.count(track.point3D_id) > 0) continue;
+    body.points.push_back(track.patch.centre);
+    body.point_ids.push_back(track.point3D_id);
+  }
   const double keypoint_spread = std::max(1.0, keypoint_sigma_px / place_sigma_px);
   sources_.resize(body.observations.size());
   for (size_t k = 0; k < sources_.size(); ++k) {
@@ -137,7 +144,7 @@ void PhotoAdjuster::SetUp(const std::vector<AlignedTrack>& tracks, const JointPr
   ChooseBackground(keypoint_spread);
 }
 
-// Those in photos beside the tracks.
+// Those that are no keypoints'.
 void PhotoAdjuster::AddPlaces(const std::vector<AlignedTrack>& tracks) {
   JointBody& body = problem_.object;
   std::map<std::string, int> index_of_name;
@@ -301,6 +308,8 @@ void PhotoAdjuster::Take(JointProblem* after) {
   observations.erase(std::remove_if(observations.begin(), observations.end(),
                                     [](const JointObservation& o) { return o.point2D_idx == kNoKeypoint; }),
                      observations.end());
+  after->object.points.resize(num_model_points_);
+  after->object.point_ids.resize(num_model_points_);
   ApplyJointProblem(*after, aligned_);
 }
 

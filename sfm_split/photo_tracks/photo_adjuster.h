@@ -65,6 +65,7 @@ class PhotoAdjuster {
   const HeldBackKeypoints& held_back_;
   const PhotoAdjustmentOptions& options_;
   AlignedScene* aligned_;
+  size_t num_model_points_ = 0;  // of the object, which come first; others are of tracks alone
   JointProblem problem_;         // as the scene stands, with the observations that are to be adjusted
   std::vector<Source> sources_;  // of the object's observations
 };

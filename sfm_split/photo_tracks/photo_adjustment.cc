@@ -24,7 +24,10 @@ constexpr double kHalfTolerance = 1e-6;   // of adjustments that only tell wheth
 constexpr double kMostOverdispersion = 2;
 // Of links between two stations, at least: the rest may be patches of something else.
 constexpr double kRightShare = 0.5;
-constexpr double kMaxFocalChange = 1.1;  // more than patches can mend: something else is wrong
+// More than patches can mend, where it is not less than what the focal length is known to: something else is
+// wrong.
+constexpr double kMaxFocalChange = 1.1;
+constexpr double kFocalSigmas = 3;
 
 HeldBackChange ChangeOf(const std::vector<ErrorPair>& errors) {
   HeldBackChange change;
@@ -63,10 +66,15 @@ bool Contradict(const HeldBackChange& keypoints, const HeldBackChange& patches) 
   return std::hypot(keypoints.before_px, patches.after_px) < keypoints.after_px;
 }
 
-bool CamerasHold(const JointProblem& before, const JointProblem& after) {
+// \param sigmas_px  of the focal lengths before.
+bool CamerasHold(const JointProblem& before, const JointProblem& after,
+                 const std::vector<double>& sigmas_px) {
   for (size_t c = 0; c < before.cameras.size(); ++c) {
-    const double ratio = FocalLengths(after.cameras[c]).x() / FocalLengths(before.cameras[c]).x();
-    if (!(ratio < kMaxFocalChange && ratio > 1 / kMaxFocalChange)) return false;
+    const double focal_px = FocalLengths(before.cameras[c]).x();
+    double most = std::log(kMaxFocalChange);
+    if (c < sigmas_px.size() && std::isfinite(sigmas_px[c]))
+      most = std::max(most, kFocalSigmas * sigmas_px[c] / focal_px);
+    if (!(std::abs(std::log(FocalLengths(after.cameras[c]).x() / focal_px)) < most)) return false;
   }
   return true;
 }
@@ -92,7 +100,6 @@ double LogSigmaChange(const JointReport& before, const JointReport& after) {
 
 // What all ways of looking for places have in common.
 struct AdjustmentInput {
-  const ReadGreyPhoto& read;
   const ScanFeatures& features;
   const HeldBackKeypoints& held_back;
   const JointPriors& priors;
@@ -101,21 +108,21 @@ struct AdjustmentInput {
   const PhotoAdjustmentOptions& options;
 };
 
-// By places that are looked for as the options say.
-PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOptions& places, int min_places,
-                           Reporter& reporter, AlignedScene* aligned, JointReport* joint) {
+// By these places. \param min_places  photos with fewer keep the keypoints of points without patches.
+PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<AlignedTrack>& tracks,
+                           PhotosLookedIn looked_in, int min_places, Reporter& reporter,
+                           AlignedScene* aligned, JointReport* joint) {
   PhotoAdjustment result;
-  result.looked_in = places.min_facing < 1 ? PhotosLookedIn::kFacing : PhotosLookedIn::kTracks;
+  result.looked_in = looked_in;
   const auto finish = [&](const std::string& finding) {
     result.finding = finding;
     return result;
   };
-  const std::vector<AlignedTrack> tracks = AlignTracks(aligned->object, input.read, places, reporter);
   std::vector<double> sigmas;
   for (const AlignedTrack& track : tracks) {
     for (const TrackPlace& place : track.places) {
       sigmas.push_back(place.place.sigma_px);
-      result.places_beside += place.point2D_idx == kNoKeypoint ? 1 : 0;
+      result.places_beside += place.is_beside ? 1 : 0;
     }
   }
   result.tracks = static_cast<int>(tracks.size());
@@ -158,7 +165,8 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const TrackPlacesOption
   const bool is_surer = is_noise && result.log_sigma_change < 0;
   if (!result.patches.HasFallen() && !is_surer) return finish(no_better);
   result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, problem, false));
-  if (!CamerasHold(adjuster.problem(), problem)) return finish("patches ask for another focal length");
+  if (!CamerasHold(adjuster.problem(), problem, joint->focal_sigma_px))
+    return finish("patches ask for another focal length");
   if (Contradict(result.keypoints, result.patches))
     return finish("keypoints that were held back contradict the patches");
   result.tied_stations = adjuster.TiedStations(problem, result.patches.overdispersion);
@@ -201,26 +209,39 @@ OptionCheck PhotoAdjustmentOptions::Check() const {
   return places.Check();
 }
 
-PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& features,
+PhotoAdjustment AdjustByTracks(const FindTracks& find, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
                                const JointOptions& joint_options, JointModel model,
                                const PhotoAdjustmentOptions& options, Reporter& reporter,
                                AlignedScene* aligned, JointReport* joint) {
   S2GS_INVARIANT(!options.Check() && !joint_options.Check());
   const double start = SteadySeconds();
-  const AdjustmentInput input{read, features, held_back, priors, joint_options, model, options};
-  PhotoAdjustment result =
-      AdjustOnce(input, options.places, joint_options.min_free_observations, reporter, aligned, joint);
+  const AdjustmentInput input{features, held_back, priors, joint_options, model, options};
+  PhotoAdjustment result = AdjustOnce(input, find(PhotosLookedIn::kFacing), PhotosLookedIn::kFacing,
+                                      joint_options.min_free_observations, reporter, aligned, joint);
   if (!result.is_taken && result.places_beside > 0) {
     // What bends or is lit otherwise as it turns is one thing from neighbouring angles only.
     const std::string facing_finding = result.finding;
-    TrackPlacesOptions of_tracks = options.places;
-    of_tracks.min_facing = 1;
-    result = AdjustOnce(input, of_tracks, std::numeric_limits<int>::max(), reporter, aligned, joint);
+    result = AdjustOnce(input, find(PhotosLookedIn::kTracks), PhotosLookedIn::kTracks,
+                        std::numeric_limits<int>::max(), reporter, aligned, joint);
     result.facing_finding = facing_finding;
   }
   result.seconds = SteadySeconds() - start;
   return result;
+}
+
+PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& features,
+                               const HeldBackKeypoints& held_back, const JointPriors& priors,
+                               const JointOptions& joint_options, JointModel model,
+                               const PhotoAdjustmentOptions& options, Reporter& reporter,
+                               AlignedScene* aligned, JointReport* joint) {
+  const auto find = [&](PhotosLookedIn where) {
+    TrackPlacesOptions places = options.places;
+    if (where == PhotosLookedIn::kTracks) places.min_facing = 1;
+    return AlignTracks(aligned->object, read, places, reporter);
+  };
+  return AdjustByTracks(find, features, held_back, priors, joint_options, model, options, reporter, aligned,
+                        joint);
 }
 
 }  // namespace s2gs

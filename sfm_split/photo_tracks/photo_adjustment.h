@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <set>
 #include <string>
@@ -82,19 +83,29 @@ struct PhotoAdjustmentOptions {
   OptionCheck Check() const;
 };
 
-/// Poses by patches of the photos: the object's points are looked for in all photos that they face
-/// (AlignTracks), and everything is adjusted again, with patches' places in the stead of the object's
-/// keypoints, which stay in photos with too few places. The poses are taken where they bear patches out that
-/// they were not adjusted to (of either half of the points by the other half) better than the scene's own, or
-/// no worse while the adjustment states smaller standard deviations; where these patches' errors are mostly
-/// noise; and where keypoints that no adjustment saw lie no farther off than patches' own errors explain
-/// (they carry the bias that patches remove). Where they are not taken, the same is tried with the photos of
-/// the tracks alone, beside all other keypoints by their own noise; the scene is untouched where neither is.
-/// Where poses are taken, both models' points are adjusted to them all, and the object's keypoints in
-/// `aligned->object` are where patches were found.
+/// Where photos show points of the object, by its poses as they stand. Ids of points that are none of the
+/// model's follow those of the model's.
+using FindTracks = std::function<std::vector<AlignedTrack>(PhotosLookedIn where)>;
+
+/// Poses by patches of the photos: everything is adjusted again, with patches' places in the stead of the
+/// object's keypoints, which stay in photos with too few places. The poses are taken where they bear patches
+/// out that they were not adjusted to (of either half of the points by the other half) better than the
+/// scene's own, or no worse while the adjustment states smaller standard deviations; where these patches'
+/// errors are mostly noise; and where keypoints that no adjustment saw lie no farther off than patches' own
+/// errors explain (they carry the bias that patches remove). Where they are not taken, the same is tried with
+/// the photos of the tracks alone, beside all other keypoints by their own noise; the scene is untouched
+/// where neither is. Where poses are taken, both models' points are adjusted to them all, and the object's
+/// keypoints in `aligned->object` are where patches were found.
 /// \param priors  of the adjustment that the scene comes from.
 /// \param model   what the poses share.
 /// \param joint   the adjustment that the scene comes from; replaced where poses are taken.
+PhotoAdjustment AdjustByTracks(const FindTracks& find, const ScanFeatures& features,
+                               const HeldBackKeypoints& held_back, const JointPriors& priors,
+                               const JointOptions& joint_options, JointModel model,
+                               const PhotoAdjustmentOptions& options, Reporter& reporter,
+                               AlignedScene* aligned, JointReport* joint);
+
+/// The same with the object's points, which are looked for in all photos that they face (AlignTracks).
 PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
                                const JointOptions& joint_options, JointModel model,

@@ -27,13 +27,16 @@ struct Observation {
   const ColmapImage* image = nullptr;
   const Camera* camera = nullptr;
   uint32_t point2D_idx = kNoKeypoint;
+  bool is_beside = false;
   Vector2d predicted = Vector2d::Zero();
   double px_per_length = 0;
   PhotoPart part;
 };
 
 struct Track {
-  const ColmapPoint3D* point = nullptr;
+  uint64_t point3D_id = kInvalidPoint3DId;
+  Vector3d xyz = Vector3d::Zero();
+  std::vector<Vector3d> first_normals;  // that are tried
   std::vector<Observation> observations;
   size_t reference = 0;
 };
@@ -43,7 +46,7 @@ size_t MiddleView(const Track& track) {
   std::vector<Vector3d> directions;
   Vector3d sum = Vector3d::Zero();
   for (const Observation& o : track.observations) {
-    directions.push_back((CameraCentre(o.image->cam_from_world) - track.point->xyz).normalized());
+    directions.push_back((CameraCentre(o.image->cam_from_world) - track.xyz).normalized());
     sum += directions.back();
   }
   const auto best =
@@ -70,7 +73,8 @@ std::vector<Track> MakeTracks(const ColmapModel& model, int min_found) {
   for (const auto& [id, point] : model.points3D) {
     if (static_cast<int>(point.track.size()) < min_found) continue;
     Track track;
-    track.point = &point;
+    track.point3D_id = id;
+    track.xyz = point.xyz;
     for (const ColmapTrackElement& element : point.track) {
       std::optional<Observation> o = Predict(model, model.images.at(element.image_id), point.xyz);
       if (!o) continue;
@@ -80,6 +84,24 @@ std::vector<Track> MakeTracks(const ColmapModel& model, int min_found) {
     if (static_cast<int>(track.observations.size()) < min_found) continue;
     track.reference = MiddleView(track);
     tracks.push_back(std::move(track));
+  }
+  return tracks;
+}
+
+std::vector<Track> MakeTracks(const ColmapModel& model, const std::vector<SurfacePoint>& points) {
+  uint64_t next_id = model.points3D.empty() ? 1 : model.points3D.rbegin()->first + 1;
+  std::vector<Track> tracks;
+  for (const SurfacePoint& point : points) {
+    Track track;
+    track.point3D_id = next_id++;
+    track.xyz = point.patch.centre;
+    track.first_normals = {point.patch.normal};
+    for (const uint32_t id : point.image_ids) {
+      std::optional<Observation> o = Predict(model, model.images.at(id), track.xyz);
+      if (o) track.observations.push_back(std::move(*o));
+    }
+    // The first photo stands for the others.
+    if (track.observations.size() == point.image_ids.size()) tracks.push_back(std::move(track));
   }
   return tracks;
 }
@@ -204,24 +226,24 @@ int AddFacingPhotos(const ColmapModel& model, const TrackPlacesOptions& options,
   const size_t before = track->observations.size();
   for (const auto& [id, image] : model.images) {
     if (known.count(&image) > 0) continue;
-    const Vector3d ray = (CameraCentre(image.cam_from_world) - track->point->xyz).normalized();
+    const Vector3d ray = (CameraCentre(image.cam_from_world) - track->xyz).normalized();
     if (!(patch.normal.dot(ray) >= options.min_facing)) continue;
-    std::optional<Observation> o = Predict(model, image, track->point->xyz);
+    std::optional<Observation> o = Predict(model, image, track->xyz);
     if (!o) continue;
     const double margin = options.patch.radius_px;
     if (o->predicted.x() < margin || o->predicted.y() < margin ||
         o->predicted.x() > o->camera->width - margin || o->predicted.y() > o->camera->height - margin)
       continue;
+    o->is_beside = true;
     track->observations.push_back(std::move(*o));
   }
   return static_cast<int>(track->observations.size() - before);
 }
 
-// \param first_normals  that are tried.
 AlignedTrack AlignOne(const Track& track, const std::vector<Vector3d>& first_normals,
                       const TrackPlacesOptions& options) {
   AlignedTrack result;
-  result.point3D_id = track.point->point3D_id;
+  result.point3D_id = track.point3D_id;
   std::vector<SplinePart> parts;
   std::vector<size_t> source;
   parts.reserve(track.observations.size());
@@ -239,11 +261,11 @@ AlignedTrack AlignOne(const Track& track, const std::vector<Vector3d>& first_nor
     const Observation& o = track.observations[source[i]];
     views.push_back({&parts[i], o.camera, o.image->cam_from_world});
   }
-  result.patch.centre = track.point->xyz;
+  result.patch.centre = track.xyz;
   std::vector<PatchPlace> places;
   int64_t most = 0;
   for (const Vector3d& normal : first_normals) {
-    SurfacePatch patch = {track.point->xyz, normal};
+    SurfacePatch patch = {track.xyz, normal};
     std::vector<PatchPlace> found = AlignPatch(views, reference, options.patch, &patch);
     const int64_t num_found =
         std::count_if(found.begin(), found.end(), [](const PatchPlace& place) { return place.is_found; });
@@ -256,9 +278,42 @@ AlignedTrack AlignOne(const Track& track, const std::vector<Vector3d>& first_nor
   for (size_t i = 0; i < places.size(); ++i) {
     if (!places[i].is_found || places[i].sigma_px > options.max_sigma_px) continue;
     const Observation& o = track.observations[source[i]];
-    result.places.push_back({o.image->image_id, o.point2D_idx, places[i]});
+    result.places.push_back({o.image->image_id, o.point2D_idx, o.is_beside, places[i]});
   }
   return result;
+}
+
+// In the photos of the tracks, and then in others that patches face.
+std::vector<AlignedTrack> Align(const ColmapModel& model, const ReadGreyPhoto& read,
+                                const TrackPlacesOptions& options, std::vector<Track> tracks,
+                                Reporter& reporter) {
+  CutParts(read, options, &tracks, reporter);
+  std::vector<AlignedTrack> aligned(tracks.size());
+  const auto for_all = [&](const std::function<void(Track*, AlignedTrack*)>& run) {
+    ParallelFor(static_cast<int64_t>(tracks.size()), 0, 16, [&](int64_t i) {
+      if (reporter.StopRequested()) throw Interrupted();
+      run(&tracks[static_cast<size_t>(i)], &aligned[static_cast<size_t>(i)]);
+    });
+  };
+  for_all(
+      [&](Track* track, AlignedTrack* result) { *result = AlignOne(*track, track->first_normals, options); });
+  int left = options.min_facing < 1 ? options.max_beside : 0;
+  for (size_t t = 0; t < tracks.size() && left > 0; ++t) {
+    if (static_cast<int>(aligned[t].places.size()) >= options.min_found)
+      left -= AddFacingPhotos(model, options, aligned[t].patch, &tracks[t]);
+  }
+  CutParts(read, options, &tracks, reporter);
+  for_all([&](Track* track, AlignedTrack* result) {
+    if (!track->observations.back().is_beside) return;
+    AlignedTrack longer = AlignOne(*track, {result->patch.normal}, options);
+    if (longer.places.size() > result->places.size()) *result = std::move(longer);
+  });
+  aligned.erase(std::remove_if(aligned.begin(), aligned.end(),
+                               [&](const AlignedTrack& track) {
+                                 return static_cast<int>(track.places.size()) < options.min_found;
+                               }),
+                aligned.end());
+  return aligned;
 }
 
 }  // namespace
@@ -281,37 +336,21 @@ std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPh
   S2GS_INVARIANT(!options.Check());
   std::vector<Track> tracks = MakeTracks(model, options.min_found);
   DropShort(options.max_observations, &tracks);
-  CutParts(read, options, &tracks, reporter);
   const FirstNormals normals(model, options.num_neighbours);
-  std::vector<AlignedTrack> aligned(tracks.size());
-  const auto for_all = [&](const std::function<void(Track*, AlignedTrack*)>& run) {
-    ParallelFor(static_cast<int64_t>(tracks.size()), 0, 16, [&](int64_t i) {
-      if (reporter.StopRequested()) throw Interrupted();
-      run(&tracks[static_cast<size_t>(i)], &aligned[static_cast<size_t>(i)]);
-    });
-  };
-  for_all([&](Track* track, AlignedTrack* result) {
-    const Observation& middle = track->observations[track->reference];
-    const Vector3d towards = (CameraCentre(middle.image->cam_from_world) - track->point->xyz).normalized();
-    *result = AlignOne(*track, {normals.At(track->point->xyz, towards), towards}, options);
+  ParallelFor(static_cast<int64_t>(tracks.size()), 0, 16, [&](int64_t i) {
+    Track& track = tracks[static_cast<size_t>(i)];
+    const Observation& middle = track.observations[track.reference];
+    const Vector3d towards = (CameraCentre(middle.image->cam_from_world) - track.xyz).normalized();
+    track.first_normals = {normals.At(track.xyz, towards), towards};
   });
-  int left = options.min_facing < 1 ? options.max_beside : 0;
-  for (size_t t = 0; t < tracks.size() && left > 0; ++t) {
-    if (static_cast<int>(aligned[t].places.size()) >= options.min_found)
-      left -= AddFacingPhotos(model, options, aligned[t].patch, &tracks[t]);
-  }
-  CutParts(read, options, &tracks, reporter);
-  for_all([&](Track* track, AlignedTrack* result) {
-    if (track->observations.back().point2D_idx != kNoKeypoint) return;
-    AlignedTrack longer = AlignOne(*track, {result->patch.normal}, options);
-    if (longer.places.size() > result->places.size()) *result = std::move(longer);
-  });
-  aligned.erase(std::remove_if(aligned.begin(), aligned.end(),
-                               [&](const AlignedTrack& track) {
-                                 return static_cast<int>(track.places.size()) < options.min_found;
-                               }),
-                aligned.end());
-  return aligned;
+  return Align(model, read, options, std::move(tracks), reporter);
+}
+
+std::vector<AlignedTrack> AlignPoints(const ColmapModel& model, const std::vector<SurfacePoint>& points,
+                                      const ReadGreyPhoto& read, const TrackPlacesOptions& options,
+                                      Reporter& reporter) {
+  S2GS_INVARIANT(!options.Check());
+  return Align(model, read, options, MakeTracks(model, points), reporter);
 }
 
 }  // namespace s2gs

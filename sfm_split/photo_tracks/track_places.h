@@ -42,7 +42,14 @@ struct TrackPlacesOptions {
 struct TrackPlace {
   uint32_t image_id = 0;
   uint32_t point2D_idx = kNoKeypoint;  ///< none: the photo's keypoints do not see the point.
+  bool is_beside = false;              ///< in a photo that is not of the track.
   PatchPlace place;
+};
+
+/// A place of the surface that photos show, whether keypoints see it or not.
+struct SurfacePoint {
+  SurfacePatch patch;
+  std::vector<uint32_t> image_ids;  ///< that show it; the first stands for the others.
 };
 
 /// The places of a point in the photos of its track and in others that it faces, by patches of the photos.
@@ -57,5 +64,10 @@ struct AlignedTrack {
 /// 30 degrees of a turn, patches that are projected by its pose as long as it is seen.
 std::vector<AlignedTrack> AlignTracks(const ColmapModel& model, const ReadGreyPhoto& read,
                                       const TrackPlacesOptions& options, Reporter& reporter);
+
+/// The same of points that are none of the model's. Their ids follow those of the model's points.
+std::vector<AlignedTrack> AlignPoints(const ColmapModel& model, const std::vector<SurfacePoint>& points,
+                                      const ReadGreyPhoto& read, const TrackPlacesOptions& options,
+                                      Reporter& reporter);
 
 }  // namespace s2gs

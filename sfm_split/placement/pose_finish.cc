@@ -5,12 +5,33 @@
 #include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
+#include "sfm_split/base/infinity.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/silhouette_ties.h"
 #include "sfm_split/relocalise/station_turns.h"
+#include "sfm_split/sweep/swept_points.h"
 
 namespace s2gs {
+namespace {
+
+constexpr int kSurfaceRounds = 4;  // a judgement: bounds the time
+// Standard deviation of the axis and of the table's angles that leaves nothing to ask for: a sixth of how far
+// the median photo of a good scan may be turned.
+constexpr double kSureDeg = 0.05;
+
+bool IsSure(const JointReport& joint) {
+  std::vector<double> angles;
+  for (const double sigma : joint.angle_sigma_deg) {
+    if (sigma > 0 && std::isfinite(sigma)) angles.push_back(sigma);
+  }
+  return joint.axis_direction_sigma_deg >= 0 && joint.axis_direction_sigma_deg < kSureDeg &&
+         !angles.empty() && UpperMedian(std::move(angles)) < kSureDeg;
+}
+
+}  // namespace
 
 void PoseFinish::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
   ScanCandidate& best = result_.best;
@@ -23,6 +44,31 @@ void PoseFinish::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
       photos.finding +
       (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
   result_.durations.emplace_back("photo_tracks", watch_.Lap());
+  AdjustToSurface(read_photo);
+}
+
+// Where the poses are not sure yet, the surface between keypoints is asked; again while its patches agree
+// better, since few are found from poses that are some pixels off.
+void PoseFinish::AdjustToSurface(const ReadGreyPhoto& read_photo) {
+  ScanCandidate& best = result_.best;
+  double error_px = kInfinity;
+  for (int round = 0; round < kSurfaceRounds && !IsSure(best.refined.joint); ++round) {
+    const SurfaceSweep swept(best.aligned, read_photo, {}, reporter_);
+    if (swept.NumPoints() < static_cast<int>(best.aligned.scene.views.size())) break;
+    const auto find = [&](PhotosLookedIn where) { return swept.Tracks(where, reporter_); };
+    PhotoAdjustment surface =
+        AdjustByTracks(find, features_, best.refined.held_back, best.refined.priors, options_.joint,
+                       best.refined.model, options_.photos, reporter_, &best.aligned, &best.refined.joint);
+    reporter_.Info(std::string("the surface between keypoints ") +
+                   (surface.is_taken ? "tells better poses: " : "does not tell better poses: ") +
+                   surface.finding);
+    if (!surface.is_taken) break;
+    const bool has_gained = surface.patches.after_px < error_px;
+    error_px = surface.patches.after_px;
+    result_.photos = std::move(surface);
+    if (!has_gained) break;
+  }
+  result_.durations.emplace_back("surface", watch_.Lap());
 }
 
 // Where matches of highlights leave a station's turn open, patches that it shares with others may tell it, to

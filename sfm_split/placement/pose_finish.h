@@ -36,6 +36,7 @@ class PoseFinish {
 
  private:
   void AdjustToPhotos(const ReadGreyPhoto& read_photo);
+  void AdjustToSurface(const ReadGreyPhoto& read_photo);
   void AskAllMatches();
   bool TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from);
 

@@ -19,7 +19,7 @@
 namespace s2gs {
 namespace {
 
-constexpr double kMaxFocalChange = 1.4;  // of one adjustment; more: it is not observable
+constexpr double kMaxFocalChange = 1.4;  // of a rough adjustment; more: it is not observable yet
 
 }  // namespace
 
@@ -37,7 +37,7 @@ std::vector<LensPrior> ScanRefiner::LensPriors(const JointProblem& problem) cons
     LensPrior prior;
     prior.focal = FocalPriorOf(given, HasPriorFocal(features_, camera.camera_id));
     if (const std::optional<size_t> k = DistortionPlace(given)) prior.distortion = given.params[*k];
-    if (photos_are_cut_ && !holds_cameras_) prior.principal = CutPhotoPrior(camera, PrincipalPoint(given));
+    if (photos_are_cut_) prior.principal = CutPhotoPrior(camera, PrincipalPoint(given));
     priors.push_back(prior);
   }
   return priors;
@@ -145,8 +145,6 @@ void ScanRefiner::PreferKnownAngles(const JointReport& report, JointProblem* pro
 JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   if (options.loss_scale_px == 0 && noise_px_ > 0) options.loss_scale_px = LossScalePx(noise_px_);
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
-  options.refine_focal_length &= !holds_cameras_;
-  options.refine_extra_params &= !holds_cameras_;
   JointProblem problem = MakeJointProblem(*aligned_);
   problem.priors.lenses = LensPriors(problem);
   if (!problem.free_object) {
@@ -170,7 +168,7 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
     report = AdjustJointly(options, reporter_, &problem);
   }
   bool ran_away = false;
-  for (size_t c = 0; c < problem.cameras.size(); ++c) {
+  for (size_t c = 0; is_rough && c < problem.cameras.size(); ++c) {
     const double before = FocalLengths(aligned_->scene.cameras[c]).x();
     const double after = FocalLengths(problem.cameras[c]).x();
     // Towards what is known of lenses it comes back, from a start that was wrong.
@@ -179,14 +177,10 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
     ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange) && !comes_back;
   }
   if (ran_away && options.refine_focal_length) {
-    if (is_rough) {
-      // SfM's tracks need not tell it; those that are triangulated next may.
-      reporter_.Debug("the focal length cannot be observed yet");
-      options.refine_focal_length = options.refine_extra_params = false;
-    } else {
-      reporter_.Warn("the focal length cannot be observed: cameras are held as they were");
-      holds_cameras_ = true;
-    }
+    // SfM's tracks need not tell it; those that are triangulated next may. Where they do not either, what is
+    // known of lenses does, and the standard deviation says how little that is.
+    reporter_.Debug("the focal length cannot be observed yet");
+    options.refine_focal_length = options.refine_extra_params = false;
     return AdjustWith(options, is_rough);
   }
   report_.priors = problem.priors;

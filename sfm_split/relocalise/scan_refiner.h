@@ -123,7 +123,6 @@ class ScanRefiner {
   std::set<int> placed_stations_;  // in the features' numbers: those that the background ties to each other
   std::map<int, RelocalisedImage> turned_stations_;
   bool has_background_ = false;
-  bool holds_cameras_ = false;
   bool photos_are_cut_ = false;    // beside their middle: principal points are free
   bool cameras_are_free_ = false;  // each photo has its own: held by hand, or shaken
   double noise_px_ = 0;            // of the object's matches against the poses as they stand

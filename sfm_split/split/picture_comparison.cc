@@ -279,9 +279,10 @@ bool PictureStandard::StandsStillByTiles(PictureComparison* comparison) const {
   const double window = 2.0 * kSearchRadius + 1;
   const double chance =
       (1 - kNullQuantile) * std::min(1.0, kPi * kMaxResidualPx * kMaxResidualPx / (window * window));
+  comparison->log_chance = LogPoissonTail(comparison->num_agreeing, chance * comparison->num_textured);
   return comparison->num_agreeing >= kMinAgreeing && comparison->num_cells >= min_cells_ &&
          comparison->num_agreeing >= min_share_ * comparison->num_textured &&
-         LogPoissonTail(comparison->num_agreeing, chance * comparison->num_textured) <= kMaxLogChance;
+         comparison->log_chance <= kMaxLogChance;
 }
 
 // Edges along which the other picture was found again: their places across themselves.
@@ -315,6 +316,7 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
   Eigen::Matrix3d& motion = comparison->second_from_first;
   motion.setIdentity();
   motion.topRightCorner<2, 1>() = shift.cast<double>();
+  comparison->log_chance = 0;
   MatchEdges(other, shift, comparison);
   if (comparison->num_edges == 0) return false;
   const CameraTurn turn = FitCameraTurn(comparison->tiles, motion, kSearchRadius, width_, height_);
@@ -339,7 +341,8 @@ bool PictureStandard::StandsStillByEdges(const Level& other, const Eigen::Vector
   const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::Matrix2d> share(agreeing, all,
                                                                         Eigen::EigenvaluesOnly);
   comparison->num_cells = CellsOfAgreeing(comparison->tiles, width_, height_);
-  double log_chance = LogPoissonTail(num, by_chance);
+  double& log_chance = comparison->log_chance;
+  log_chance = LogPoissonTail(num, by_chance);
   // A shift was chosen among as many places as differ, here or by the coarse pictures, and so were a roll and
   // a growth of what lies at the picture's border.
   const int num_chosen = std::max(turn.num_parameters, shift.isZero() ? 0 : 2);

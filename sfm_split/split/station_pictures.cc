@@ -25,6 +25,9 @@ constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
 // Fewer lie elsewhere by chance in a crowd of tiles: a debt, chosen and not derived.
 constexpr int kMinMovedTiles = 4;
+// Chance, where order speaks for a place: a camera that is carried off for one photo and put back to the
+// pixel is so unlikely that agreement which chance has once in twenty is enough. A judgement.
+constexpr double kLogChanceBetween = -3;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;
 
@@ -288,8 +291,16 @@ std::vector<GreyPicture> SteadiedPictures(const std::vector<GreyPicture>& pictur
   return steadied;
 }
 
+// Whether the photos before and after one, in their order, are of a station.
+bool IsAmong(int image, int station, const PictureStations& stations) {
+  const std::vector<int>& of_image = stations.station_of_image;
+  return image > 0 && image + 1 < static_cast<int>(of_image.size()) && of_image[image - 1] == station &&
+         of_image[image + 1] == station;
+}
+
 // Joins stations whose medians, or a smaller one's first photo, show that the camera stood still: each has
-// had a photo for its standard, and what that shows of the thing is not what the other's photos show.
+// had a photo for its standard, and what that shows of the thing is not what the other's photos show. Of a
+// single photo amid a station's less is asked.
 void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOptions& options,
                    Reporter& reporter, PictureStations* stations) {
   std::map<int, std::vector<int>> images;
@@ -318,7 +329,6 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     ParallelFor(static_cast<int64_t>(by_size.size() - a - 1), 0, [&](int64_t k) {
       comparisons[a + 1 + k] = standard.CompareWith(shown.at(by_size[a + 1 + k]));
     });
-    if (StillAmong(comparisons).empty()) continue;
     std::vector<PictureComparison> of_kept(kept.size());
     ParallelFor(static_cast<int64_t>(kept.size()), 0,
                 [&](int64_t k) { of_kept[k] = standard.CompareWith(pictures[kept[k]]); });
@@ -327,9 +337,11 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     const WhatStays stays(of_kept, all);
     for (size_t b = a + 1; b < by_size.size(); ++b) {
       const std::vector<int>& joined = images[by_size[b]];
-      if (stations->station_of_image[joined.front()] != by_size[b] ||
-          comparisons[b].verdict != Verdict::kStill || stays.HasMovedIn(comparisons[b]))
-        continue;
+      if (stations->station_of_image[joined.front()] != by_size[b]) continue;
+      const bool is_between = joined.size() == 1 && comparisons[b].log_chance <= kLogChanceBetween &&
+                              IsAmong(joined.front(), by_size[a], *stations);
+      const bool is_still = comparisons[b].verdict == Verdict::kStill && !stays.HasMovedIn(comparisons[b]);
+      if (!is_between && !is_still) continue;
       const Eigen::Matrix3d joined_from_kept = InPhotos(comparisons[b].second_from_first, picture);
       for (const int image : joined) {
         stations->station_of_image[image] = by_size[a];

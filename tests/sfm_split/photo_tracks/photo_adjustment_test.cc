@@ -126,6 +126,46 @@ TEST(PhotoAdjustment, PosesComeNearerToTheTruth) {
   }
 }
 
+// Points that the model does not have tell poses as well, and stay out of it.
+TEST(PhotoAdjustment, PointsThatNoKeypointSeesTellPoses) {
+  const Scan& scan = TheScan();
+  AlignedScene scene = scan.aligned;
+  JointReport joint = scan.refined.joint;
+  Reporter reporter;
+  const uint64_t next_id = scene.object.points3D.rbegin()->first + 1;
+  const auto find = [&](PhotosLookedIn where) {
+    TrackPlacesOptions places;
+    if (where == PhotosLookedIn::kTracks) places.min_facing = 1;
+    std::vector<SurfacePoint> points;
+    for (const auto& [id, point] : scan.aligned.object.points3D) {
+      if (point.track.size() < 3) continue;
+      SurfacePoint surface;
+      surface.patch.centre = point.xyz;
+      for (const ColmapTrackElement& element : point.track) surface.image_ids.push_back(element.image_id);
+      const ColmapImage& first = scan.aligned.object.images.at(surface.image_ids.front());
+      surface.patch.normal = (CameraCentre(first.cam_from_world) - point.xyz).normalized();
+      points.push_back(surface);
+    }
+    const std::vector<AlignedTrack> tracks = AlignPoints(
+        scan.aligned.object, points, [&](const std::string& name) { return scan.photos.at(name); }, places,
+        reporter);
+    for (const AlignedTrack& track : tracks) {
+      EXPECT_GE(track.point3D_id, next_id);
+      for (const TrackPlace& place : track.places) EXPECT_EQ(place.point2D_idx, kNoKeypoint);
+    }
+    return tracks;
+  };
+  const PhotoAdjustment result =
+      AdjustByTracks(find, scan.features, scan.refined.held_back, scan.refined.priors, {}, scan.refined.model,
+                     {}, reporter, &scene, &joint);
+  EXPECT_TRUE(result.is_taken) << result.finding;
+  EXPECT_GT(result.tracks, 50);
+  EXPECT_LT(joint.sigma_px, 0.5 * scan.refined.joint.sigma_px);
+  EXPECT_LT(scan.ErrorsOf(scene).x(), 0.9 * scan.ErrorsOf(scan.aligned).x());  // .0149 to .0119 degrees
+  for (const auto& [id, point] : scene.object.points3D) EXPECT_LT(id, next_id);
+  EXPECT_GT(scene.object.points3D.size(), scan.aligned.object.points3D.size() / 2);
+}
+
 // Each process of a test renders the photos, so that cases share one: photos of something else; photos that
 // cannot be read; photos that were moved after their features were found, of which patches agree with each
 // other, but not with keypoints that were held back.

@@ -383,6 +383,31 @@ TEST(FindPictureStations, MediansTellWhereWhatTurnsFillsTheDisc) {
   EXPECT_GT(*std::max_element(places.station_of_image.begin(), places.station_of_image.end()), 12);
 }
 
+// Somebody hides most of what stays in one photo. Amid the station's photos it belongs to them; at the end,
+// and where the camera stood elsewhere for it, it does not.
+TEST(FindPictureStations, OrderSpeaksForAPhotoAmidAStation) {
+  const auto stations_of = [](int odd, double hidden, double flatness) {
+    std::vector<GreyPicture> pictures;
+    for (int i = 0; i < 12; ++i) {
+      PlainShot shot;
+      shot.turn_deg = 30.0 * i;
+      shot.seed = static_cast<uint64_t>(i + 1);
+      if (i == odd) {
+        shot.hidden = hidden;
+        shot.flatness = flatness;
+      }
+      pictures.push_back(TakePlain(shot));
+    }
+    Reporter reporter;
+    return FindPictureStations(pictures, {}, reporter).station_of_image;
+  };
+  EXPECT_EQ(stations_of(5, 0.6, 0.5), std::vector<int>(12, 0));  // from .55 to .65
+  std::vector<int> one_at_the_end(12, 0);
+  one_at_the_end[11] = 1;
+  EXPECT_EQ(stations_of(11, 0.6, 0.5), one_at_the_end);
+  EXPECT_EQ(stations_of(5, 0, 0.56)[5], 1);
+}
+
 TEST(JoinStations, FeaturesJoinWhatPicturesDoNotTellButNotWhatTheyContradict) {
   std::vector<GreyPicture> flat(3, Take(Turned(0, 1)));
   for (GreyPicture& picture : flat) std::fill(picture.grey.begin(), picture.grey.end(), 128);
