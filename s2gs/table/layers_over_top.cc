@@ -3,10 +3,13 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstddef>
+#include <iterator>
+#include <numeric>
 #include <optional>
 #include <utility>
 
 #include "s2gs/kernel/foreground.h"
+#include "s2gs/rotating_mask.h"
 #include "s2gs/table/opaque_region.h"
 #include "s2gs/table/still_witness.h"
 #include "sfm_split/base/parallel_for.h"
@@ -27,6 +30,8 @@ constexpr double kBehind = 3;  // [px], of a surface that hides what lies furthe
 constexpr double kHigh = 0.4;
 // Of what goes because a thing does not have the top's colours, this may be the thing's.
 constexpr double kMaxLost = 0.25;
+// What is left after them was blocked in none, a few Gaussians at a time.
+constexpr int kMostRounds = 10;
 constexpr int kChance =
     3;  // None is chance while three are expected (one in twenty), and so are three of few.
 
@@ -41,12 +46,19 @@ struct Votes {
 
   // Whatever colours the thing has.
   bool LitRefutes() const { return lit >= kLeastLit && kOtherPerLit * lit > other + border; }
-  // A thing that has other colours than the top in light and shadow: its borders are none of the top's.
+  // A thing that has other colours than the top in light and shadow: its borders are none of the lit top's.
+  // In its own shadow a thing's texture fades to what looks like a border.
   bool ColorsRefute() const {
     return (lit >= kLeastLit && kOtherPerLit * lit > other) ||
-           (lit + shadow >= kLeastSeen && kOtherPerLit * lit + shadow > other);
+           (lit + shadow >= kLeastSeen && kOtherPerLit * lit + shadow > other + border);
   }
+  // By photos that show no top there.
+  bool IsBorneOut() const { return other + border >= kLeastSeen; }
   bool IsJudged() const { return is_over_top && lit + shadow + border + other >= kLeastLit; }
+  bool Refutes(TopEvidence evidence) const {
+    return (evidence == TopEvidence::kLight && LitRefutes()) ||
+           (evidence == TopEvidence::kColors && ColorsRefute());
+  }
 };
 
 // Of Gaussians that photos judge, and of those among them that a rule refutes.
@@ -85,8 +97,9 @@ TopEvidence ChooseEvidence(const std::vector<Votes>& votes) {
 // A photo of the stations.
 struct Witness {
   const PinholeView* view;
-  const std::vector<float>* depths;
-  std::vector<TopSight> sights;
+  const std::vector<float>* depths;  // of all
+  std::vector<TopSight> shows;
+  std::vector<TopSight> sights;  // but for shadows where something stands before the top
 };
 
 Votes Ask(const std::vector<Witness>& witnesses, double pixel_size, const Eigen::Vector3d& x) {
@@ -117,6 +130,14 @@ bool IsTopSeen(TopSight sight, TopEvidence evidence) {
          (sight == TopSight::kLit || (sight == TopSight::kShadow && evidence == TopEvidence::kColors));
 }
 
+std::vector<uint32_t> AllBut(const std::vector<uint32_t>& left_out, size_t count) {
+  std::vector<uint32_t> all(count);
+  std::iota(all.begin(), all.end(), 0);
+  std::vector<uint32_t> others;
+  std::set_difference(all.begin(), all.end(), left_out.begin(), left_out.end(), std::back_inserter(others));
+  return others;
+}
+
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend) {
   std::vector<std::vector<float>> depths;
   for (const StationPhotos& station : stations) {
@@ -135,6 +156,32 @@ std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>&
   return depths;
 }
 
+DepthsWithout RotatingDepthsWithout(const std::vector<StationPhotos>& stations, Backend* backend) {
+  return [&stations, backend, all = backend->GetState()](const std::vector<uint32_t>& gaussians) {
+    if (gaussians.empty()) return RotatingDepths(stations, backend);
+    backend->SetState(SelectState(all, AllBut(gaussians, all.gaussians.size())));
+    std::vector<std::vector<float>> depths = RotatingDepths(stations, backend);
+    backend->SetState(all);
+    return depths;
+  };
+}
+
+void ForgetHiddenShadows(const RotatingRegion& table, const PinholeView& view,
+                         const std::vector<float>& depths, std::vector<TopSight>* sights) {
+  RotatingRegion top = table;
+  top.low = top.high;
+  const RegionView seen(top, view);
+  const double slack = kBehind * (view.cam_from_world * table.axis.point).z() / view.fx;
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      const size_t p = static_cast<size_t>(y) * view.width + x;
+      if ((*sights)[p] != TopSight::kShadow || !(depths[p] > 0)) continue;
+      const std::optional<RegionHit> hit = seen.At(x, y);
+      if (hit && depths[p] < hit->depth - slack) (*sights)[p] = TopSight::kElsewhere;
+    }
+  }
+}
+
 namespace {
 
 // A rotating splat that is higher than the top.
@@ -151,41 +198,81 @@ std::optional<OverTop> PlaceOverTop(const Placement& gaussians, size_t i, const 
   return height > pixel_size ? std::optional<OverTop>({x, height}) : std::nullopt;
 }
 
-}  // namespace
-
-LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                const std::vector<std::vector<float>>& depths, const Placement& gaussians) {
+// All photos of the stations, as they are.
+std::vector<Witness> Witnesses(const PlainTop& top, const std::vector<StationPhotos>& stations,
+                               const std::vector<std::vector<float>>& depths) {
   std::vector<Witness> witnesses;
-  double pixel_size = 0;
-  const RotatingRegion& table = top.table();
   for (const StationPhotos& station : stations) {
     for (size_t i = 0; i < station.views.size(); ++i) {
       const PinholeView& view = station.views[i];
       witnesses.push_back(
-          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number)});
-      pixel_size = std::max(pixel_size, (view.cam_from_world * table.axis.point).z() / view.fx);
+          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number), {}});
+      witnesses.back().sights = witnesses.back().shows;
     }
   }
-  std::vector<Votes> votes(gaussians.size());
-  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
-  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
-    const auto i = static_cast<size_t>(gaussian);
-    const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
-    if (!over || (over->x - table.axis.point - (over->height + table.high) * table.axis.direction).norm() >
-                     table.radius)
-      return;
-    votes[i] = Ask(witnesses, pixel_size, over->x);
-    votes[i].is_over_top = true;
-    votes[i].height = over->height / table.radius;
-  });
+  return witnesses;
+}
+
+// What of these the photos refute, in ascending order; the evidence is chosen by all of them.
+LayersOverTop Refuted(const std::vector<Votes>& votes) {
   LayersOverTop layers;
   layers.evidence = ChooseEvidence(votes);
   for (size_t i = 0; i < votes.size(); ++i) {
-    const bool is_layer = (layers.evidence == TopEvidence::kLight && votes[i].LitRefutes()) ||
-                          (layers.evidence == TopEvidence::kColors && votes[i].ColorsRefute());
-    if (is_layer) layers.gaussians.push_back(static_cast<uint32_t>(i));
+    if (votes[i].Refutes(layers.evidence)) layers.gaussians.push_back(static_cast<uint32_t>(i));
   }
   return layers;
+}
+
+}  // namespace
+
+LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
+                                const DepthsWithout& depths_without, const Placement& gaussians) {
+  const RotatingRegion& table = top.table();
+  const std::vector<std::vector<float>> depths = depths_without({});
+  std::vector<Witness> witnesses = Witnesses(top, stations, depths);
+  const double pixel_size = PixelAtAxis(stations, table.axis);
+  std::vector<Votes> votes(gaussians.size());
+  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
+  const auto judge = [&](const std::function<bool(const Votes&)>& is_asked) {
+    ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
+      const auto i = static_cast<size_t>(gaussian);
+      const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
+      if (!over || !is_asked(votes[i]) ||
+          (over->x - table.axis.point - (over->height + table.high) * table.axis.direction).norm() >
+              table.radius)
+        return;
+      votes[i] = Ask(witnesses, pixel_size, over->x);
+      votes[i].is_over_top = true;
+      votes[i].height = over->height / table.radius;
+    });
+  };
+  judge([](const Votes&) { return true; });
+  // Without all that may go, what still stands before the top hides it: no shadow on it is seen there. What
+  // so stays hides more. But it is known to stand there by photos alone: layers hide each other.
+  std::vector<uint32_t> hides_nothing = FindRotatingIn(table, pixel_size, gaussians);
+  for (size_t i = 0; i < votes.size(); ++i) {
+    if (votes[i].is_over_top && !votes[i].IsBorneOut()) hides_nothing.push_back(static_cast<uint32_t>(i));
+  }
+  ptrdiff_t num_in_shadow = -1;
+  for (int round = 0; round < kMostRounds; ++round) {
+    const auto is_in_shadow = [](const Votes& of) { return of.ColorsRefute() && !of.LitRefutes(); };
+    const ptrdiff_t count = std::count_if(votes.begin(), votes.end(), is_in_shadow);
+    if (count == 0 || count == num_in_shadow) break;
+    num_in_shadow = count;
+    std::vector<uint32_t> may_go = hides_nothing;
+    for (size_t i = 0; i < votes.size(); ++i) {
+      if (votes[i].ColorsRefute()) may_go.push_back(static_cast<uint32_t>(i));
+    }
+    std::sort(may_go.begin(), may_go.end());
+    may_go.erase(std::unique(may_go.begin(), may_go.end()), may_go.end());
+    const std::vector<std::vector<float>> kept = depths_without(may_go);
+    for (size_t k = 0; k < witnesses.size(); ++k) {
+      witnesses[k].sights = witnesses[k].shows;
+      ForgetHiddenShadows(table, *witnesses[k].view, kept[k], &witnesses[k].sights);
+    }
+    judge(is_in_shadow);
+  }
+  return Refuted(votes);
 }
 
 std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,

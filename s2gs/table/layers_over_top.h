@@ -1,9 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "s2gs/backend/backend.h"
+#include "s2gs/core/pinhole_view.h"
+#include "s2gs/core/rotating_region.h"
 #include "s2gs/table/photo_table.h"
 #include "s2gs/table/plain_top.h"
 
@@ -12,6 +15,20 @@ namespace s2gs {
 /// Depths of the rotating part alone as each photo of the stations sees it, by photo and pixel; 0 where it is
 /// not opaque. \param backend  with the model, which is left as it was.
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend);
+
+/// The numbers below `count` that are not among these, both in ascending order.
+std::vector<uint32_t> AllBut(const std::vector<uint32_t>& left_out, size_t count);
+
+/// RotatingDepths without these Gaussians, in ascending order.
+using DepthsWithout = std::function<std::vector<std::vector<float>>(const std::vector<uint32_t>&)>;
+
+/// \param backend  with the model, which it has again after each call.
+DepthsWithout RotatingDepthsWithout(const std::vector<StationPhotos>& stations, Backend* backend);
+
+/// Makes kElsewhere of shadows on the top where something stands before it: what hides the top has its
+/// colours by chance. \param depths  of what is there, by pixel of the view; 0 where nothing is.
+void ForgetHiddenShadows(const RotatingRegion& table, const PinholeView& view,
+                         const std::vector<float>& depths, std::vector<TopSight>* sights);
 
 /// Which sights of a top refute what stands before them.
 enum class TopEvidence : uint8_t {
@@ -28,12 +45,13 @@ struct LayersOverTop {
 
 /// The rotating Gaussians over the top, higher than a pixel of the photos, that photos refute: the top is
 /// seen through them, in its own light more often than chance and than something else that nothing before
-/// them explains; or in a shadow on it. A thing may have a shadow's colour, so that shadows count, and
-/// borders next to the top's colours do not, only where hardly any Gaussian goes for it that stands too high
-/// for a layer; never where no thing is so high. None where things go for the top's own light, too. \param
-/// stations  Learn's. \param depths  RotatingDepths'.
+/// them explains; or in a shadow on it, where nothing that stays stands before the top. A thing may have a
+/// shadow's colour, so that shadows count, and borders next to the top in its light do not, only where hardly
+/// any Gaussian goes for it that stands too high for a layer; never where no thing is so high. None where
+/// things go for the top's own light, too. \param stations  Learn's. \param depths_without  of the model
+/// with these Gaussians.
 LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                const std::vector<std::vector<float>>& depths, const Placement& gaussians);
+                                const DepthsWithout& depths_without, const Placement& gaussians);
 
 /// The rotating Gaussians over the top, higher than a pixel, through which photos show what stands still:
 /// more of them the same as most of their station do, of another tint than elsewhere, than something else

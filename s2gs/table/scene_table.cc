@@ -30,17 +30,31 @@ size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingR
   return count;
 }
 
+// What is drawn from one view by the pixels of another of the same camera, smaller; 0 where it is not opaque.
+std::vector<float> DepthsBySmall(const RenderedView& drawn, const PinholeView& view,
+                                 const PinholeView& small) {
+  std::vector<float> depths;
+  depths.reserve(static_cast<size_t>(small.width) * small.height);
+  const auto at = [](int i, double cx, double fx, double other_cx, double other_fx, int size) {
+    return std::clamp(static_cast<int>((i + 0.5 - cx) / fx * other_fx + other_cx), 0, size - 1);
+  };
+  for (int y = 0; y < small.height; ++y) {
+    const int row = at(y, small.cy, small.fy, view.cy, view.fy, drawn.height);
+    for (int x = 0; x < small.width; ++x) {
+      const size_t p =
+          static_cast<size_t>(row) * drawn.width + at(x, small.cx, small.fx, view.cx, view.fx, drawn.width);
+      depths.push_back(drawn.alpha[p] >= kOpaque ? drawn.median_depth[p] : 0);
+    }
+  }
+  return depths;
+}
+
 }  // namespace
 
 void LeaveOut(const std::vector<uint32_t>& gaussians, const char* which, Backend* backend,
               Reporter& reporter) {
   if (gaussians.empty()) return;
-  std::vector<uint32_t> others;
-  const auto count = static_cast<uint32_t>(backend->Count());
-  for (uint32_t i = 0; i < count; ++i) {
-    if (!std::binary_search(gaussians.begin(), gaussians.end(), i)) others.push_back(i);
-  }
-  backend->Keep(others);
+  backend->Keep(AllBut(gaussians, static_cast<size_t>(backend->Count())));
   reporter.Info(std::to_string(gaussians.size()) + " rotating Gaussians left out " + which);
 }
 
@@ -91,7 +105,7 @@ void SceneTable::ClearPlainTop(const std::vector<StationPhotos>& stations, bool 
   const std::optional<PlainTop> top = PlainTop::Learn(stations, rim->region);
   if (!top) return;
   const LayersOverTop layers =
-      FindLayersOverTop(*top, stations, RotatingDepths(stations, backend), backend->GetPlacement());
+      FindLayersOverTop(*top, stations, RotatingDepthsWithout(stations, backend), backend->GetPlacement());
   num_over_top = layers.gaussians.size();
   if (draw_seen) seen_top_ = SeenTop{*top, layers.evidence};
   LeaveOut(layers.gaussians, "over the table's plain top, where photos see the top itself", backend,
@@ -110,15 +124,17 @@ bool SceneTable::IsTopSeen() const {
   return known_texture_ || (seen_top_ && seen_top_->evidence != TopEvidence::kNone);
 }
 
-Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load) const {
+Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load, const PinholeView& view,
+                        const RenderedView& drawn) const {
   if (!IsTopSeen()) return {};
-  const PinholeView view = StationView(photo);
-  const Image8 reduced = ResizeByArea(load(photo), view.width, view.height);
-  Image8 seen{view.width, view.height, 1, {}};
-  if (known_texture_) seen = known_texture_->Look(reduced, view);
-  seen.pixels.resize(static_cast<size_t>(view.width) * view.height, 0);
+  const PinholeView small = StationView(photo);
+  const Image8 reduced = ResizeByArea(load(photo), small.width, small.height);
+  Image8 seen{small.width, small.height, 1, {}};
+  if (known_texture_) seen = known_texture_->Look(reduced, small);
+  seen.pixels.resize(static_cast<size_t>(small.width) * small.height, 0);
   if (!seen_top_) return seen;
-  const std::vector<TopSight> sights = seen_top_->top.Look(reduced, view, photo.station);
+  std::vector<TopSight> sights = seen_top_->top.Look(reduced, small, photo.station);
+  ForgetHiddenShadows(seen_top_->top.table(), small, DepthsBySmall(drawn, view, small), &sights);
   for (size_t i = 0; i < sights.size(); ++i) {
     if (s2gs::IsTopSeen(sights[i], seen_top_->evidence)) seen.pixels[i] = 255;
   }

@@ -46,8 +46,10 @@ class SceneTable {
   /// Draws it into depths and normals, where photos do not show its shape.
   void DrawIntoMaps(const PinholeView& view, RenderedView* drawn) const;
   /// Where a photo shows the top itself, of its StationView's size; without pixels where nothing is known of
-  /// it. \param load  as Find's.
-  Image8 Seen(const ScenePhoto& photo, const LoadPhoto& load) const;
+  /// it. \param load  as Find's. \param drawn  from the photo's `view`, of what stands: it hides shadows on
+  /// the top behind it.
+  Image8 Seen(const ScenePhoto& photo, const LoadPhoto& load, const PinholeView& view,
+              const RenderedView& drawn) const;
   bool IsTopSeen() const;
 
   // What was found.

@@ -24,6 +24,17 @@ std::vector<std::vector<float>> NothingHides() {
                                          std::vector<float>(kTablePhotoWidth * kTablePhotoHeight, 0));
 }
 
+// The same depth everywhere.
+std::vector<std::vector<float>> AllAt(float depth) {
+  std::vector<std::vector<float>> depths = NothingHides();
+  for (std::vector<float>& of_photo : depths) std::fill(of_photo.begin(), of_photo.end(), depth);
+  return depths;
+}
+
+std::vector<std::vector<float>> NothingIsThere(const std::vector<uint32_t>& /*left_out*/) {
+  return NothingHides();
+}
+
 void Add(const Eigen::Vector3d& x, float logit, Placement* gaussians) {
   for (int k = 0; k < 3; ++k) gaussians->centre.push_back(static_cast<float>(x[k]));
   gaussians->foreground_logit.push_back(logit);
@@ -53,8 +64,10 @@ TEST_P(LayersOverTopTest, AreFoundAndWhatStandsOnTheCardStays) {
     add(0.75, angle, kTableTop + 0.5 * kTablePixel, 5);
     add(0.75, angle, kTableBottom, 5);
   }
-  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians, expected);
-  EXPECT_TRUE(FindLayersOverTop(*top, {}, {}, gaussians).gaussians.empty());
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians, expected);
+  EXPECT_TRUE(FindLayersOverTop(
+                  *top, {}, [](const auto&) { return std::vector<std::vector<float>>(); }, gaussians)
+                  .gaussians.empty());
 }
 
 // A thing of another colour over a bare place: photos show it, and not the top behind it.
@@ -78,10 +91,9 @@ TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
   ASSERT_TRUE(top);
   Placement gaussians;
   Add(x, 5, &gaussians);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians.empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians.empty());
   // Was the thing before it, none of them says that it is there; and none sees the top.
-  std::vector<std::vector<float>> hidden = NothingHides();
-  for (std::vector<float>& depths : hidden) std::fill(depths.begin(), depths.end(), 1.0F);
+  const DepthsWithout hidden = [](const std::vector<uint32_t>&) { return AllAt(1); };
   EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.empty());
   // Where photos see the top instead, it is not there; a single one may be chance.
   stations[0].images[3] = scene.photos[3].image;
@@ -98,9 +110,9 @@ TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
     Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
   const size_t num_layers = gaussians.size();
   for (int i = 0; i < 3; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
-  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians.size(), num_layers + 3);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians.size(), num_layers + 3);
   for (int i = 3; i < 40; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians.empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians.empty());
 }
 
 // A thing high over a table whose middle no light reaches, and layers between both.
@@ -121,10 +133,10 @@ class LayersInShadow : public testing::Test {
 
   // \param color_of  by pixel.
   template <typename ColorOf>
-  void PaintThing(const ColorOf& color_of) {
-    for (size_t i = 0; i < kTablePhotos; ++i) {
+  void Paint(const Eigen::Vector3d& what, size_t num_photos, const ColorOf& color_of) {
+    for (size_t i = 0; i < num_photos; ++i) {
       const PinholeView& view = stations[0].views[i];
-      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * thing);
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * what);
       for (int y = static_cast<int>(pixel.y()) - 6; y <= static_cast<int>(pixel.y()) + 4; ++y) {
         for (int x = static_cast<int>(pixel.x()) - 4; x <= static_cast<int>(pixel.x()) + 4; ++x) {
           const std::array<uint8_t, 3> color = color_of(x, y);
@@ -135,10 +147,16 @@ class LayersInShadow : public testing::Test {
     stations[0].still = MedianPicture(stations[0].images);
   }
 
-  std::vector<uint32_t> Find() const {
+  // Some texture.
+  static std::array<uint8_t, 3> OwnColor(int x, int y) {
+    const auto grey = static_cast<uint8_t>(RandomBits(5, x, y).words[0] % 150 + 50);
+    return {grey, static_cast<uint8_t>(grey / 2), 20};
+  }
+
+  std::vector<uint32_t> Find(const DepthsWithout& depths_without = NothingIsThere) const {
     const std::optional<PlainTop> top = PlainTop::Learn(stations, TableRegion());
     EXPECT_TRUE(top);
-    return top ? FindLayersOverTop(*top, stations, NothingHides(), gaussians).gaussians
+    return top ? FindLayersOverTop(*top, stations, depths_without, gaussians).gaussians
                : std::vector<uint32_t>();
   }
 
@@ -196,9 +214,7 @@ TEST_F(StandingOverTop, IsKnownByTheTintOfTheGroundBehind) {
   EXPECT_TRUE(FindStandingOverTop(TableRegion(), {}, {}, gaussians).empty());
 
   // What is known to be before it says nothing of it.
-  std::vector<std::vector<float>> hidden = NothingHides();
-  for (std::vector<float>& depths : hidden) std::fill(depths.begin(), depths.end(), 1.0F);
-  EXPECT_TRUE(FindStandingOverTop(TableRegion(), stations, hidden, gaussians).empty());
+  EXPECT_TRUE(FindStandingOverTop(TableRegion(), stations, AllAt(1), gaussians).empty());
 
   // Nor can a thing be told from it that is so high and goes for the same reason.
   for (double angle = 0; angle < 6; angle += 0.25)
@@ -241,10 +257,7 @@ TEST(TopEvidence, SaysWhichSightsCount) {
 }
 
 TEST_F(LayersInShadow, AreFoundBelowAThingOfItsOwnColors) {
-  PaintThing([](int x, int y) {
-    const auto grey = static_cast<uint8_t>(RandomBits(5, x, y).words[0] % 150 + 50);
-    return std::array<uint8_t, 3>{grey, static_cast<uint8_t>(grey / 2), 20};
-  });
+  Paint(thing, kTablePhotos, OwnColor);
   std::vector<uint32_t> expected(num_layers);
   for (size_t i = 0; i < num_layers; ++i) expected[i] = static_cast<uint32_t>(i);
   EXPECT_EQ(Find(), expected);
@@ -254,8 +267,102 @@ TEST_F(LayersInShadow, AreFoundBelowAThingOfItsOwnColors) {
   EXPECT_TRUE(Find().empty());
 }
 
+// A side of a thing that looks like a shadow, but the thing's other sides would hide the top behind it.
+TEST_F(LayersInShadow, StayWhereWhatStaysHidesTheTop) {
+  Paint(thing, kTablePhotos, OwnColor);
+  const DepthsWithout others_stay = [](const std::vector<uint32_t>& left_out) {
+    return left_out.empty() ? NothingHides() : AllAt(1);
+  };
+  EXPECT_TRUE(Find(others_stay).empty());
+  // What is at the top, or not before it, hides none of it.
+  const DepthsWithout top_stays = [](const std::vector<uint32_t>& left_out) {
+    return left_out.empty() ? NothingHides() : AllAt(100);
+  };
+  EXPECT_EQ(Find(top_stays).size(), num_layers);
+}
+
+// The first of them, which some photos show, stays and hides what the others would show.
+TEST_F(LayersInShadow, StayWhereOneThatStaysHidesTheTop) {
+  const Eigen::Vector3d first(gaussians.centre[0], gaussians.centre[1], gaussians.centre[2]);
+  Paint(thing, kTablePhotos, OwnColor);
+  Paint(first, 4, OwnColor);
+  EXPECT_EQ(Find().size(), num_layers);
+  const DepthsWithout first_stays = [&](const std::vector<uint32_t>& left_out) {
+    if (left_out.empty()) return NothingHides();
+    if (!std::binary_search(left_out.begin(), left_out.end(), 0U)) return AllAt(1);
+    std::vector<std::vector<float>> depths = NothingHides();
+    for (size_t i = 0; i < depths.size(); ++i) {
+      const PinholeView& view = stations[0].views[i];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * first);
+      depths[i][static_cast<size_t>(pixel.y()) * view.width + static_cast<size_t>(pixel.x())] = 1;
+    }
+    return depths;
+  };
+  EXPECT_TRUE(Find(first_stays).empty());
+}
+
+TEST_F(LayersInShadow, AreHiddenByNothingButWhatPhotosShow) {
+  Paint(thing, kTablePhotos, OwnColor);
+  const auto at_top = static_cast<uint32_t>(gaussians.size());
+  Add({0.5, 0.2, kTableTop}, 5, &gaussians);
+  Add({0, 0, kTableTop + 1}, 5, &gaussians);  // before the ground, where no photo tells
+  std::vector<uint32_t> expected(num_layers);
+  std::iota(expected.begin(), expected.end(), 0);
+  expected.push_back(at_top);
+  expected.push_back(at_top + 1);
+  std::vector<std::vector<uint32_t>> asked;
+  Find([&](const std::vector<uint32_t>& left_out) {
+    asked.push_back(left_out);
+    return NothingHides();
+  });
+  ASSERT_GE(asked.size(), 2U);
+  EXPECT_EQ(asked[1], expected);
+}
+
+// The top's own light is seen by chance in hardly any photo of a thing, whatever is behind.
+TEST_P(LayersOverTopTest, AreFoundByLightBeforeWhatStays) {
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  for (double angle = 0; angle < 6; angle += 0.25)
+    Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+  const DepthsWithout others_stay = [](const std::vector<uint32_t>& left_out) {
+    return left_out.empty() ? NothingHides() : AllAt(1);
+  };
+  EXPECT_EQ(FindLayersOverTop(*top, stations, others_stay, gaussians).gaussians.size(), gaussians.size());
+}
+
+TEST(HiddenShadows, AreForgottenAndNothingElse) {
+  const std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kPlain));
+  const PinholeView& view = stations[0].views[0];
+  RotatingRegion flat = TableRegion();
+  flat.low = flat.high;
+  const RegionView top(flat, view);
+  const size_t count = static_cast<size_t>(view.width) * view.height;
+  size_t num_hidden = 0;
+  for (const double off : {-0.5, -0.01, 0.5}) {  // of the top, along the camera's axis
+    std::vector<float> depths(count, 0);
+    std::vector<TopSight> sights(count, TopSight::kShadow);
+    std::vector<TopSight> expected = sights;
+    for (size_t p = 0; p < count; ++p) {
+      const std::optional<RegionHit> hit =
+          top.At(static_cast<int>(p % view.width), static_cast<int>(p / view.width));
+      if (p % 3 == 0) continue;  // nothing is there
+      depths[p] = static_cast<float>((hit ? hit->depth : 4) + off);
+      if (p % 3 == 1) {
+        sights[p] = expected[p] = TopSight::kLit;
+      } else if (hit && off == -0.5) {
+        expected[p] = TopSight::kElsewhere;
+        ++num_hidden;
+      }
+    }
+    ForgetHiddenShadows(TableRegion(), view, depths, &sights);
+    EXPECT_EQ(sights, expected) << off;
+  }
+  EXPECT_GT(num_hidden, 500U);
+}
+
 TEST_F(LayersInShadow, StayBelowAThingThatLooksLikeAShadow) {
-  PaintThing([](int, int) { return std::array<uint8_t, 3>{75, 82, 90}; });
+  Paint(thing, kTablePhotos, [](int, int) { return std::array<uint8_t, 3>{75, 82, 90}; });
   EXPECT_TRUE(Find().empty());
 }
 
