@@ -156,7 +156,7 @@ TEST_F(SurfaceSweepTest, FindsWhereNeighboursShowAPlaceOfASmoothSurface) {
     }
   }
   const std::vector<double> errors = ErrorsOf(tracks, 1);
-  EXPECT_LT(Quantile(errors, 0.5), 0.5);  // .36, of places on a ball of 55 px
+  EXPECT_LT(Quantile(errors, 0.5), 0.5);   // .36, of places on a ball of 55 px
   EXPECT_LT(Quantile(errors, 0.95), 1.5);  // 1.18
   // All photos that they face see more of them.
   const std::vector<AlignedTrack> facing = sweep.Tracks(PhotosLookedIn::kFacing, silent_);
