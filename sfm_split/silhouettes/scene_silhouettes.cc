@@ -12,22 +12,16 @@ namespace {
 
 constexpr int kMaxRim = 60;  // places on an outline: neighbours say the same
 
-// A station's photos in the order of the table's angles, so that neighbours are neighbours.
+// A station's photos (ViewsByAngle).
 struct Station {
   std::vector<const View*> views;
   std::vector<Silhouette> silhouettes;
 };
 
 Station ReadStation(const ReadGreyPhoto& read, const TurntableScene& scene, int number, Reporter& reporter) {
-  std::vector<const View*> views;
-  for (const View& view : scene.views) {
-    if (view.station == number) views.push_back(&view);
-  }
-  std::sort(views.begin(), views.end(),
-            [](const View* a, const View* b) { return a->angle_deg < b->angle_deg; });
   Station station;
   std::vector<GreyPicture> pictures;
-  for (const View* view : views) {
+  for (const View* view : ViewsByAngle(scene, number)) {
     if (reporter.StopRequested()) throw Interrupted();
     const GreyPhoto photo = read(view->name);
     if (photo.grey.empty()) continue;
@@ -51,6 +45,16 @@ std::vector<SilhouetteView> ViewsOf(const Station& station, const TurntableScene
 }
 
 }  // namespace
+
+std::vector<const View*> ViewsByAngle(const TurntableScene& scene, int station) {
+  std::vector<const View*> views;
+  for (const View& view : scene.views) {
+    if (view.station == station) views.push_back(&view);
+  }
+  std::sort(views.begin(), views.end(),
+            [](const View* a, const View* b) { return a->angle_deg < b->angle_deg; });
+  return views;
+}
 
 std::map<int, SilhouetteTurn> AskSilhouettes(const ReadGreyPhoto& read, const TurntableScene& scene,
                                              const std::vector<int>& stations, Reporter& reporter) {

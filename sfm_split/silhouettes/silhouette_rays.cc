@@ -20,29 +20,24 @@ constexpr double kDepthStepPx = 1;  // [px] that a place moves in a picture from
 constexpr int kFewestDepths = 8;    // a judgement: of a thing that is small in the picture
 constexpr int kMostDepths = 256;    // a judgement: bounds the time
 
-struct AxisRay {
-  Vector3d origin;
-  Vector3d direction;
-  double nearest = 0;   // to the axis, in lengths of the direction
-  double distance = 0;  // there
-};
+}  // namespace
 
-std::optional<AxisRay> RayOf(const SilhouetteView& view, const Vector2d& xy, const TurntableAxis& axis) {
-  const std::optional<Vector3d> in_cam = UnprojectFromImage(*view.camera, xy);
+std::optional<AxisRay> RayPastAxis(const Camera& camera, const Rigid3& cam_from_object, const Vector2d& xy,
+                                   const TurntableAxis& axis) {
+  const std::optional<Vector3d> in_cam = UnprojectFromImage(camera, xy);
   if (!in_cam) return std::nullopt;
   AxisRay ray;
-  ray.origin = CameraCentre(view.cam_from_object);
-  ray.direction = (view.cam_from_object.rotation.inverse() * *in_cam).normalized();
+  ray.origin = CameraCentre(cam_from_object);
+  ray.direction = (cam_from_object.rotation.inverse() * *in_cam).normalized();
   const Vector3d across = ray.direction - axis.direction * axis.direction.dot(ray.direction);
-  if (!(across.squaredNorm() > 1e-12)) return std::nullopt;
+  ray.across_squared = across.squaredNorm();
+  if (!(ray.across_squared > 1e-12)) return std::nullopt;
   const Vector3d from_axis = ray.origin - axis.point;
   const Vector3d to_origin = from_axis - axis.direction * axis.direction.dot(from_axis);
-  ray.nearest = -to_origin.dot(across) / across.squaredNorm();
+  ray.nearest = -to_origin.dot(across) / ray.across_squared;
   ray.distance = (to_origin + ray.nearest * across).norm();
   return ray;
 }
-
-}  // namespace
 
 float SquaredOutside(const std::vector<SilhouetteView>& views, size_t but, const Vector3d& x_in_object,
                      float start, float bound) {
@@ -67,7 +62,8 @@ double ReachOf(const std::vector<SilhouetteView>& views, const TurntableAxis& ax
   std::vector<double> distances;
   for (const SilhouetteView& view : views) {
     for (const Vector2d& xy : view.silhouette->rim) {
-      if (const auto ray = RayOf(view, xy, axis)) distances.push_back(ray->distance);
+      if (const auto ray = RayPastAxis(*view.camera, view.cam_from_object, xy, axis))
+        distances.push_back(ray->distance);
     }
   }
   return distances.empty() ? 0 : kReachMargin * Quantile(std::move(distances), kReachShare);
@@ -75,7 +71,7 @@ double ReachOf(const std::vector<SilhouetteView>& views, const TurntableAxis& ax
 
 std::vector<Vector3d> PlacesOnRay(const SilhouetteView& view, const Vector2d& xy, const TurntableAxis& axis,
                                   double reach) {
-  const auto ray = RayOf(view, xy, axis);
+  const auto ray = RayPastAxis(*view.camera, view.cam_from_object, xy, axis);
   if (!ray || ray->distance > reach) return {};
   const double px_per_length = PxPerLength(view, axis);
   const double half = std::sqrt(reach * reach - ray->distance * ray->distance);

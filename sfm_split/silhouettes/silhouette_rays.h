@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "sfm_split/base/rigid3.h"
@@ -28,6 +29,19 @@ constexpr float kMostSquaredPx = Silhouette::kReachPx * Silhouette::kReachPx;
 /// reached. \param but  a view that is not asked; views.size(): all are. [px^2 of the pictures]
 float SquaredOutside(const std::vector<SilhouetteView>& views, size_t but, const Eigen::Vector3d& x_in_object,
                      float start, float bound);
+
+/// The ray that a place of a photo sees, in the object's frame, and where it passes the axis.
+struct AxisRay {
+  Eigen::Vector3d origin;     ///< the camera's centre.
+  Eigen::Vector3d direction;  ///< of unit length.
+  double across_squared = 0;  ///< square of the direction's part across the axis.
+  double nearest = 0;         ///< to the axis, in lengths of the direction.
+  double distance = 0;        ///< from the axis there.
+};
+
+/// Nothing where the place has no ray, or one along the axis. \param xy  [px of the photo]
+std::optional<AxisRay> RayPastAxis(const Camera& camera, const Rigid3& cam_from_object,
+                                   const Eigen::Vector2d& xy, const TurntableAxis& axis);
 
 /// Of the picture, at the axis [px per length].
 double PxPerLength(const SilhouetteView& view, const TurntableAxis& axis);

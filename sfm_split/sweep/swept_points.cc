@@ -14,6 +14,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/silhouettes/scene_silhouettes.h"
 #include "sfm_split/silhouettes/silhouette.h"
 #include "sfm_split/silhouettes/silhouette_rays.h"
 
@@ -131,7 +132,8 @@ class PhotoSweep {
     }
   }
 
-  std::optional<SurfacePatch> At(int x, int y) const;
+  // Of a pixel.
+  std::optional<SurfacePatch> At(int column, int row) const;
 
  private:
   // Of a patch at a depth in a neighbour.
@@ -139,6 +141,23 @@ class PhotoSweep {
     Vector2d place;
     float correlation = -1;
   };
+  // What of the reference is looked for.
+  struct SeedPatch {
+    Vector2d xy;
+    std::vector<float> values;  // normalised
+    Vector3d origin;
+    std::array<Vector3d, 3> rays;  // through the place, and a radius to the right and below
+  };
+  // A patch of the surface by both neighbours.
+  struct Candidate {
+    float correlation = -1;
+    Vector2d place = Vector2d::Zero();  // in the first neighbour
+    SurfacePatch patch;
+  };
+  std::optional<SeedPatch> Seed(int column, int row) const;
+  std::vector<double> Depths(const Vector2d& xy) const;
+  std::optional<Candidate> BestPlane(const SeedPatch& seed, const Vector3d& x,
+                                     std::vector<float>* seen) const;
   std::optional<Sight> See(const Neighbour& neighbour, const Vector3d& x, const Vector3d& beside_u,
                            const Vector3d& beside_v, const std::vector<float>& values,
                            std::vector<float>* seen) const;
@@ -192,76 +211,80 @@ std::optional<PhotoSweep::Sight> PhotoSweep::See(const Neighbour& neighbour, con
   return sight;
 }
 
-std::optional<SurfacePatch> PhotoSweep::At(int column, int row) const {
-  const int radius = options_.radius_px;
-  if (column < radius || row < radius || column + radius >= smoothed_.cols || row + radius >= smoothed_.rows)
-    return std::nullopt;
-  std::vector<float> values;
-  for (const Eigen::Vector2f& node : nodes_)
-    values.push_back(
-        smoothed_.at<float>(row + static_cast<int>(node.y()), column + static_cast<int>(node.x())));
-  if (!Normalise(&values)) return std::nullopt;
-  const Vector2d xy(column + 0.5, row + 0.5);
-  const Rigid3& pose = reference_.image->cam_from_world;
-  const Vector3d origin = CameraCentre(pose);
-  std::array<Vector3d, 3> rays;  // through the place, and a radius to the right and below
-  for (size_t k = 0; k < 3; ++k) {
-    const auto in_cam = UnprojectFromImage(*reference_.camera, xy + radius * Vector2d(k == 1, k == 2));
-    if (!in_cam) return std::nullopt;
-    rays[k] = (pose.rotation.inverse() * *in_cam).normalized();
+// The best of the planes that are tried at a depth; nothing where one of the neighbours does not see it, or
+// sees it move by no more than what stands still may.
+std::optional<PhotoSweep::Candidate> PhotoSweep::BestPlane(const SeedPatch& seed, const Vector3d& x,
+                                                           std::vector<float>* seen) const {
+  const auto& [xy, values, origin, rays] = seed;
+  Candidate best;
+  for (const int tilt : {0, -1, 1}) {
+    const Vector3d normal = Eigen::AngleAxisd(tilt * kTiltRad, axis_.direction) * Vector3d(-rays[0]);
+    const double rise = normal.dot(x - origin);
+    const Vector3d beside_u = origin + rise / normal.dot(rays[1]) * rays[1];
+    const Vector3d beside_v = origin + rise / normal.dot(rays[2]) * rays[2];
+    Candidate candidate = {0, Vector2d::Zero(), {x, normal}};
+    for (size_t n = 0; n < neighbours_.size(); ++n) {
+      const auto sight = See(neighbours_[n], x, beside_u, beside_v, values, seen);
+      if (!sight || !((sight->place - xy).norm() > kLeastMovePx))
+        return best.correlation > -1 ? std::optional<Candidate>(best) : std::nullopt;
+      if (n == 0) candidate.place = sight->place;
+      candidate.correlation += sight->correlation / static_cast<float>(neighbours_.size());
+    }
+    if (candidate.correlation > best.correlation) best = candidate;
   }
-  // Depths between where the ray comes as near to the axis as the thing reaches.
-  const Vector3d& direction = axis_.direction;
-  const Vector3d across = rays[0] - direction * direction.dot(rays[0]);
-  const Vector3d from_axis = origin - axis_.point;
-  const Vector3d to_origin = from_axis - direction * direction.dot(from_axis);
-  if (!(across.squaredNorm() > 1e-12)) return std::nullopt;
-  const double nearest = -to_origin.dot(across) / across.squaredNorm();
-  const double beside = (to_origin + nearest * across).norm();
-  if (!(beside < reference_.reach) || !(nearest > 0)) return std::nullopt;
+  return best.correlation > -1 ? std::optional<Candidate>(best) : std::nullopt;
+}
+
+// The depths at which the ray is no farther from the axis than the thing reaches.
+std::vector<double> PhotoSweep::Depths(const Vector2d& xy) const {
+  const Rigid3& pose = reference_.image->cam_from_world;
+  const auto ray = RayPastAxis(*reference_.camera, pose, xy, axis_);
+  if (!ray || !(ray->distance < reference_.reach) || !(ray->nearest > 0)) return {};
   const double half =
-      std::sqrt((reference_.reach * reference_.reach - beside * beside) / across.squaredNorm());
+      std::sqrt((reference_.reach * reference_.reach - ray->distance * ray->distance) / ray->across_squared);
   double turn_rad = 0;
   for (const Neighbour& neighbour : neighbours_) {
     turn_rad =
         std::max(turn_rad, neighbour.photo->image->cam_from_world.rotation.angularDistance(pose.rotation));
   }
-  const double px = 2 * half * std::sin(turn_rad) * FocalLengths(*reference_.camera).mean() / nearest;
-  const int num_depths = std::clamp(static_cast<int>(px / kDepthStepPx), kFewestDepths, kMostDepths);
+  const double px = 2 * half * std::sin(turn_rad) * FocalLengths(*reference_.camera).mean() / ray->nearest;
+  const int num = std::clamp(static_cast<int>(px / kDepthStepPx), kFewestDepths, kMostDepths);
+  std::vector<double> depths;
+  for (int k = 0; k < num; ++k) {
+    const double depth = ray->nearest + half * (2 * (k + 0.5) / num - 1);
+    if (depth > 0) depths.push_back(depth);
+  }
+  return depths;
+}
 
-  struct Candidate {
-    float correlation = -1;
-    Vector2d place;  // in the first neighbour
-    SurfacePatch patch;
-  };
+std::optional<PhotoSweep::SeedPatch> PhotoSweep::Seed(int column, int row) const {
+  const int radius = options_.radius_px;
+  if (column < radius || row < radius || column + radius >= smoothed_.cols || row + radius >= smoothed_.rows)
+    return std::nullopt;
+  SeedPatch seed;
+  for (const Eigen::Vector2f& node : nodes_)
+    seed.values.push_back(
+        smoothed_.at<float>(row + static_cast<int>(node.y()), column + static_cast<int>(node.x())));
+  if (!Normalise(&seed.values)) return std::nullopt;
+  const Rigid3& pose = reference_.image->cam_from_world;
+  seed.xy = Vector2d(column + 0.5, row + 0.5);
+  seed.origin = CameraCentre(pose);
+  for (size_t k = 0; k < 3; ++k) {
+    const auto in_cam = UnprojectFromImage(*reference_.camera, seed.xy + radius * Vector2d(k == 1, k == 2));
+    if (!in_cam) return std::nullopt;
+    seed.rays[k] = (pose.rotation.inverse() * *in_cam).normalized();
+  }
+  return seed;
+}
+
+std::optional<SurfacePatch> PhotoSweep::At(int column, int row) const {
+  const std::optional<SeedPatch> seed = Seed(column, row);
+  if (!seed) return std::nullopt;
   std::vector<Candidate> candidates;
   std::vector<float> seen(nodes_.size());
-  for (int k = 0; k < num_depths; ++k) {
-    const double depth = nearest + half * (2 * (k + 0.5) / num_depths - 1);
-    if (!(depth > 0)) continue;
-    const Vector3d x = origin + depth * rays[0];
-    Candidate best;
-    for (const int tilt : {0, -1, 1}) {
-      const Vector3d normal = Eigen::AngleAxisd(tilt * kTiltRad, direction) * Vector3d(-rays[0]);
-      const double rise = normal.dot(x - origin);
-      const Vector3d beside_u = origin + rise / normal.dot(rays[1]) * rays[1];
-      const Vector3d beside_v = origin + rise / normal.dot(rays[2]) * rays[2];
-      float sum = 0;
-      float least = 1;
-      bool moves = true;
-      Vector2d first = Vector2d::Zero();
-      for (size_t n = 0; n < neighbours_.size() && moves; ++n) {
-        const auto sight = See(neighbours_[n], x, beside_u, beside_v, values, &seen);
-        moves = sight && (sight->place - xy).norm() > kLeastMovePx;
-        if (!moves) break;
-        if (n == 0) first = sight->place;
-        sum += sight->correlation / static_cast<float>(neighbours_.size());
-        least = std::min(least, sight->correlation);
-      }
-      if (!moves) break;
-      if (sum > best.correlation) best = {sum, first, {x, normal}};
-    }
-    if (best.correlation > -1) candidates.push_back(best);
+  for (const double depth : Depths(seed->xy)) {
+    const auto candidate = BestPlane(*seed, seed->origin + depth * seed->rays[0], &seen);
+    if (candidate) candidates.push_back(*candidate);
   }
   const auto best =
       std::max_element(candidates.begin(), candidates.end(),
@@ -289,19 +312,7 @@ struct SurfaceSweep::Data {
   void ReadStation(const TurntableScene& scene, int station, const ReadGreyPhoto& read, Reporter& reporter);
   void SweepStation(const TurntableScene& scene, int station, Reporter& reporter);
   void MarkKnown(const Photo& photo, cv::Mat* mask) const;
-  std::vector<const View*> ViewsOf(const TurntableScene& scene, int station) const;
 };
-
-// In the order of the table's angles.
-std::vector<const View*> SurfaceSweep::Data::ViewsOf(const TurntableScene& scene, int station) const {
-  std::vector<const View*> views;
-  for (const View& view : scene.views) {
-    if (view.station == station) views.push_back(&view);
-  }
-  std::sort(views.begin(), views.end(),
-            [](const View* a, const View* b) { return a->angle_deg < b->angle_deg; });
-  return views;
-}
 
 void SurfaceSweep::Data::ReadStation(const TurntableScene& scene, int station, const ReadGreyPhoto& read,
                                      Reporter& reporter) {
@@ -310,7 +321,7 @@ void SurfaceSweep::Data::ReadStation(const TurntableScene& scene, int station, c
   std::vector<const View*> views;
   std::vector<GreyPicture> pictures;
   std::vector<Photo> read_photos;
-  for (const View* view : ViewsOf(scene, station)) {
+  for (const View* view : ViewsByAngle(scene, station)) {
     if (reporter.StopRequested()) throw Interrupted();
     const auto image = image_of_name.find(view->name);
     if (image == image_of_name.end()) continue;
@@ -359,7 +370,7 @@ void SurfaceSweep::Data::MarkKnown(const Photo& photo, cv::Mat* mask) const {
 
 void SurfaceSweep::Data::SweepStation(const TurntableScene& scene, int station, Reporter& reporter) {
   std::vector<const Photo*> ring;
-  for (const View* view : ViewsOf(scene, station)) {
+  for (const View* view : ViewsByAngle(scene, station)) {
     const auto found = photos.find(view->name);
     if (found != photos.end()) ring.push_back(&found->second);
   }

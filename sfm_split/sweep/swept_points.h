@@ -39,7 +39,8 @@ class SurfaceSweep {
 
   int NumPoints() const;
 
-  /// Where photos show them (AlignPoints), at most options' places [px of the photos].
+  /// Where photos show them (AlignPoints); places and their deviations are in the photos' own pixels, ids
+  /// follow those of the model's points.
   std::vector<AlignedTrack> Tracks(PhotosLookedIn where, Reporter& reporter) const;
 
  private:

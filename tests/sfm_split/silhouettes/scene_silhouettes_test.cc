@@ -14,6 +14,7 @@
 #include "sfm_split/base/error.h"
 #include "sfm_split/scene/axis_turn.h"
 #include "tests/support/camera_towards_origin.h"
+#include "tests/support/still_squares.h"
 
 namespace s2gs {
 namespace {
@@ -30,12 +31,6 @@ struct Ball {
 };
 const std::vector<Ball> kThing = {
     {{0.1, 0, 0}, 0.35}, {{0.5, 0.1, 0.2}, 0.18}, {{-0.2, 0.45, -0.1}, 0.22}, {{0, -0.2, 0.5}, 0.2}};
-
-// Shades of grey of what stands still, squares of 6 px.
-double Background(int x, int y) {
-  const auto cell = static_cast<uint32_t>(x / 6 * 131 + y / 6);
-  return 60 + static_cast<double>((cell * 2654435761U) >> 24) / 2;
-}
 
 // Two stations before a thing of four balls. By the poses the second begins where the first does.
 class SceneSilhouettes : public testing::Test {
@@ -82,8 +77,9 @@ class SceneSilhouettes : public testing::Test {
         const bool is_thing = std::any_of(kThing.begin(), kThing.end(), [&](const Ball& ball) {
           return (ball.centre - origin).cross(direction).norm() < ball.radius;
         });
-        photo.grey.push_back(static_cast<uint8_t>(
-            is_thing ? 120 + 60 * std::sin(0.5 * x + view.angle_deg) * std::sin(0.4 * y) : Background(x, y)));
+        photo.grey.push_back(
+            static_cast<uint8_t>(is_thing ? 120 + 60 * std::sin(0.5 * x + view.angle_deg) * std::sin(0.4 * y)
+                                          : StillSquares(x, y)));
       }
     }
     return photo;

@@ -18,6 +18,7 @@
 #include "tests/support/camera_towards_origin.h"
 #include "tests/support/option_bounds.h"
 #include "tests/support/random_numbers.h"
+#include "tests/support/still_squares.h"
 
 namespace s2gs {
 namespace {
@@ -53,12 +54,6 @@ std::optional<Vector3d> Hit(const Vector3d& origin, const Vector3d& direction) {
   }
   if (nearest > 1e8) return std::nullopt;
   return origin + nearest * direction;
-}
-
-// Squares of 6 px that stand still.
-double Background(int x, int y) {
-  const auto cell = static_cast<uint32_t>(x / 6 * 131 + y / 6);
-  return 60 + static_cast<double>((cell * 2654435761U) >> 24) / 2;
 }
 
 class SurfaceSweepTest : public testing::Test {
@@ -103,7 +98,7 @@ class SurfaceSweepTest : public testing::Test {
         const Vector3d ray((x + 0.5) / factor - kWidth / 2.0, (y + 0.5) / factor - kHeight / 2.0, kFocal);
         const auto hit = Hit(origin, (pose.rotation.inverse() * ray).normalized());
         const double shade =
-            (hit ? Shade(*hit) : Background(x / factor, y / factor)) + kNoise * noise.Normal();
+            (hit ? Shade(*hit) : StillSquares(x / factor, y / factor)) + kNoise * noise.Normal();
         photo.grey.push_back(static_cast<uint8_t>(std::clamp(std::round(shade), 0.0, 255.0)));
       }
     }
