@@ -329,6 +329,15 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     ParallelFor(static_cast<int64_t>(by_size.size() - a - 1), 0, [&](int64_t k) {
       comparisons[a + 1 + k] = standard.CompareWith(shown.at(by_size[a + 1 + k]));
     });
+    const auto is_between = [&](size_t b) {
+      const std::vector<int>& joined = images[by_size[b]];
+      return joined.size() == 1 && comparisons[b].log_chance <= kLogChanceBetween &&
+             IsAmong(joined.front(), by_size[a], *stations);
+    };
+    bool is_any = false;
+    for (size_t b = a + 1; b < by_size.size(); ++b)
+      is_any |= comparisons[b].verdict == Verdict::kStill || is_between(b);
+    if (!is_any) continue;
     std::vector<PictureComparison> of_kept(kept.size());
     ParallelFor(static_cast<int64_t>(kept.size()), 0,
                 [&](int64_t k) { of_kept[k] = standard.CompareWith(pictures[kept[k]]); });
@@ -338,10 +347,8 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     for (size_t b = a + 1; b < by_size.size(); ++b) {
       const std::vector<int>& joined = images[by_size[b]];
       if (stations->station_of_image[joined.front()] != by_size[b]) continue;
-      const bool is_between = joined.size() == 1 && comparisons[b].log_chance <= kLogChanceBetween &&
-                              IsAmong(joined.front(), by_size[a], *stations);
       const bool is_still = comparisons[b].verdict == Verdict::kStill && !stays.HasMovedIn(comparisons[b]);
-      if (!is_between && !is_still) continue;
+      if (!is_between(b) && !is_still) continue;
       const Eigen::Matrix3d joined_from_kept = InPhotos(comparisons[b].second_from_first, picture);
       for (const int image : joined) {
         stations->station_of_image[image] = by_size[a];
