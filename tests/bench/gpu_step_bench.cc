@@ -18,7 +18,7 @@
 #include "s2gs/core/rng.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/image/photos.h"
-#include "s2gs/train.h"
+#include "s2gs/training/photos_at_level.h"
 #include "s2gs/training_scene.h"
 
 namespace s2gs {

@@ -23,7 +23,7 @@
 #include "s2gs/backend/backend.h"
 #include "s2gs/initialise.h"
 #include "s2gs/kernel/foreground.h"
-#include "s2gs/train.h"
+#include "s2gs/training/train.h"
 #include "s2gs/training_scene.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"

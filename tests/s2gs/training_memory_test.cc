@@ -10,7 +10,7 @@
 
 #include "s2gs/core/gaussians.h"
 #include "s2gs/initialise.h"
-#include "s2gs/train.h"
+#include "s2gs/training/train.h"
 #include "tests/s2gs/small_scene.h"
 #include "tests/support/bad_input.h"
 

@@ -12,7 +12,7 @@
 
 #include "s2gs/freeze.h"
 #include "s2gs/kernel/foreground.h"
-#include "s2gs/train.h"
+#include "s2gs/training/train.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/temporary_folder.h"
 

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/gaussians.h"
@@ -39,8 +38,5 @@ struct TrainResult {
 /// stay NaN.
 TrainResult Train(const TrainingScene& scene, const TrainOptions& options, uint64_t seed,
                   const TrainFiles& files, Backend* backend, Reporter& reporter);
-
-/// The training photos (without those held out) at 1 / 2^level of their size.
-std::vector<TrainingPhoto> PhotosAtLevel(const TrainingScene& scene, int level, int min_size);
 
 }  // namespace s2gs
