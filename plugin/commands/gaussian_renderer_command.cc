@@ -316,7 +316,7 @@ class Renderer {
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
            drawn = Render(ForMaps(view))]() mutable {
       table_.DrawIntoMaps(view, &drawn);
-      const Image8 seen = table_.Seen(photo, LoadPhotos(), view, drawn);
+      const Image8 seen = table_.Seen(photo, LoadPhotos());
       if (seen.width > 0) {
         DrawRegionWhereSeen(table_.rim->region, {seen, StationView(photo)}, view, &drawn);
         WriteImage(seen_path, seen);

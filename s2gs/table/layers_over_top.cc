@@ -30,8 +30,6 @@ constexpr double kBehind = 3;  // [px], of a surface that hides what lies furthe
 constexpr double kHigh = 0.4;
 // Of what goes because a thing does not have the top's colours, this may be the thing's.
 constexpr double kMaxLost = 0.25;
-// What is left after them was blocked in none, a few Gaussians at a time.
-constexpr int kMostRounds = 10;
 constexpr int kChance =
     3;  // None is chance while three are expected (one in twenty), and so are three of few.
 
@@ -98,8 +96,7 @@ TopEvidence ChooseEvidence(const std::vector<Votes>& votes) {
 struct Witness {
   const PinholeView* view;
   const std::vector<float>* depths;  // of all
-  std::vector<TopSight> shows;
-  std::vector<TopSight> sights;  // but for shadows where something stands before the top
+  std::vector<TopSight> sights;
 };
 
 Votes Ask(const std::vector<Witness>& witnesses, double pixel_size, const Eigen::Vector3d& x) {
@@ -138,20 +135,22 @@ std::vector<uint32_t> AllBut(const std::vector<uint32_t>& left_out, size_t count
   return others;
 }
 
+std::vector<float> RotatingDepths(const PinholeView& view, Backend* backend) {
+  RenderRequest request;
+  request.view = view;
+  request.drawn = DrawnBody::kForeground;
+  request.geometry = true;
+  RenderedView rendered = backend->Render(request);
+  for (size_t p = 0; p < rendered.alpha.size(); ++p) {
+    if (rendered.alpha[p] < kOpaque) rendered.median_depth[p] = 0;
+  }
+  return std::move(rendered.median_depth);
+}
+
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend) {
   std::vector<std::vector<float>> depths;
   for (const StationPhotos& station : stations) {
-    for (const PinholeView& view : station.views) {
-      RenderRequest request;
-      request.view = view;
-      request.drawn = DrawnBody::kForeground;
-      request.geometry = true;
-      RenderedView rendered = backend->Render(request);
-      for (size_t p = 0; p < rendered.alpha.size(); ++p) {
-        if (rendered.alpha[p] < kOpaque) rendered.median_depth[p] = 0;
-      }
-      depths.push_back(std::move(rendered.median_depth));
-    }
+    for (const PinholeView& view : station.views) depths.push_back(RotatingDepths(view, backend));
   }
   return depths;
 }
@@ -206,8 +205,7 @@ std::vector<Witness> Witnesses(const PlainTop& top, const std::vector<StationPho
     for (size_t i = 0; i < station.views.size(); ++i) {
       const PinholeView& view = station.views[i];
       witnesses.push_back(
-          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number), {}});
-      witnesses.back().sights = witnesses.back().shows;
+          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number)});
     }
   }
   return witnesses;
@@ -247,32 +245,25 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
     });
   };
   judge([](const Votes&) { return true; });
-  // Without all that may go, what still stands before the top hides it: no shadow on it is seen there. What
-  // so stays hides more. But it is known to stand there by photos alone: layers hide each other.
+  // What stays although each shadow is counted hides the top: no shadow on it is seen behind. That it stands
+  // there is known by photos alone: neither layers hide each other nor what only they let stay.
   std::vector<uint32_t> hides_nothing = FindRotatingIn(table, pixel_size, gaussians);
   for (size_t i = 0; i < votes.size(); ++i) {
-    if (votes[i].is_over_top && !votes[i].IsBorneOut()) hides_nothing.push_back(static_cast<uint32_t>(i));
+    if (votes[i].is_over_top && (!votes[i].IsBorneOut() || votes[i].ColorsRefute()))
+      hides_nothing.push_back(static_cast<uint32_t>(i));
   }
-  ptrdiff_t num_in_shadow = -1;
-  for (int round = 0; round < kMostRounds; ++round) {
-    const auto is_in_shadow = [](const Votes& of) { return of.ColorsRefute() && !of.LitRefutes(); };
-    const ptrdiff_t count = std::count_if(votes.begin(), votes.end(), is_in_shadow);
-    if (count == 0 || count == num_in_shadow) break;
-    num_in_shadow = count;
-    std::vector<uint32_t> may_go = hides_nothing;
-    for (size_t i = 0; i < votes.size(); ++i) {
-      if (votes[i].ColorsRefute()) may_go.push_back(static_cast<uint32_t>(i));
-    }
-    std::sort(may_go.begin(), may_go.end());
-    may_go.erase(std::unique(may_go.begin(), may_go.end()), may_go.end());
-    const std::vector<std::vector<float>> kept = depths_without(may_go);
-    for (size_t k = 0; k < witnesses.size(); ++k) {
-      witnesses[k].sights = witnesses[k].shows;
+  std::sort(hides_nothing.begin(), hides_nothing.end());
+  hides_nothing.erase(std::unique(hides_nothing.begin(), hides_nothing.end()), hides_nothing.end());
+  const auto is_in_shadow = [](const Votes& of) { return of.ColorsRefute() && !of.LitRefutes(); };
+  if (std::any_of(votes.begin(), votes.end(), is_in_shadow)) {
+    const std::vector<std::vector<float>> kept = depths_without(hides_nothing);
+    for (size_t k = 0; k < witnesses.size(); ++k)
       ForgetHiddenShadows(table, *witnesses[k].view, kept[k], &witnesses[k].sights);
-    }
     judge(is_in_shadow);
   }
-  return Refuted(votes);
+  LayersOverTop layers = Refuted(votes);
+  layers.hides_nothing = std::move(hides_nothing);
+  return layers;
 }
 
 std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,

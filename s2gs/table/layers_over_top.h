@@ -12,8 +12,11 @@
 
 namespace s2gs {
 
-/// Depths of the rotating part alone as each photo of the stations sees it, by photo and pixel; 0 where it is
-/// not opaque. \param backend  with the model, which is left as it was.
+/// Depths of the rotating part alone, by pixel of a view; 0 where it is not opaque. \param backend  with the
+/// model, which is left as it was.
+std::vector<float> RotatingDepths(const PinholeView& view, Backend* backend);
+
+/// The same as each photo of the stations sees it, by photo and pixel.
 std::vector<std::vector<float>> RotatingDepths(const std::vector<StationPhotos>& stations, Backend* backend);
 
 /// The numbers below `count` that are not among these, both in ascending order.
@@ -40,12 +43,15 @@ bool IsTopSeen(TopSight sight, TopEvidence evidence);
 
 struct LayersOverTop {
   std::vector<uint32_t> gaussians;  ///< in ascending order.
+  /// In ascending order, what hides no shadow on the top: these, others that no photo bears out, the table's.
+  std::vector<uint32_t> hides_nothing;
   TopEvidence evidence = TopEvidence::kNone;
 };
 
 /// The rotating Gaussians over the top, higher than a pixel of the photos, that photos refute: the top is
 /// seen through them, in its own light more often than chance and than something else that nothing before
-/// them explains; or in a shadow on it, where nothing that stays stands before the top. A thing may have a
+/// them explains; or in a shadow on it, where nothing stands before the top that would
+/// stay if each shadow counted. A thing may have a
 /// shadow's colour, so that shadows count, and borders next to the top in its light do not, only where hardly
 /// any Gaussian goes for it that stands too high for a layer; never where no thing is so high. None where
 /// things go for the top's own light, too. \param stations  Learn's. \param depths_without  of the model

@@ -1,7 +1,8 @@
 #include "s2gs/table/scene_table.h"
 
-#include <algorithm>
+#include <map>
 #include <string>
+#include <vector>
 
 #include "s2gs/image/photos.h"
 #include "s2gs/table/opaque_region.h"
@@ -30,22 +31,15 @@ size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingR
   return count;
 }
 
-// What is drawn from one view by the pixels of another of the same camera, smaller; 0 where it is not opaque.
-std::vector<float> DepthsBySmall(const RenderedView& drawn, const PinholeView& view,
-                                 const PinholeView& small) {
-  std::vector<float> depths;
-  depths.reserve(static_cast<size_t>(small.width) * small.height);
-  const auto at = [](int i, double cx, double fx, double other_cx, double other_fx, int size) {
-    return std::clamp(static_cast<int>((i + 0.5 - cx) / fx * other_fx + other_cx), 0, size - 1);
-  };
-  for (int y = 0; y < small.height; ++y) {
-    const int row = at(y, small.cy, small.fy, view.cy, view.fy, drawn.height);
-    for (int x = 0; x < small.width; ++x) {
-      const size_t p =
-          static_cast<size_t>(row) * drawn.width + at(x, small.cx, small.fx, view.cx, view.fx, drawn.width);
-      depths.push_back(drawn.alpha[p] >= kOpaque ? drawn.median_depth[p] : 0);
-    }
-  }
+// By photo, of the rotating part.
+std::map<std::string, std::vector<float>> DepthsOfPhotos(const std::vector<uint32_t>& left_out,
+                                                         const TrainingScene& scene, Backend* backend) {
+  const TrainState all = backend->GetState();
+  backend->SetState(SelectState(all, AllBut(left_out, all.gaussians.size())));
+  std::map<std::string, std::vector<float>> depths;
+  for (const ScenePhoto& photo : scene.photos)
+    depths[photo.name] = RotatingDepths(StationView(photo), backend);
+  backend->SetState(all);
   return depths;
 }
 
@@ -83,7 +77,7 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   const bool is_textured = *table.textured_share >= kTexturedTop;
   // Photos show the shape of a top that has texture and turns.
   if (table.rim->IsUndecided() || !is_textured) table.in_maps_ = region;
-  if (options.clear_plain_top) table.ClearPlainTop(stations, options.draw_seen, backend, reporter);
+  if (options.clear_plain_top) table.ClearPlainTop(scene, stations, options.draw_seen, backend, reporter);
   if (table.in_maps_) {
     // Splats of a table that masks and maps show anyway only blur its rim. The circle is known to a pixel.
     const double margin = PixelAtAxis(stations, region.axis);
@@ -100,14 +94,18 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
 }
 
 // Of what training builds over a plain top.
-void SceneTable::ClearPlainTop(const std::vector<StationPhotos>& stations, bool draw_seen, Backend* backend,
-                               Reporter& reporter) {
+void SceneTable::ClearPlainTop(const TrainingScene& scene, const std::vector<StationPhotos>& stations,
+                               bool draw_seen, Backend* backend, Reporter& reporter) {
   const std::optional<PlainTop> top = PlainTop::Learn(stations, rim->region);
   if (!top) return;
   const LayersOverTop layers =
       FindLayersOverTop(*top, stations, RotatingDepthsWithout(stations, backend), backend->GetPlacement());
   num_over_top = layers.gaussians.size();
-  if (draw_seen) seen_top_ = SeenTop{*top, layers.evidence};
+  if (draw_seen) {
+    seen_top_ = SeenTop{*top, layers.evidence, {}};
+    if (layers.evidence == TopEvidence::kColors)
+      seen_top_->hiding_depths = DepthsOfPhotos(layers.hides_nothing, scene, backend);
+  }
   LeaveOut(layers.gaussians, "over the table's plain top, where photos see the top itself", backend,
            reporter);
 }
@@ -124,8 +122,7 @@ bool SceneTable::IsTopSeen() const {
   return known_texture_ || (seen_top_ && seen_top_->evidence != TopEvidence::kNone);
 }
 
-Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load, const PinholeView& view,
-                        const RenderedView& drawn) const {
+Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load) const {
   if (!IsTopSeen()) return {};
   const PinholeView small = StationView(photo);
   const Image8 reduced = ResizeByArea(load(photo), small.width, small.height);
@@ -134,7 +131,9 @@ Image8 SceneTable::Seen(const ScenePhoto& photo, const LoadPhoto& load, const Pi
   seen.pixels.resize(static_cast<size_t>(small.width) * small.height, 0);
   if (!seen_top_) return seen;
   std::vector<TopSight> sights = seen_top_->top.Look(reduced, small, photo.station);
-  ForgetHiddenShadows(seen_top_->top.table(), small, DepthsBySmall(drawn, view, small), &sights);
+  const auto hiding = seen_top_->hiding_depths.find(photo.name);
+  if (hiding != seen_top_->hiding_depths.end())
+    ForgetHiddenShadows(seen_top_->top.table(), small, hiding->second, &sights);
   for (size_t i = 0; i < sights.size(); ++i) {
     if (s2gs::IsTopSeen(sights[i], seen_top_->evidence)) seen.pixels[i] = 255;
   }

@@ -2,7 +2,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "s2gs/backend/backend.h"
@@ -45,11 +47,9 @@ class SceneTable {
   void AddToMask(const PinholeView& view, PixelMask* mask) const;
   /// Draws it into depths and normals, where photos do not show its shape.
   void DrawIntoMaps(const PinholeView& view, RenderedView* drawn) const;
-  /// Where a photo shows the top itself, of its StationView's size; without pixels where nothing is known of
-  /// it. \param load  as Find's. \param drawn  from the photo's `view`, of what stands: it hides shadows on
-  /// the top behind it.
-  Image8 Seen(const ScenePhoto& photo, const LoadPhoto& load, const PinholeView& view,
-              const RenderedView& drawn) const;
+  /// Where a photo of the scene shows the top itself, of its StationView's size; without pixels where nothing
+  /// is known of it. \param load  as Find's.
+  Image8 Seen(const ScenePhoto& photo, const LoadPhoto& load) const;
   bool IsTopSeen() const;
 
   // What was found.
@@ -64,9 +64,11 @@ class SceneTable {
   struct SeenTop {
     PlainTop top;
     TopEvidence evidence;
+    // By photo and pixel, of what hides shadows on the top behind it; 0 where nothing does.
+    std::map<std::string, std::vector<float>> hiding_depths;
   };
-  void ClearPlainTop(const std::vector<StationPhotos>& stations, bool draw_seen, Backend* backend,
-                     Reporter& reporter);
+  void ClearPlainTop(const TrainingScene& scene, const std::vector<StationPhotos>& stations, bool draw_seen,
+                     Backend* backend, Reporter& reporter);
 
   std::optional<RotatingRegion> in_masks_;  // where it is known whose it is
   std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape

@@ -245,6 +245,24 @@ TEST_F(StandingOverTop, IsNotWhatPhotosShowTurning) {
   EXPECT_GT(Find().size(), num_wall / 3);
 }
 
+// More photos show the wall than another tint behind it.
+TEST_F(StandingOverTop, IsNotWhatMorePhotosShowTurning) {
+  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
+  for (size_t i = 0; i < kTablePhotos; ++i) {
+    if (i % 3 == 2) continue;
+    const PinholeView& view = stations[0].views[i];
+    for (size_t k = 0; k < num_wall; k += 2) {
+      const float* x = &gaussians.centre[3 * k];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * Eigen::Vector3d(x[0], x[1], x[2]));
+      uint8_t* color = stations[0].images[i].Pixel(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
+      color[0] = color[1] = 230;
+      color[2] = 20;
+    }
+  }
+  for (const uint32_t i : Find()) EXPECT_EQ(i % 2, 1U);
+  EXPECT_GT(Find().size(), num_wall / 3);
+}
+
 TEST(TopEvidence, SaysWhichSightsCount) {
   for (const TopSight sight : {TopSight::kElsewhere, TopSight::kOther, TopSight::kBorder}) {
     EXPECT_FALSE(IsTopSeen(sight, TopEvidence::kColors));
@@ -281,8 +299,9 @@ TEST_F(LayersInShadow, StayWhereWhatStaysHidesTheTop) {
   EXPECT_EQ(Find(top_stays).size(), num_layers);
 }
 
-// The first of them, which some photos show, stays and hides what the others would show.
-TEST_F(LayersInShadow, StayWhereOneThatStaysHidesTheTop) {
+// The first of them, which some photos show, stays only where something else hides the top behind it: it
+// says nothing of the others, before which it stands.
+TEST_F(LayersInShadow, LetEachOtherNotStay) {
   const Eigen::Vector3d first(gaussians.centre[0], gaussians.centre[1], gaussians.centre[2]);
   Paint(thing, kTablePhotos, OwnColor);
   Paint(first, 4, OwnColor);
@@ -298,7 +317,33 @@ TEST_F(LayersInShadow, StayWhereOneThatStaysHidesTheTop) {
     }
     return depths;
   };
-  EXPECT_TRUE(Find(first_stays).empty());
+  std::vector<uint32_t> others(num_layers - 1);
+  std::iota(others.begin(), others.end(), 1);
+  EXPECT_EQ(Find(first_stays), others);
+}
+
+// Texture as dark as a shadow is a border before the top, or a thing's in its own shadow.
+TEST_F(LayersInShadow, StayWhereMorePhotosShowBordersThanShadows) {
+  const Eigen::Vector3d first(gaussians.centre[0], gaussians.centre[1], gaussians.centre[2]);
+  Paint(thing, kTablePhotos, OwnColor);
+  const auto paint_borders = [&](size_t num_photos) {
+    Paint(first, num_photos, [&](int x, int y) {
+      const std::array<double, 3> umbra = {75, 82, 90};
+      std::array<uint8_t, 3> color = {};
+      for (int k = 0; k < 3; ++k)
+        color[k] = static_cast<uint8_t>((x + y) % 2 == 0 ? umbra[k] : 0.5 * umbra[k]);
+      return color;
+    });
+  };
+  const auto is_first_found = [&] {
+    const std::vector<uint32_t> found = Find();
+    EXPECT_GT(found.size(), num_layers / 2);
+    return !found.empty() && found.front() == 0;
+  };
+  paint_borders(4);
+  EXPECT_TRUE(is_first_found());
+  paint_borders(8);
+  EXPECT_FALSE(is_first_found());
 }
 
 TEST_F(LayersInShadow, AreHiddenByNothingButWhatPhotosShow) {
