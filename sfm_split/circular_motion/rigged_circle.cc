@@ -31,6 +31,8 @@ constexpr size_t kNumFirst = 16;         // axes, by the matches inside stations
 constexpr size_t kNumRefined = 8;        // circles that are refined
 constexpr double kCertain = 8;           // e^-8: what is believed against chance, and against another circle
 constexpr double kDistinct = 5 * kDegree;  // axes or angles farther apart are two answers
+// Some hundred matches, of 50 to 100 ns each: less is over before another thread is awake.
+constexpr int64_t kPairsAtOnce = 8;
 
 struct Circle {
   Vector3d direction;
@@ -66,10 +68,13 @@ class Rig {
 
   template <typename Counts>
   double Sum(bool is_coarse, const Circle& circle, double sigma_px, const Counts& counts) const {
+    std::vector<double> gains(pairs_.size(), 0);
+    ParallelFor(static_cast<int64_t>(pairs_.size()), 0, kPairsAtOnce, [&](int64_t i) {
+      const auto p = static_cast<size_t>(i);
+      if ((!is_coarse || is_coarse_[p]) && counts(pairs_[p])) gains[p] = GainOf(pairs_[p], circle, sigma_px);
+    });
     double gain = 0;
-    for (size_t p = 0; p < pairs_.size(); ++p) {
-      if ((!is_coarse || is_coarse_[p]) && counts(pairs_[p])) gain += GainOf(pairs_[p], circle, sigma_px);
-    }
+    for (const double one : gains) gain += one;
     return gain;
   }
 
@@ -239,6 +244,15 @@ void KeepBest(size_t num, std::vector<Circle>* circles) {
   if (circles->size() > num) circles->resize(num);
 }
 
+// Calls work(circle) for all of them: each on a thread of its own, or, where they are fewer than the threads,
+// one after the other, whose pairs the threads then share. The same bits.
+template <typename Work>
+void ForCircles(const Work& work, std::vector<Circle>* circles) {
+  const auto count = static_cast<int64_t>(circles->size());
+  ParallelFor(count, count < NumThreadsOf(0) ? 1 : 0,
+              [&](int64_t k) { work(static_cast<size_t>(k), &(*circles)[static_cast<size_t>(k)]); });
+}
+
 // Whether two circles are one: the opposite axis and turn are the same.
 bool IsSame(const Circle& a, const Circle& b) {
   const double cosine = a.direction.dot(b.direction);
@@ -267,29 +281,29 @@ std::vector<RiggedCircle> FitRiggedCircles(const std::vector<RiggedStation>& giv
   }
   const Rig rig(stations, pairs);
   std::vector<Circle> circles = StartingAxes(stations[0], Vector3d::Zero());
-  ParallelFor(static_cast<int64_t>(circles.size()), 0,
-              [&](int64_t k) { rig.TakeSenses(&circles[static_cast<size_t>(k)]); });
+  ForCircles([&](size_t /*k*/, Circle* circle) { rig.TakeSenses(circle); }, &circles);
   KeepBest(kNumFirst, &circles);
   if (reporter.StopRequested()) throw Interrupted();
-  ParallelFor(static_cast<int64_t>(circles.size()), 0,
-              [&](int64_t k) { rig.TakeFirstAngles(&circles[static_cast<size_t>(k)]); });
+  ForCircles([&](size_t /*k*/, Circle* circle) { rig.TakeFirstAngles(circle); }, &circles);
   KeepBest(kNumRefined, &circles);
   if (reporter.StopRequested()) throw Interrupted();
-  ParallelFor(static_cast<int64_t>(circles.size()), 0, [&](int64_t k) {
-    Circle& circle = circles[static_cast<size_t>(k)];
-    rig.Refine(kCoarseSigmaPx, true, 0.05, 0.003, &circle);
-    rig.Refine(2 * sigma_px, true, 0.01, 0.001, &circle);
-  });
+  ForCircles(
+      [&](size_t /*k*/, Circle* circle) {
+        rig.Refine(kCoarseSigmaPx, true, 0.05, 0.003, circle);
+        rig.Refine(2 * sigma_px, true, 0.01, 0.001, circle);
+      },
+      &circles);
   KeepBest(kNumTurned, &circles);
   if (reporter.StopRequested()) throw Interrupted();
   // As they are, and with other turns of the stations.
   const size_t num = circles.size();
   for (size_t k = 0; k < num; ++k) circles.push_back(circles[k]);
-  ParallelFor(static_cast<int64_t>(circles.size()), 0, [&](int64_t k) {
-    Circle& circle = circles[static_cast<size_t>(k)];
-    if (static_cast<size_t>(k) >= num) rig.TakeTurns(2 * sigma_px, &circle);
-    rig.Refine(sigma_px, false, 0.005, 1e-4, &circle);
-  });
+  ForCircles(
+      [&](size_t k, Circle* circle) {
+        if (k >= num) rig.TakeTurns(2 * sigma_px, circle);
+        rig.Refine(sigma_px, false, 0.005, 1e-4, circle);
+      },
+      &circles);
   KeepBest(circles.size(), &circles);
   const double unknowns = 3.0 + static_cast<double>(stations.size());
   const double least_gain =

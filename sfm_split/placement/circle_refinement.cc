@@ -2,11 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/keeping_reporter.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/placement/model_difference.h"
 #include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
@@ -19,6 +23,9 @@ constexpr double kAgreeingSigmas = 4;     // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;  // a judgement: where the noise is told too small
 constexpr double kHalfAStep = 0.5;        // a turn that closes and one that does not differ by more
 constexpr double kRisk = 0.01;            // that chance takes a photo off its place among equal steps
+// A judgement: half of an adjustment's seconds are one thread's, which two need not wait for one after the
+// other; with few threads they would wait for each other's loops.
+constexpr int kEnoughThreads = 4;
 
 }  // namespace
 
@@ -106,13 +113,29 @@ ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, cons
   return shared;
 }
 
+std::pair<ScanCandidate, ScanCandidate> CircleRefinement::RefineBoth(const AlignedScene& aligned,
+                                                                     const Told& about_steps,
+                                                                     const Told& free) const {
+  if (about_steps.steps.steps.empty()) return {ScanCandidate(), RefineSimplest(aligned, free)};
+  if (NumThreadsOf(joint_.num_threads) < kEnoughThreads) {
+    ScanCandidate first = RefineSimplest(aligned, about_steps);
+    return {std::move(first), RefineSimplest(aligned, free)};
+  }
+  KeepingReporter keeping(reporter_);
+  const CircleRefinement beside(features_, likelihood_, refine_, joint_, keeping);
+  std::future<ScanCandidate> second =
+      std::async(std::launch::async, [&] { return beside.RefineSimplest(aligned, free); });
+  ScanCandidate first = RefineSimplest(aligned, about_steps);
+  second.wait();
+  for (const auto& [level, message] : keeping.messages()) reporter_.Log(level, message);
+  return {std::move(first), second.get()};
+}
+
 ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
                                        const std::vector<StationTurnPrior>& turns) const {
-  ScanCandidate about_steps;
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
-  if (!steps.steps.empty()) about_steps = RefineSimplest(aligned, {sigma_px, steps, turns});
-  ScanCandidate free = RefineSimplest(aligned, {sigma_px, {}, turns});
+  auto [about_steps, free] = RefineBoth(aligned, {sigma_px, steps, turns}, {sigma_px, {}, turns});
   // How far the table turned altogether is told by points of three photos where those of two leave it open.
   if (about_steps.is_usable && free.is_usable &&
       StepsTurnedOtherwise(features_, about_steps.aligned, free.aligned) > kHalfAStep) {

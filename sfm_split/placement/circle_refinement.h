@@ -1,5 +1,6 @@
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "sfm_split/adjust/joint_ba.h"
@@ -44,6 +45,9 @@ class CircleRefinement {
   };
   void RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const;
   ScanCandidate RefineSimplest(const AlignedScene& aligned, const Told& told) const;
+  // About equal steps, then with free angles: side by side where there are cores for both.
+  std::pair<ScanCandidate, ScanCandidate> RefineBoth(const AlignedScene& aligned, const Told& about_steps,
+                                                     const Told& free) const;
   StepsFinding EqualSteps(const TurntableScene& scene) const;
 
   const ScanFeatures& features_;
