@@ -21,6 +21,7 @@ namespace {
 
 constexpr double kAgreeingSigmas = 4;     // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;  // a judgement: where the noise is told too small
+constexpr double kNarrower = 0.5;         // a judgement: of a bound, over the one before
 constexpr double kHalfAStep = 0.5;        // a turn that closes and one that does not differ by more
 constexpr double kRisk = 0.01;            // that chance takes a photo off its place among equal steps
 // A judgement: half of an adjustment's seconds are one thread's, which two need not wait for one after the
@@ -71,9 +72,8 @@ StepsFinding CircleRefinement::EqualSteps(const TurntableScene& scene) const {
 // With the matches that agree with a circle alone: it needs no others, and where texture is poor most
 // verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
 void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const {
-  const double bound_px = std::max(kAgreeingSigmas * told.sigma_px, kLeastAgreeingPx);
   RefineOptions refine = refine_;
-  refine.max_error_px = std::min(refine.max_error_px, bound_px);
+  refine.max_error_px = std::min(refine.max_error_px, told.bound_px);
   // Matches that agree are cut off at the bound, and tell no noise.
   refine.noise_px = told.sigma_px;
   refine.equal_steps = told.steps.steps;
@@ -81,10 +81,11 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
   candidate->has_given_steps = !told.steps.steps.empty();
   JointOptions joint = joint_;
   joint.model = model;
+  joint.max_reprojection_error_px = std::min(joint.max_reprojection_error_px, told.bound_px);
   PrincipalPointTest cut;
   for (int pass = 0; pass < 2; ++pass) {
     ScanFeatures agreeing = features_;
-    agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, bound_px);
+    agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, told.bound_px);
     agreeing.raw_pairs.clear();
     candidate->aligned.object.points3D.clear();
     candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
@@ -113,19 +114,43 @@ ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, cons
   return shared;
 }
 
+// What poses that are rough lack passes for noise of matches, and a bound for that much takes in features
+// that slide over the surface: long tracks of them hold the poses where they are. So narrower bounds are
+// tried from the same start, for as long as all matches are likelier and those that are right agree better.
+// Within less than their noise poses follow what agrees by chance or slides along: the others then lie
+// farther off.
+ScanCandidate CircleRefinement::RefineWithin(const AlignedScene& aligned, const Told& told) const {
+  const auto noise_px = [&](const ScanCandidate& candidate) {
+    return LikelihoodOfMatches(features_, candidate.aligned, likelihood_.pairs()).sigma_px;
+  };
+  ScanCandidate best = RefineSimplest(aligned, told);
+  Told narrower = told;
+  narrower.bound_px = std::min(told.bound_px, refine_.max_error_px);
+  while (best.is_usable) {
+    narrower.bound_px *= kNarrower;
+    narrower.sigma_px = std::min(told.sigma_px, narrower.bound_px / kAgreeingSigmas);
+    ScanCandidate candidate = RefineSimplest(aligned, narrower);
+    if (!candidate.IsBetterThan(best) || !(noise_px(candidate) < noise_px(best))) break;
+    reporter_.Debug("within " + std::to_string(narrower.bound_px) + " px, log-likelihood " +
+                    std::to_string(best.log_likelihood) + " > " + std::to_string(candidate.log_likelihood));
+    best = std::move(candidate);
+  }
+  return best;
+}
+
 std::pair<ScanCandidate, ScanCandidate> CircleRefinement::RefineBoth(const AlignedScene& aligned,
                                                                      const Told& about_steps,
                                                                      const Told& free) const {
-  if (about_steps.steps.steps.empty()) return {ScanCandidate(), RefineSimplest(aligned, free)};
+  if (about_steps.steps.steps.empty()) return {ScanCandidate(), RefineWithin(aligned, free)};
   if (NumThreadsOf(joint_.num_threads) < kEnoughThreads) {
-    ScanCandidate first = RefineSimplest(aligned, about_steps);
-    return {std::move(first), RefineSimplest(aligned, free)};
+    ScanCandidate first = RefineWithin(aligned, about_steps);
+    return {std::move(first), RefineWithin(aligned, free)};
   }
   KeepingReporter keeping(reporter_);
   const CircleRefinement beside(features_, likelihood_, refine_, joint_, keeping);
   std::future<ScanCandidate> second =
-      std::async(std::launch::async, [&] { return beside.RefineSimplest(aligned, free); });
-  ScanCandidate first = RefineSimplest(aligned, about_steps);
+      std::async(std::launch::async, [&] { return beside.RefineWithin(aligned, free); });
+  ScanCandidate first = RefineWithin(aligned, about_steps);
   second.wait();
   for (const auto& [level, message] : keeping.messages()) reporter_.Log(level, message);
   return {std::move(first), second.get()};
@@ -133,9 +158,11 @@ std::pair<ScanCandidate, ScanCandidate> CircleRefinement::RefineBoth(const Align
 
 ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
                                        const std::vector<StationTurnPrior>& turns) const {
+  const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
-  auto [about_steps, free] = RefineBoth(aligned, {sigma_px, steps, turns}, {sigma_px, {}, turns});
+  auto [about_steps, free] =
+      RefineBoth(aligned, {sigma_px, bound_px, steps, turns}, {sigma_px, bound_px, {}, turns});
   // How far the table turned altogether is told by points of three photos where those of two leave it open.
   if (about_steps.is_usable && free.is_usable &&
       StepsTurnedOtherwise(features_, about_steps.aligned, free.aligned) > kHalfAStep) {

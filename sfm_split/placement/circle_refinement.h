@@ -40,11 +40,13 @@ class CircleRefinement {
   // What an adjustment is told besides the matches.
   struct Told {
     double sigma_px;
+    double bound_px;  // of what agrees
     StepsFinding steps;
     const std::vector<StationTurnPrior>& turns;
   };
   void RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const;
   ScanCandidate RefineSimplest(const AlignedScene& aligned, const Told& told) const;
+  ScanCandidate RefineWithin(const AlignedScene& aligned, const Told& told) const;
   // About equal steps, then with free angles: side by side where there are cores for both.
   std::pair<ScanCandidate, ScanCandidate> RefineBoth(const AlignedScene& aligned, const Told& about_steps,
                                                      const Told& free) const;

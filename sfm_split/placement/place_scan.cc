@@ -52,7 +52,8 @@ class Placement {
   void TryFreeSfm(const std::vector<ColmapModel>& objects);
   void Consider(ScanCandidate candidate, const char* name);
   void PlaceMissing(const ReadDescriptors& read_descriptors);
-  RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) {
+  ScanCandidate AdjustWithMore(const ScanFeatures& features, AlignedScene aligned) const;
+  RefineReport Refine(const ScanFeatures& features, const ColmapModel* object, AlignedScene* aligned) const {
     return RefineScan(features, object, options_.joint, options_.refine, reporter_, aligned);
   }
   // Whether poses that are not adjusted yet explain matches better than the best do that place enough photos.
@@ -217,6 +218,22 @@ void Placement::TryFreeSfm(const std::vector<ColmapModel>& objects) {
   }
 }
 
+// Poses with photos that were added, adjusted as they came: where matches that agree with a circle alone led
+// to them, all verified ones would lead away again.
+ScanCandidate Placement::AdjustWithMore(const ScanFeatures& features, AlignedScene aligned) const {
+  const ScanCandidate& best = result_.best;
+  if (result_.path == "circular_motion" || result_.path == "rigged_circle") {
+    const double sigma_px = LikelihoodOfMatches(features_, best.aligned, likelihood_.pairs()).sigma_px;
+    ScanCandidate more = circles_.Refine(aligned, sigma_px, best.has_given_steps, {});
+    if (more.is_usable) return more;
+  }
+  ScanCandidate more;
+  more.aligned = std::move(aligned);
+  more.aligned.object.points3D.clear();
+  more.refined = Refine(features, nullptr, &more.aligned);
+  return more;
+}
+
 // Photos that are still missing, by what the object's points look like.
 void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
   ScanCandidate& best = result_.best;
@@ -232,18 +249,18 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
     reporter_.Info(std::to_string(placed.size()) + " of " + std::to_string(features.images.size() - before) +
                    " missing photos placed by what the object's points look like");
     features.object_pairs = std::move(pairs);
-    aligned.object.points3D.clear();
-    RefineReport refined = Refine(features, nullptr, &aligned);
+    ScanCandidate more = AdjustWithMore(features, std::move(aligned));
     const double noise = std::max(best.refined.joint.object_rms_px, options_.least_noise_px);
-    if (aligned.scene.views.size() <= before ||
-        refined.joint.object_rms_px > options_.max_noise_growth * noise) {
+    if (more.aligned.scene.views.size() <= before ||
+        more.refined.joint.object_rms_px > options_.max_noise_growth * noise) {
       reporter_.Info("which the adjustment does not bear out: they are left out again");
       return;
     }
-    if (best.refined.principal_point.accepted) refined.principal_point = best.refined.principal_point;
-    refined.mended.insert(refined.mended.begin(), best.refined.mended.begin(), best.refined.mended.end());
-    best.aligned = std::move(aligned);
-    best.refined = std::move(refined);
+    if (best.refined.principal_point.accepted) more.refined.principal_point = best.refined.principal_point;
+    more.refined.mended.insert(more.refined.mended.begin(), best.refined.mended.begin(),
+                               best.refined.mended.end());
+    best.aligned = std::move(more.aligned);
+    best.refined = std::move(more.refined);
     result_.guided.insert(result_.guided.end(), placed.begin(), placed.end());
   }
 }
