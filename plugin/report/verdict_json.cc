@@ -35,6 +35,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"verified", ToJson(evidence.verified)},
                    {"held_back", ToJson(evidence.held_back)},
                    {"adjusted_noise_px", Number(evidence.adjusted_noise_px)},
+                   {"held_back_sets", evidence.held_back_sets},
                    {"held_back_noise_px", Number(evidence.held_back_noise_px)},
                    {"match_noise_px", Number(evidence.match_noise_px)},
                    {"overdispersion", evidence.overdispersion},

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <map>
 #include <numeric>
 #include <optional>
@@ -16,6 +17,7 @@
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/base/union_find.h"
 #include "sfm_split/circular_motion/turn_reach.h"
 #include "sfm_split/evidence/chance.h"
 #include "sfm_split/evidence/match_noise.h"
@@ -119,6 +121,37 @@ class Gatherer {
   std::set<std::pair<int, uint32_t>> of_others_;  // keypoints of bodies that the poses are not of
 };
 
+// Sets of keypoints that matches tie together.
+class TiedKeypoints {
+ public:
+  void Tie(const ImagePairMatches& pair, const FeatureMatch& match) {
+    ties_.emplace_back(PlaceOf(pair.image1, match.point2D_idx1), PlaceOf(pair.image2, match.point2D_idx2));
+  }
+
+  int NumSets() const {
+    UnionFind sets(place_.size());
+    auto num = static_cast<int>(place_.size());
+    for (const auto& [a, b] : ties_) num -= sets.Join(a, b) ? 1 : 0;
+    return num;
+  }
+
+ private:
+  uint32_t PlaceOf(int image, uint32_t keypoint) {
+    return place_.try_emplace({image, keypoint}, static_cast<uint32_t>(place_.size())).first->second;
+  }
+
+  std::map<std::pair<int, uint32_t>, uint32_t> place_;
+  std::vector<std::pair<uint32_t, uint32_t>> ties_;
+};
+
+// How much larger errors are than others of which as many are right: by what half of the right ones stay
+// within. A fit of noise beside wrong ones has two answers where many slide along by a few pixels, and one of
+// the two may be given the other.
+double NoiseRatio(std::vector<double> errors, std::vector<double> others, double right_share) {
+  const double share = std::clamp(right_share, 0.0, 1.0) / 2;
+  return Quantile(std::move(errors), share) / std::max(Quantile(std::move(others), share), 1e-9);
+}
+
 void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence) {
   struct OfPair {
     AgreeingMatches compared;
@@ -145,6 +178,7 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
   });
   std::vector<double> held_errors;
   std::vector<double> adjusted_errors;
+  TiedKeypoints held;
   verified_.assign(posed_.size(), 0);
   for (size_t p = 0; p < pairs.size(); ++p) {
     const ImagePairMatches& pair = pairs[p];
@@ -155,6 +189,7 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
     for (size_t m = 0; m < of_pair.errors.size(); ++m) {
       const double error = of_pair.errors[m];
       (of_pair.is_held[m] != 0 ? held_errors : adjusted_errors).push_back(error);
+      if (of_pair.is_held[m] != 0) held.Tie(pair, pair.matches[m]);
       if (error > bound_px_) continue;
       ++verified_[static_cast<size_t>(pair.image1)];
       ++verified_[static_cast<size_t>(pair.image2)];
@@ -163,9 +198,12 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
   if (static_cast<int>(adjusted_errors.size()) >= kLeastSupport) {
     evidence->adjusted_noise_px = FitNoise(adjusted_errors, kNoiseRange * bound_px_).sigma;
   }
-  if (static_cast<int>(held_errors.size()) >= kLeastSupport) {
-    evidence->held_back_noise_px = FitNoise(held_errors, kNoiseRange * bound_px_).sigma;
+  if (evidence->adjusted_noise_px && static_cast<int>(held_errors.size()) >= kLeastSupport) {
+    const double right = evidence->verified.Share().value_or(1);
+    evidence->held_back_noise_px =
+        *evidence->adjusted_noise_px * NoiseRatio(std::move(held_errors), std::move(adjusted_errors), right);
   }
+  evidence->held_back_sets = held.NumSets();
 }
 
 // A photo whose place on the turntable is one angle is told by fewer matches than a motion between two

@@ -32,6 +32,8 @@ constexpr int64_t kLeastMatches = 15;
 constexpr double kErrorSigmas = 2;
 // Excess of the held-back noise over the adjusted one, in its standard deviations: three are one in 700.
 constexpr double kNoiseSigmas = 3;
+// Standard deviation of what half of so many normal errors stay within, times the root of how many, over it.
+constexpr double kErrorOfHalf = 1.17;
 // Noise that the adjustment cannot have seen grows with the parameters a match pays for; doubled, the poses
 // follow the noise of the matches that they were fitted to.
 constexpr double kMaxNoiseGrowth = 2;
@@ -275,8 +277,7 @@ class Judge {
     if (!evidence_.adjusted_noise_px || !evidence_.held_back_noise_px) return;
     const double adjusted = *evidence_.adjusted_noise_px;
     const double held_back = *evidence_.held_back_noise_px;
-    const double sigma =
-        adjusted / std::sqrt(2.0 * std::max<double>(1, static_cast<double>(evidence_.held_back.all)));
+    const double sigma = kErrorOfHalf * adjusted / std::sqrt(std::max(1, evidence_.held_back_sets));
     if (held_back > kMaxNoiseGrowth * adjusted && held_back > adjusted + kNoiseSigmas * sigma) {
       Add(Verdict::kDoubtful,
           FormatText(

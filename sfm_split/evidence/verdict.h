@@ -42,13 +42,15 @@ struct ScanEvidence {
   bool is_one_body = false;
   int unmoved_photos = 0;  ///< those of camera places that have at least three.
 
-  double bound_px = 0;                       ///< distance from its epipolar line at which a match agrees.
-  AgreeingMatches verified;                  ///< of the object, between placed photos.
-  AgreeingMatches held_back;                 ///< of these, those that no adjustment has seen: a tenth.
-  std::optional<double> adjusted_noise_px;   ///< standard deviation of the other matches' errors ...
-  std::optional<double> held_back_noise_px;  ///< ... and of those held back.
-  std::optional<double> match_noise_px;      ///< of right ones among all matches, verified or not.
-  double overdispersion = 1;                 ///< by how much logarithms of likelihoods are too large.
+  double bound_px = 0;                      ///< distance from its epipolar line at which a match agrees.
+  AgreeingMatches verified;                 ///< of the object, between placed photos.
+  AgreeingMatches held_back;                ///< of these, those that no adjustment has seen: a tenth.
+  std::optional<double> adjusted_noise_px;  ///< standard deviation of the other matches' errors ...
+  std::optional<double>
+      held_back_noise_px;                ///< ... and of those held back, as half of the right ones tell it.
+  int held_back_sets = 0;                ///< of keypoints that these tie together: each errs by itself.
+  std::optional<double> match_noise_px;  ///< of right ones among all matches, verified or not.
+  double overdispersion = 1;             ///< by how much logarithms of likelihoods are too large.
 
   AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
   /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
