@@ -52,10 +52,6 @@ def counts(runs, name):
     return digits(value) + (f' of {digits(of)}' if of else '')
 
 
-def mark(runs):
-    return ' †' if any(run['recorded'] == 'by hand' for run in runs) else ''
-
-
 def provenance(runs):
     return f'{runs[0]["machine"]["name"]}, {", ".join(sorted({run["commit"][:7] for run in runs}))}'
 
@@ -88,7 +84,7 @@ class Results:
 
 def name_cell(scene, variant, runs):
     failed = sum(run['exit_code'] != 0 for run in runs)
-    text = scene + (f', {variant}' if variant else '') + mark(runs)
+    text = scene + (f', {variant}' if variant else '')
     return text + (f' (FAILED: {failed} of {len(runs)})' if failed else '')
 
 
@@ -250,8 +246,7 @@ def page(r, notes, written=None):
              '    tests/bench/run.py --gpu --program s2gs --tools FOLDER --data FOLDER      # the GPU half, on a bare node', '',
              'Scenes and how the made-up ones are rendered: `tests/bench/scenes.json`. Lengths are in % of the object\'s diameter. Chamfer-L1 =',
              '(mean accuracy + mean completeness) / 2, exact distances of samples of one surface to the triangles of the other; "to samples" is',
-             'the older figure, which has a floor of about .1 %. Several seeds: median (range). † recorded by hand when the figure was measured,',
-             'not by run.py; its file says from where. CPU seconds are of all threads.', '',
+             'the older figure, which has a floor of about .1 %. Several seeds: median (range). CPU seconds are of all threads.', '',
              '## Photos to poses', '', *poses_table(r),
              '## Photos to mesh', '', *scan_table(r, 'scan'),
              '## Training with exact poses: photos never seen', '', *train_table(r)]
@@ -389,15 +384,16 @@ def readme_block(r):
     """The table of README.md; what is not measured says so."""
     known = lambda text: text or 'not measured'
     card = lambda runs: re.sub('NVIDIA | .*', '', runs[0]['machine']['gpu'] or '') if runs else 'GPU'
-    poses, other = r.one('poses', 'falcon_desk'), r.one('poses', 'falcon_desk', 'COLMAP 3.8, perfect masks')
+    poses = r.one('poses', 'falcon_desk')
+    other = next((runs for _, variant, runs in r.of('poses', 'falcon_desk', gpu=False) if variant.endswith('perfect masks')), [])
     gpu, cpu, example = r.one('scan', 'falcon_desk', gpu=True), r.one('scan', 'falcon_desk'), r.one('scan', 'example')
     example_poses = r.one('poses', 'example')
     rows = [['images placed', known(counts(poses, 'registered')), '']]
     for title, name in (('camera rotation, median / max [°]', 'object_rot_deg'), ('camera centre, median / max, % of the object', 'object_centre_pct')):
         theirs = cell(other, f'{name}.median', f'{name}.max')
         rows.append([title, known(cell(poses, f'{name}.median', f'{name}.max')), f'COLMAP with perfect masks: {theirs}' if theirs else ''])
-    theirs = cell(other, 'wall_seconds')
-    rows.append(['photos to poses, 2 CPU cores', known(time_cell(poses) if poses else ''), f'COLMAP with perfect masks: {theirs} s' if theirs else ''])
+    theirs = time_cell(other) if other else ''
+    rows.append(['photos to poses, 2 CPU cores', known(time_cell(poses) if poses else ''), f'COLMAP with perfect masks: {theirs}' if theirs else ''])
     for title, runs in ((f'one {card(gpu)} and 16 CPU cores', gpu), ('2 CPU cores, `--quality low`', cpu),
                         ('the shipped 60 photos of 400 × 400, 2 CPU cores', example)):
         surface = ', '.join(f'{label} {text}' for label, text in (

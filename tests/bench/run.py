@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
 """Measures: runs suites over scenes and seeds, leaves one small JSON a run, and writes BENCHMARK.md anew.
 
-usage: run.py [SUITE ...] [--scenes NAME ...] [--seeds N ...] [--gpu] [--program S2GS] [--tools FOLDER] [--python PYTHON]
+usage: run.py [SUITE ...] [--scenes NAME ...] [--variants WORD] [--seeds N ...] [--gpu] [--program S2GS] [--tools FOLDER] [--python PYTHON]
               [--data FOLDER] [--results FOLDER] [--work FOLDER] [--again] [--commit TEXT] [--no_report]
 
   kernels  times of a training step and of fusion (step_bench or gpu_step_bench, tsdf_bench; in --tools)
   train    exact poses to a model, photos never seen: in mode s2gs, and in mode masks with perfect masks
   mesh     the models of `train` to masks, depth and mesh, scored against the truth
-  poses    photos to poses: automatic_scanner --until split, scored against the truth
+  poses    photos to poses: automatic_scanner --until split, scored against the truth; of falcon_desk also by COLMAP
+           alone with perfect masks
   scan     photos to mesh: automatic_scanner, scored against the truth
+  safety   hostile cases in full, killed scans, fuzz targets (which need clang): no scenes, CPU only
 Without suite names the half of BENCHMARK.md that this machine can make: all of them, or with --gpu the first three.
 Without --scenes those of SUITES; those that are not there are named at the end. A scene is looked for in DATA/NAME, then
 where scenes.json says. The program is that of build/cpu or build/tests. What is written in Python needs what
@@ -46,6 +48,10 @@ SUITES = {
                'vase', 'dome', 'hand', 'shiny', 'falcon_desk'],) * 2,
     'scan': (['example', 'box_small', 'falcon_desk'], ['falcon_desk', 'knot', 'box', 'rock', 'vase', 'flowerpot']),
 }
+SAFETY = ['hostile', 'kills', 'fuzz']  # parts of suite `safety`
+BESIDE_COLMAP = ['falcon_desk']  # whose poses COLMAP alone is measured at, too: minutes each
+# Enough for what a change broke to show; a fault of chance needs nights.
+KILLS, FUZZ_SECONDS = 20, 25
 ON_BARE_NODE = ('kernels', 'train', 'mesh')
 BUILDS = [scenes.REPOSITORY / 'build' / name for name in ('cpu', 'tests')]
 HERE = scenes.HERE
@@ -230,6 +236,30 @@ def scan(session, suite, name, scene, seed, until):
 
 def poses(session, name, scene, seed):
     yield '', lambda: scan(session, 'poses', name, scene, seed, 'split')
+    version = re.search(r'COLMAP (\S+)', first_line(['colmap', '-h']))
+    if name in BESIDE_COLMAP and version and seed == 0:  # COLMAP has no seed of ours
+        yield f'COLMAP {version[1]}, perfect masks', lambda: colmap_alone(session, name, scene)
+
+
+def colmap_alone(session, name, scene):
+    """Poses of what turns by COLMAP itself, which sees it alone: all pairs, one camera, the model of most photos."""
+    exact = exact_workspace(session, name, scene, 'masks')
+    workspace = session.folder('poses', name, 0, 'colmap')
+    shutil.rmtree(workspace, ignore_errors=True)
+    (workspace / 'models').mkdir(parents=True)
+    database, log = workspace / 'database.db', workspace / 'log.txt'
+    os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
+    session.call('colmap', 'feature_extractor', '--database_path', database, '--image_path', exact / 'images', '--ImageReader.mask_path',
+                 exact / 'masks', '--ImageReader.single_camera', 1, '--SiftExtraction.use_gpu', 0, log=log)
+    session.call('colmap', 'exhaustive_matcher', '--database_path', database, '--SiftMatching.use_gpu', 0, log=log)
+    session.call('colmap', 'mapper', '--database_path', database, '--image_path', exact / 'images', '--output_path',
+                 workspace / 'models', log=log)
+    models = list((workspace / 'models').iterdir())
+    if not models:
+        raise Failed(1)
+    (workspace / 'sparse').mkdir()
+    shutil.copytree(max(models, key=lambda model: (model / 'images.bin').stat().st_size), workspace / 'sparse/0')
+    return {name: value for name, value in score(session, workspace, scene).items() if value is not None}
 
 
 def whole_scan(session, name, scene, seed):
@@ -329,6 +359,46 @@ def kernels(session, name, scene, seed):
 RUNNERS = {'poses': poses, 'scan': whole_scan, 'train': train, 'mesh': mesh, 'kernels': kernels}
 
 
+# --- Safety: not of a scene, and written by the programs that measure it --------------------------------------
+
+def fuzz_targets(session):
+    """The folder of the built targets; None where clang is not there or they do not compile."""
+    build = scenes.REPOSITORY / 'build/fuzz'
+    if not shutil.which('clang++'):
+        return None
+    steps = (['cmake', '--preset', 'fuzz'], ['cmake', '--build', '--preset', 'fuzz', '-j', str(session.machine['cores'])])
+    for step in steps:
+        with open(session.work / 'fuzz_build.txt', 'a') as log:
+            if subprocess.run(step, cwd=scenes.REPOSITORY, stdout=log, stderr=subprocess.STDOUT).returncode != 0:
+                return None
+    return build
+
+
+def run_safety(session, parts):
+    """The number of parts that found a fault. Their results are those of the programs' --record."""
+    tests, example = scenes.REPOSITORY / 'tests', scenes.REPOSITORY / 'examples/falcon_desk/images'
+    failures = 0
+    for part in parts:
+        print(f'{time.strftime("%H:%M:%S")} safety: {part}', flush=True)
+        began = time.monotonic()
+        if part == 'hostile':
+            command = [tests / 'hostile/run.py', session.args.program, '--full']
+        elif part == 'kills':
+            command = [tests / 'bench/scan_kill_test.py', session.args.program, example, session.work / 'kills', '--kills', KILLS,
+                       '--keep', 's1_a', '--iterations', 60, '--size', 48, '--share_features', '--variant', '20 photos of 400 px']
+        elif build := fuzz_targets(session):
+            command = [tests / 'fuzz/run.py', build, '--seconds', FUZZ_SECONDS]
+        else:
+            session.left_out.append(f'safety fuzz: clang++ is not there or the targets do not compile ({session.work}/fuzz_build.txt)')
+            continue
+        python = session.python('numpy, cv2') if part == 'hostile' else sys.executable
+        code = subprocess.run([str(word) for word in (python, *command, '--record')], stdout=open(session.work / f'{part}.txt', 'w'),
+                              stderr=subprocess.STDOUT).returncode
+        failures += code != 0
+        print(f'  {"FAILED: " if code else ""}{session.work}/{part}.txt, {time.monotonic() - began:.0f} s', flush=True)
+    return failures
+
+
 # --- Bookkeeping --------------------------------------------------------------------------------------------
 
 def is_done(folder, stub):
@@ -373,6 +443,8 @@ def run_suite(session, suite, names, seeds):
                 print(note, flush=True)
         for seed in seeds:
             for variant, measure in RUNNERS[suite](session, name, scene, seed):
+                if session.args.variants not in variant:
+                    continue
                 stub = {'suite': suite, 'scene': name, 'variant': variant, 'seed': seed, 'commit': session.commit,
                         'machine': session.machine, 'data_hash': session.hashes[name]}
                 if not session.args.again and is_done(session.args.results, stub):
@@ -405,6 +477,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('suites', nargs='*', metavar='SUITE')
     parser.add_argument('--scenes', nargs='+', choices=sorted(scenes.read_scenes()))
+    parser.add_argument('--variants', default='', metavar='WORD', help='of a scene, only those whose name has this')
     parser.add_argument('--seeds', nargs='+', type=int, default=[0])
     parser.add_argument('--gpu', action='store_true')
     parser.add_argument('--program', type=pathlib.Path)
@@ -418,9 +491,10 @@ def main():
     parser.add_argument('--machine', help="the machine's name in the results")
     parser.add_argument('--no_report', action='store_true', help='leave BENCHMARK.md and README.md as they are')
     args = parser.parse_args()
-    if unknown := [name for name in args.suites if name not in RUNNERS]:
-        parser.error(f'no suite {unknown[0]}: {", ".join(RUNNERS)}')
-    suites = args.suites or [name for name in SUITES if not args.gpu or name in ON_BARE_NODE]
+    known = [*SUITES, 'safety']
+    if unknown := [name for name in args.suites if name not in known]:
+        parser.error(f'no suite {unknown[0]}: {", ".join(known)}')
+    suites = args.suites or [name for name in known if not args.gpu or name in ON_BARE_NODE]
     check_programs(args, suites)
     session = Session(args)
     session.work.mkdir(parents=True, exist_ok=True)
@@ -428,7 +502,10 @@ def main():
     failures, took = 0, []
     for suite in suites:
         began = time.monotonic()
-        failures += run_suite(session, suite, args.scenes or SUITES[suite][bool(args.gpu)], args.seeds)
+        if suite == 'safety':
+            failures += run_safety(session, SAFETY)
+        else:
+            failures += run_suite(session, suite, args.scenes or SUITES[suite][bool(args.gpu)], args.seeds)
         took.append(f'{suite} {time.monotonic() - began:.0f} s')
     print('; '.join(took), *(f'left out: {one}' for one in session.left_out), sep='\n', flush=True)
     if not args.no_report and args.results.resolve() == results.RESULTS:
