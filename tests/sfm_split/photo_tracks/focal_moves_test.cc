@@ -89,7 +89,7 @@ class FocalMoves : public testing::Test {
     JointReport joint;
     joint.sigma_px = 0.3;
     joint.focal_sigma_px = {focal_sigma_px};
-    const std::vector<AlignedTrack> tracks = Tracks(aligned_);
+    std::vector<AlignedTrack> tracks = Tracks(aligned_);
     HeldBackKeypoints none;
     for (const ScanImage& image : features_.images) none.emplace_back(image.keypoints.size(), false);
     Reporter reporter;

@@ -13,7 +13,8 @@ TEST(UnmovedKeypoints, FollowTheCommonShift) {
   Keypoints first;
   Keypoints second;
   for (int k = 0; k < 50; ++k) {
-    first.emplace_back(static_cast<float>(13 * (k % 10) + 20), static_cast<float>(17 * (k / 10) + 30));
+    const int row = k / 10;
+    first.emplace_back(static_cast<float>(13 * (k % 10) + 20), static_cast<float>(17 * row + 30));
     second.push_back(first.back() + Eigen::Vector2f(3.25F, -2.5F));
   }
   second[7] += Eigen::Vector2f(4, 0);  // moved
