@@ -17,6 +17,7 @@
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/circular_motion/circular_scene.h"
+#include "sfm_split/placement/joined_stations.h"
 #include "sfm_split/placement/one_camera.h"
 
 namespace s2gs {
@@ -234,10 +235,22 @@ void TurntableMapper::PlaceOneBody(const ReadDescriptors& read_descriptors,
   output_.WriteOneBody(objects);
 }
 
+void TurntableMapper::JoinStations(const std::vector<ColmapModel>& objects,
+                                   const ReadDescriptors& read_descriptors, Steadied* steadied,
+                                   ScanPlacement* placement) {
+  std::optional<JoinedScan> joined =
+      PlaceWithStationsJoined(FeaturesOf(*steadied), *placement, objects, read_descriptors,
+                              PhotosOf(steadied->cameras), settings_.placement, reporter_);
+  if (!joined) return;
+  output_.report()["stations_joined"] = joined->finding;
+  (steadied->features ? *steadied->features : input_.features) = std::move(joined->features);
+  *placement = std::move(joined->placement);
+}
+
 void TurntableMapper::PlaceWithModels(const ReadDescriptors& read_descriptors,
                                       std::vector<ColmapModel> objects,
                                       std::vector<ColmapModel> backgrounds) {
-  const Steadied steadied = Steady(objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
+  Steadied steadied = Steady(objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
   steadied.Steady(&objects);
   steadied.Steady(&backgrounds);
   SayTurn(steadied);
@@ -245,6 +258,7 @@ void TurntableMapper::PlaceWithModels(const ReadDescriptors& read_descriptors,
       PlaceScan(FeaturesOf(steadied), objects, backgrounds.empty() ? nullptr : backgrounds.data(),
                 read_descriptors, PhotosOf(steadied.cameras), settings_.placement, reporter_);
   if (placement.outcome == PlacementOutcome::kPlaced) {
+    if (backgrounds.empty()) JoinStations(objects, read_descriptors, &steadied, &placement);
     WritePlaced(steadied, &placement);
     return;
   }

@@ -80,6 +80,8 @@ class TurntableMapper {
   void SayTurn(const Steadied& steadied);
   void PlaceWithModels(const ReadDescriptors& read_descriptors, std::vector<ColmapModel> objects,
                        std::vector<ColmapModel> backgrounds);
+  void JoinStations(const std::vector<ColmapModel>& objects, const ReadDescriptors& read_descriptors,
+                    Steadied* steadied, ScanPlacement* placement);
   void PlaceOneBody(const ReadDescriptors& read_descriptors, const std::vector<ColmapModel>& objects);
   bool PlaceBeforeCamera(const ReadDescriptors& read_descriptors, const std::vector<ColmapModel>& objects);
   void WritePlaced(const Steadied& steadied, ScanPlacement* placement);

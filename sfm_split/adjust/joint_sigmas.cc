@@ -181,6 +181,11 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     return largest + VarianceByPull(observability, of_all);
   };
   const Vector3d axis_direction = problem.AxisDirection();
+  // A camera's rotation is exp(w) R.
+  const auto add_turn_of_camera = [&](int pose, Weights* weights) {
+    const Vector3d in_camera = problem.cam_from_world[static_cast<size_t>(pose)].rotation * axis_direction;
+    for (int k = 0; k < 3; ++k) weights->push_back({{system.PoseBlock(pose), k}, in_camera(k)});
+  };
   std::vector<int> images_of_pose(problem.cam_from_world.size(), 0);
   for (const JointImage& image : problem.images) ++images_of_pose[static_cast<size_t>(image.pose)];
   const bool has_background =
@@ -196,17 +201,19 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
     } else {
       weights.push_back({{system.AngleBlock(static_cast<int>(i)), 0}, 1.0});
       if (!has_background && images_of_pose[static_cast<size_t>(pose)] == 1) {
-        // A camera of its own, exp(w) R, whose turn about the axis nothing tells: that of the object against
-        // it.
-        const Vector3d in_camera =
-            problem.cam_from_world[static_cast<size_t>(pose)].rotation * axis_direction;
-        for (int k = 0; k < 3; ++k) weights.push_back({{system.PoseBlock(pose), k}, in_camera(k)});
+        // A camera of its own whose turn about the axis nothing tells: that of the object against it.
+        add_turn_of_camera(pose, &weights);
       }
     }
     const double of_angle = variance_of(weights);
     // What a prior says of the angles inside a station, it says as well where nothing ties the station.
     const bool is_tied = system.IsTied(pose) || (!problem.free_object && weights.size() > 1);
     report->angle_sigma_deg.push_back(is_tied ? std::sqrt(of_angle) * 180 / kPi : kInfinity);
+    if (problem.free_object) {
+      Weights against_camera = weights;
+      add_turn_of_camera(pose, &against_camera);
+      report->turn_sigma_deg.push_back(std::sqrt(variance_of(against_camera)) * 180 / kPi);
+    }
     const bool has_prior = of_priors.size() > 0 && of_angle > 0;
     report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);
   }

@@ -535,6 +535,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
     if (std::isinf(sigma) && aligned.background.images.empty() && v < scene.views.size()) {
       const auto found = findings.turn_sigma_deg.find(scene.views[v].station);
       if (found != findings.turn_sigma_deg.end()) sigma = found->second;
+      if (v < joint.turn_sigma_deg.size()) sigma = joint.turn_sigma_deg[v];
     }
     if (sigma > 0) sigmas.push_back(sigma);
   }

@@ -115,6 +115,44 @@ TEST(JointBa, TheAxisOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) 
   EXPECT_THAT(std::sqrt(axis), testing::AllOf(testing::Ge(0.6), testing::Le(1.7)));
 }
 
+// Without a background nothing tells the table's angle from station to station; how an object with poses of
+// its own is turned before each camera its points tell all the same.
+TEST(JointBa, TheTurnOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) {
+  double squares = 0;
+  int images = 0;
+  for (uint32_t seed = 0; seed < 6; ++seed) {
+    JointScene scene;
+    scene.stations = 2;
+    scene.background_points = 0;
+    scene.noise_px = 0.5;
+    scene.Build(700 + seed);
+    Reporter reporter;
+    JointOptions options;
+    options.model = JointModel::kFreeObject;
+    options.num_threads = 2;
+    const JointReport report = AdjustJointly(options, reporter, &scene.start);
+    ASSERT_EQ(report.turn_sigma_deg.size(), scene.start.images.size());
+    const auto cam_from_object = [](const JointProblem& problem, size_t i) {
+      const Rigid3& pose = problem.cam_from_world[static_cast<size_t>(problem.images[i].pose)];
+      return Matrix3d((pose * problem.WorldFromObject(static_cast<int>(i))).rotation);
+    };
+    const auto moved = [&](size_t i) {
+      return Matrix3d(cam_from_object(scene.start, i).transpose() * cam_from_object(scene.truth, i));
+    };
+    const Matrix3d frame = moved(static_cast<size_t>(scene.start.reference));
+    for (size_t i = 0; i < scene.start.images.size(); ++i) {
+      if (!std::isinf(report.angle_sigma_deg[i])) continue;
+      const double error =
+          AngleAbout(scene.truth.AxisDirection(), Matrix3d(moved(i) * frame.transpose())) / kDegree;
+      squares += std::pow(error / report.turn_sigma_deg[i], 2);
+      ++images;
+    }
+  }
+  ASSERT_GT(images, 30);
+  // .74 of 72.
+  EXPECT_THAT(std::sqrt(squares / images), testing::AllOf(testing::Ge(0.5), testing::Le(1.5)));
+}
+
 // Matches of highlights, which lie to one side of the true ones in the later photo of two: what they pull by
 // is no matter of chance, but stands in the axis' standard deviation.
 TEST(JointBa, TheAxisIsWrongByNoMoreThanItSaysWhenWrongTracksAllPullToOneSide) {

@@ -523,6 +523,8 @@ TEST(ScanEvidence, StationsWithoutABackgroundAreAsSureAsTheObjectTells) {
   EXPECT_TRUE(std::isinf(worst(findings)));
   findings.turn_sigma_deg[1] = 0.2;
   EXPECT_EQ(worst(findings), 0.2);
+  joint.turn_sigma_deg.assign(aligned.scene.views.size(), 0.3);  // of an object whose poses are free
+  EXPECT_EQ(worst(findings), 0.3);
   aligned.background = SyntheticStaticModel(scan.turntable);
   EXPECT_TRUE(std::isinf(worst(findings)));
 }
