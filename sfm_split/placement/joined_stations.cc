@@ -123,7 +123,7 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
   };
   JoinedScan joined;
   joined.features = features;
-  std::set<int> left(stations->begin(), stations->end());
+  const std::set<int> left(stations->begin(), stations->end());
   int num_moved = 0;
   for (size_t i = 0; i < stations->size(); ++i) {
     ScanImage& image = joined.features.images[i];
@@ -132,6 +132,13 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
     image.photo_from_first.setIdentity();
     ++num_moved;
   }
+  // Of the background between stations.
+  const auto is_inside = [&](const ImagePairMatches& pair) {
+    return (*stations)[static_cast<size_t>(pair.image1)] == (*stations)[static_cast<size_t>(pair.image2)];
+  };
+  for (std::vector<ImagePairMatches>* pairs :
+       {&joined.features.static_pairs, &joined.features.raw_static_pairs})
+    pairs->erase(std::remove_if(pairs->begin(), pairs->end(), is_inside), pairs->end());
   joined.finding = std::to_string(num_moved) +
                    " photos belong to others' camera places by their poses: " + std::to_string(left.size()) +
                    " stations";
