@@ -124,16 +124,20 @@ ScanCandidate CircleRefinement::RefineWithin(const AlignedScene& aligned, const 
     return LikelihoodOfMatches(features_, candidate.aligned, likelihood_.pairs()).sigma_px;
   };
   ScanCandidate best = RefineSimplest(aligned, told);
+  double least_px = noise_px(best);
   Told narrower = told;
   narrower.bound_px = std::min(told.bound_px, refine_.max_error_px);
   while (best.is_usable) {
     narrower.bound_px *= kNarrower;
     narrower.sigma_px = std::min(told.sigma_px, narrower.bound_px / kAgreeingSigmas);
     ScanCandidate candidate = RefineSimplest(aligned, narrower);
-    if (!candidate.IsBetterThan(best) || !(noise_px(candidate) < noise_px(best))) break;
+    if (!candidate.IsBetterThan(best)) break;
+    const double now_px = noise_px(candidate);
+    if (!(now_px < least_px)) break;
     reporter_.Debug("within " + std::to_string(narrower.bound_px) + " px, log-likelihood " +
                     std::to_string(best.log_likelihood) + " > " + std::to_string(candidate.log_likelihood));
     best = std::move(candidate);
+    least_px = now_px;
   }
   return best;
 }

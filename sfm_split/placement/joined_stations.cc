@@ -1,8 +1,6 @@
 #include "sfm_split/placement/joined_stations.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <cmath>
 #include <iterator>
 #include <map>
 #include <set>
@@ -11,46 +9,25 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/evidence/scan_evidence.h"
 #include "sfm_split/evidence/verdict.h"
+#include "sfm_split/scene/axis_turn.h"
 
 namespace s2gs {
 namespace {
-
-using Eigen::Vector3d;
 
 // A table's plate wobbles by up to a degree; what a hand aims at strays by several.
 constexpr double kWobbleOfPlateDeg = 1;
 constexpr int kLeastOfStation = 6;  // photos: an axis and a place before it take three of them
 
-// A camera as it stands before the table, whatever the table's angle.
-struct Stand {
+// A photo's camera, as the object sees it.
+struct ObjectCamera {
   size_t image = 0;
-  double along = 0;   // the axis, from its point
-  double across = 0;  // from the axis
-  Eigen::Quaterniond rotation;
+  Rigid3 cam_from_object;
 };
 
-std::optional<Stand> StandOf(size_t image, const View& view, const TurntableAxis& axis) {
-  const Rigid3 pose = view.CamFromObject();
-  const Vector3d from_axis = CameraCentre(pose) - axis.point;
-  Stand stand;
-  stand.image = image;
-  stand.along = from_axis.dot(axis.direction);
-  const Vector3d out = from_axis - stand.along * axis.direction;
-  stand.across = out.norm();
-  if (!(stand.across > 0)) return std::nullopt;
-  // Object's axes that look at the camera.
-  Eigen::Matrix3d facing;
-  facing.col(0) = out / stand.across;
-  facing.col(2) = axis.direction;
-  facing.col(1) = facing.col(2).cross(facing.col(0));
-  stand.rotation = pose.rotation * Eigen::Quaterniond(facing);
-  return stand;
-}
-
-bool AreOne(const Stand& a, const Stand& b) {
-  const double reach = kWobbleOfPlateDeg * kDegree * std::hypot(a.along, a.across);
-  return std::abs(a.along - b.along) <= reach && std::abs(a.across - b.across) <= reach &&
-         a.rotation.angularDistance(b.rotation) <= kWobbleOfPlateDeg * kDegree;
+// But for the table's turn between them.
+bool StandAlike(const TurntableAxis& axis, const Rigid3& a, const Rigid3& b) {
+  const double turn_rad = AngleAboutAxis(axis, CameraCentre(a), CameraCentre(b));
+  return AreCamerasClose(axis, a * TurnAbout(axis, -turn_rad), b, kWobbleOfPlateDeg * kDegree);
 }
 
 }  // namespace
@@ -67,22 +44,20 @@ std::optional<std::vector<int>> StationsByPoses(const ScanFeatures& features, co
   const auto is_small = [&](size_t image) {
     return size_of_station.at(features.images[image].station) < kLeastOfStation;
   };
-  std::vector<Stand> stands;
-  for (const View& view : scene.views) {
-    if (const auto stand = StandOf(image_of_name.at(view.name), view, scene.axis)) stands.push_back(*stand);
-  }
-  std::vector<std::vector<size_t>> near(stands.size());  // of small stations, itself as well
-  std::vector<std::set<int>> large_near(stands.size());  // stations
+  std::vector<ObjectCamera> cameras;
+  for (const View& view : scene.views) cameras.push_back({image_of_name.at(view.name), view.CamFromObject()});
+  std::vector<std::vector<size_t>> near(cameras.size());  // of small stations, itself as well
+  std::vector<std::set<int>> large_near(cameras.size());  // stations
   std::set<size_t> open;
-  for (size_t s = 0; s < stands.size(); ++s) {
-    if (!is_small(stands[s].image)) continue;
+  for (size_t s = 0; s < cameras.size(); ++s) {
+    if (!is_small(cameras[s].image)) continue;
     open.insert(s);
-    for (size_t t = 0; t < stands.size(); ++t) {
-      if (!AreOne(stands[s], stands[t])) continue;
-      if (is_small(stands[t].image)) {
+    for (size_t t = 0; t < cameras.size(); ++t) {
+      if (!StandAlike(scene.axis, cameras[s].cam_from_object, cameras[t].cam_from_object)) continue;
+      if (is_small(cameras[t].image)) {
         near[s].push_back(t);
       } else {
-        large_near[s].insert(features.images[stands[t].image].station);
+        large_near[s].insert(features.images[cameras[t].image].station);
       }
     }
   }
@@ -99,9 +74,9 @@ std::optional<std::vector<int>> StationsByPoses(const ScanFeatures& features, co
     for (const size_t s : most) large.insert(large_near[s].begin(), large_near[s].end());
     const bool is_told =
         large.size() == 1 || (large.empty() && static_cast<int>(most.size()) >= kLeastOfStation);
-    const int station = large.empty() ? features.images[stands[most[0]].image].station : *large.begin();
+    const int station = large.empty() ? features.images[cameras[most[0]].image].station : *large.begin();
     for (const size_t s : most) {
-      if (is_told && std::exchange(stations[stands[s].image], station) != station) has_changed = true;
+      if (is_told && std::exchange(stations[cameras[s].image], station) != station) has_changed = true;
       open.erase(s);
     }
   }
@@ -116,10 +91,9 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
                                                   const PlacementOptions& options, Reporter& reporter) {
   const std::optional<std::vector<int>> stations = StationsByPoses(features, placed.best.aligned.scene);
   if (!stations) return std::nullopt;
-  const auto judge = [&](const ScanFeatures& of, const ScanCandidate& best) {
-    return JudgeScan(GatherEvidence(of, best.aligned, best.refined.joint, best.refined.held_back,
-                                    best.matches, options.refine.max_error_px))
-        .verdict;
+  const auto gather = [&](const ScanFeatures& of, const ScanCandidate& best) {
+    return GatherEvidence(of, best.aligned, best.refined.joint, best.refined.held_back, best.matches,
+                          options.refine.max_error_px);
   };
   JoinedScan joined;
   joined.features = features;
@@ -146,9 +120,11 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
   joined.placement =
       PlaceScan(joined.features, objects, nullptr, read_descriptors, read_photo, options, reporter);
   if (joined.placement.outcome == PlacementOutcome::kPlaced &&
-      joined.placement.best.aligned.scene.views.size() >= placed.best.aligned.scene.views.size() &&
-      judge(joined.features, joined.placement.best) <= judge(features, placed.best))
-    return joined;
+      joined.placement.best.aligned.scene.views.size() >= placed.best.aligned.scene.views.size()) {
+    joined.placement.evidence = gather(joined.features, joined.placement.best);
+    if (JudgeScan(*joined.placement.evidence).verdict <= JudgeScan(gather(features, placed.best)).verdict)
+      return joined;
+  }
   reporter.Info("which the adjustment does not bear out");
   return std::nullopt;
 }

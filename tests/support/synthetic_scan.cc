@@ -64,6 +64,12 @@ std::vector<PosedImage> TruePosesOfObject(const SyntheticTurntable& turntable) {
   return posed;
 }
 
+std::map<std::string, int> StationsOf(const ScanFeatures& features) {
+  std::map<std::string, int> stations;
+  for (const ScanImage& image : features.images) stations[image.name] = image.station;
+  return stations;
+}
+
 std::vector<Keypoints> KeypointsOf(const ScanFeatures& features) {
   std::vector<Keypoints> keypoints;
   for (const ScanImage& image : features.images) keypoints.push_back(image.keypoints);

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "sfm_split/adjust/track_triangulation.h"
@@ -13,6 +15,9 @@ namespace s2gs {
 /// What a split would know of a synthetic turntable: true labels, all rotating matches, the static ones
 /// between the stations' first images; outliers go where their first keypoint belongs.
 ScanFeatures SyntheticScanFeatures(const SyntheticTurntable& turntable);
+
+/// By name.
+std::map<std::string, int> StationsOf(const ScanFeatures& features);
 
 /// Where the object's images truly stand, for triangulation; the poses refer to the turntable's cameras.
 std::vector<PosedImage> TruePosesOfObject(const SyntheticTurntable& turntable);

@@ -45,9 +45,7 @@ class FocalMoves : public testing::Test {
     for (const auto& [id, image] : object.images)
       distance += image.cam_from_world.translation.z() / static_cast<double>(object.images.size());
     for (auto& [id, image] : object.images) image.cam_from_world.translation.z() += (factor - 1) * distance;
-    std::map<std::string, int> stations;
-    for (const ScanImage& image : features_.images) stations[image.name] = image.station;
-    AlignedScene aligned = AlignScene(object, nullptr, stations);
+    AlignedScene aligned = AlignScene(object, nullptr, StationsOf(features_));
     EXPECT_EQ(aligned.scene.views.size(), turntable_.scene.views.size());
     return aligned;
   }

@@ -61,9 +61,7 @@ struct Scan {
     }
     const ColmapModel object = SyntheticObjectModel(turntable);
     const ColmapModel background = SyntheticStaticModel(turntable);
-    std::map<std::string, int> stations;
-    for (const ScanImage& image : features.images) stations[image.name] = image.station;
-    aligned = AlignScene(object, &background, stations);
+    aligned = AlignScene(object, &background, StationsOf(features));
     Reporter reporter;
     refined = RefineScan(features, &object, {}, {}, reporter, &aligned);
   }

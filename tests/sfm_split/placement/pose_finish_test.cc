@@ -35,11 +35,9 @@ class PoseFinishTest : public testing::Test {
 
   // How often photos are read where the adjustment states these standard deviations.
   int NumReads(double axis_deg, const std::vector<double>& angles_deg) const {
-    std::map<std::string, int> stations;
-    for (const ScanImage& image : features_.images) stations[image.name] = image.station;
     ScanPlacement result;
     result.best.is_usable = true;
-    result.best.aligned = AlignScene(SyntheticObjectModel(turntable_), nullptr, stations);
+    result.best.aligned = AlignScene(SyntheticObjectModel(turntable_), nullptr, StationsOf(features_));
     result.best.refined.model = JointModel::kSharedStations;
     result.best.refined.joint.sigma_px = 0.3;
     result.best.refined.joint.axis_direction_sigma_deg = axis_deg;

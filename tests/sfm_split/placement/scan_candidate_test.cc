@@ -32,10 +32,8 @@ TEST(ScanCandidate, AUsableOneBeatsWhatIsNot) {
 }
 
 ScanCandidate Adjusted(const ScanFeatures& features, const ColmapModel& object) {
-  std::map<std::string, int> stations;
-  for (const ScanImage& image : features.images) stations[image.name] = image.station;
   ScanCandidate candidate;
-  candidate.aligned = AlignScene(object, nullptr, stations);
+  candidate.aligned = AlignScene(object, nullptr, StationsOf(features));
   if (candidate.aligned.scene.views.empty()) return candidate;
   Reporter reporter;
   candidate.refined = RefineScan(features, &object, JointOptions(), {}, reporter, &candidate.aligned);

@@ -37,9 +37,8 @@ TEST_P(SceneConsistency, AnglesPosesAndModelsAgree) {
   const ScanFeatures features = SyntheticScanFeatures(turntable);
   const ColmapModel object = SyntheticObjectModel(turntable);
   const ColmapModel background = SyntheticStaticModel(turntable);
-  std::map<std::string, int> stations;
-  for (const ScanImage& image : features.images) stations[image.name] = image.station;
-  AlignedScene aligned = AlignScene(object, GetParam().has_background ? &background : nullptr, stations);
+  AlignedScene aligned =
+      AlignScene(object, GetParam().has_background ? &background : nullptr, StationsOf(features));
   JointOptions joint;
   joint.model = GetParam().model;
   RefineOptions refine;

@@ -68,12 +68,6 @@ inline Figures Measure(const SyntheticTurntable& turntable, const AlignedScene& 
   return figures;
 }
 
-inline std::map<std::string, int> StationsOf(const ScanFeatures& features) {
-  std::map<std::string, int> stations;
-  for (const ScanImage& image : features.images) stations[image.name] = image.station;
-  return stations;
-}
-
 /// Leaves the first points of a model alone.
 inline void KeepPoints(size_t count, ColmapModel* model) {
   while (model->points3D.size() > count) model->points3D.erase(std::prev(model->points3D.end()));
