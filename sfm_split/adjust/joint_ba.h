@@ -89,8 +89,8 @@ struct JointReport {
   double axis_point_sigma = -1;  ///< across the axis, the worse direction, world units.
   /// Per image; 0 where held, infinite where no background point ties its station to the reference's.
   std::vector<double> angle_sigma_deg;
-  /// Per image, of the object's turn about the axis against the camera, which its points tell where nothing
-  /// tells the table's angle; empty unless the object's poses are free.
+  /// Per image, of the object's turn about the axis against the camera, to that at the reference: its points
+  /// tell it where nothing tells the table's angle.
   std::vector<double> turn_sigma_deg;
   std::vector<double> focal_sigma_px;  ///< per camera; 0 where held.
   /// Shares of the variances that come from priors (JointPriors), as the above; 0 without. Of an angle whose

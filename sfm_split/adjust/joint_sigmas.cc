@@ -200,20 +200,18 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
         weights.push_back({{system.ObjectPoseBlock(static_cast<int>(i)), k}, axis_direction(k)});
     } else {
       weights.push_back({{system.AngleBlock(static_cast<int>(i)), 0}, 1.0});
-      if (!has_background && images_of_pose[static_cast<size_t>(pose)] == 1) {
-        // A camera of its own whose turn about the axis nothing tells: that of the object against it.
-        add_turn_of_camera(pose, &weights);
-      }
     }
+    Weights against_camera = weights;
+    add_turn_of_camera(pose, &against_camera);
+    // A camera of its own whose turn about the axis nothing tells: that of the object against it.
+    const bool is_alone =
+        !problem.free_object && !has_background && images_of_pose[static_cast<size_t>(pose)] == 1;
+    if (is_alone) weights = against_camera;
     const double of_angle = variance_of(weights);
     // What a prior says of the angles inside a station, it says as well where nothing ties the station.
-    const bool is_tied = system.IsTied(pose) || (!problem.free_object && weights.size() > 1);
-    report->angle_sigma_deg.push_back(is_tied ? std::sqrt(of_angle) * 180 / kPi : kInfinity);
-    if (problem.free_object) {
-      Weights against_camera = weights;
-      add_turn_of_camera(pose, &against_camera);
-      report->turn_sigma_deg.push_back(std::sqrt(variance_of(against_camera)) * 180 / kPi);
-    }
+    report->angle_sigma_deg.push_back(system.IsTied(pose) || is_alone ? std::sqrt(of_angle) * 180 / kPi
+                                                                      : kInfinity);
+    report->turn_sigma_deg.push_back(std::sqrt(variance_of(against_camera)) * 180 / kPi);
     const bool has_prior = of_priors.size() > 0 && of_angle > 0;
     report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);
   }

@@ -25,10 +25,12 @@ double EvenDensity(double extent) { return 1 / (4 * extent * extent); }
 
 }  // namespace
 
+Eigen::Vector2d TurnBetween(double angle1_rad, double angle2_rad) {
+  return {std::cos(angle2_rad) - std::cos(angle1_rad), std::sin(angle2_rad) - std::sin(angle1_rad)};
+}
+
 Eigen::Vector2d TurnBetween(int place1, int place2, int num_photos) {
-  const double angle1 = 2 * kPi * place1 / num_photos;
-  const double angle2 = 2 * kPi * place2 / num_photos;
-  return {std::cos(angle2) - std::cos(angle1), std::sin(angle2) - std::sin(angle1)};
+  return TurnBetween(2 * kPi * place1 / num_photos, 2 * kPi * place2 / num_photos);
 }
 
 double OrbitingThing::Density(const MatchMove& move) const {
@@ -84,8 +86,10 @@ OrbitingThing FindOrbitingThing(const std::vector<MatchMove>& far_moves, double 
     orbit.sigma_px = std::clamp(std::sqrt(sum_squares / (2 * sum)), 1.0, kOrbitPx);
     share = sum / static_cast<double>(far_moves.size());
   }
-  if (gain > 0.5 * kOrbitUnknowns * std::log(static_cast<double>(far_moves.size())) + kCertain)
+  if (gain > 0.5 * kOrbitUnknowns * std::log(static_cast<double>(far_moves.size())) + kCertain) {
     orbit.share = share;
+    orbit.gain = gain;
+  }
   return orbit;
 }
 

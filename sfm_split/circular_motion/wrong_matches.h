@@ -8,18 +8,19 @@ namespace s2gs {
 /// How a match moved between two photos of a station.
 struct MatchMove {
   Eigen::Vector2d px = Eigen::Vector2d::Zero();
-  /// From the first photo's place on the unit circle to the second's, if the photos of the station closed a
-  /// turn.
+  /// From the first photo's place on the unit circle to the second's, at their angles of the table.
   Eigen::Vector2d turn = Eigen::Vector2d::Zero();
 };
 
-/// \param place1, place2  of the photos in their station, of num_photos.
+Eigen::Vector2d TurnBetween(double angle1_rad, double angle2_rad);
+/// The same if the photos of the station closed a turn. \param place1, place2  in the station, of num_photos.
 Eigen::Vector2d TurnBetween(int place1, int place2, int num_photos);
 
 /// A thing of revolution that stands beside the table's axis goes around it and does not seem to turn: its
 /// outline, its highlights and what texture repeats along it all move alike, px = image_from_turn * turn.
 struct OrbitingThing {
   double share = 0;  ///< of the moves that follow it; 0: there is none.
+  double gain = 0;   ///< logarithm of how much likelier the moves are than if they lay anywhere; 0: none.
   Eigen::Matrix2d image_from_turn = Eigen::Matrix2d::Zero();  ///< [px]
   double sigma_px = 1;                                        ///< of its moves, along each axis.
 
@@ -43,6 +44,9 @@ class WrongMatches {
 
   /// Density of a wrong match's epipolar error [1 / px], for a match that moved so. From several threads.
   double Chance(const MatchMove& move) const;
+
+  /// OrbitingThing::gain.
+  double OrbitGain() const { return orbit_.gain; }
 
  private:
   OrbitingThing orbit_;

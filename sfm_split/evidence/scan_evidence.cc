@@ -531,11 +531,16 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   for (size_t v = 0; v < joint.angle_sigma_deg.size(); ++v) {
     double sigma = joint.angle_sigma_deg[v];
     // Where no background ties a station to the reference's, the angle between them is anybody's choice, and
-    // how surely the object's matches tell its poses is what counts.
+    // how surely the object tells its poses is what counts: by its points, and where photos share a camera,
+    // by all matches of their station.
     if (std::isinf(sigma) && aligned.background.images.empty() && v < scene.views.size()) {
+      const double of_points = v < joint.turn_sigma_deg.size() ? joint.turn_sigma_deg[v] : 0;
       const auto found = findings.turn_sigma_deg.find(scene.views[v].station);
-      if (found != findings.turn_sigma_deg.end()) sigma = found->second;
-      if (v < joint.turn_sigma_deg.size()) sigma = joint.turn_sigma_deg[v];
+      if (found != findings.turn_sigma_deg.end()) {
+        sigma = std::max(found->second, of_points);
+      } else if (evidence.is_object_free && of_points > 0) {
+        sigma = of_points;
+      }
     }
     if (sigma > 0) sigmas.push_back(sigma);
   }

@@ -90,7 +90,7 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
     });
     std::map<int, size_t> place;
     for (size_t k = 0; k < count; ++k) place[order[k]] = k;
-    const std::vector<TurnPair> pairs = NearPairs(features, by_name, order, others);
+    const std::vector<TurnPair> pairs = NearPairs(features, views, by_name, order, others);
     const double noise = likelihood.Noise(pairs);
     if (count >= kLeastOfStation &&
         GainOfOtherTurns(pairs, views, likelihood, noise) > -kCertain * overdispersion)

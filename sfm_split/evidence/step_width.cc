@@ -230,7 +230,7 @@ StepsFinding StepsByMatches(const ScanFeatures& features, const std::vector<cons
     }
     const TurnLikelihood likelihood(cameras, of_image, axis);
     const std::vector<std::vector<double>> of_station =
-        TurnsOfPhotos(NearPairs(features, images, images, {}), likelihood, images, turns_deg);
+        TurnsOfPhotos(NearPairs(features, of_image, images, images, {}), likelihood, images, turns_deg);
     for (size_t k = 0; k < images.size(); ++k) {
       bool is_elsewhere = false;
       for (size_t t = 0; t < turns_deg.size(); ++t)

@@ -38,13 +38,27 @@ std::vector<double> OverChance(const TurnPair& pair, const PosedImage& first, co
   return over;
 }
 
-// \param place_of  in its station, of each of its images.
-MatchMove Move(const ScanFeatures& features, const std::map<int, int>& place_of, const ImagePairMatches& pair,
-               const FeatureMatch& match) {
-  return MoveOf(
-      features, pair.image1, pair.image2, match,
-      TurnBetween(place_of.at(pair.image1), place_of.at(pair.image2), static_cast<int>(place_of.size())));
-}
+// Where a station's photos stand on the table's circle: by their views, or by their places in a closed turn.
+class Circle {
+ public:
+  Circle(const std::vector<const View*>& views, const std::vector<int>& station) {
+    for (const int image : station)
+      angle_rad_[image] = views[static_cast<size_t>(image)]->angle_deg * kDegree;
+  }
+  explicit Circle(const std::vector<int>& by_name) {
+    for (size_t k = 0; k < by_name.size(); ++k)
+      angle_rad_[by_name[k]] = 2 * kPi * static_cast<double>(k) / static_cast<double>(by_name.size());
+  }
+
+  MatchMove Move(const ScanFeatures& features, const ImagePairMatches& pair,
+                 const FeatureMatch& match) const {
+    return MoveOf(features, pair.image1, pair.image2, match,
+                  TurnBetween(angle_rad_.at(pair.image1), angle_rad_.at(pair.image2)));
+  }
+
+ private:
+  std::map<int, double> angle_rad_;
+};
 
 // Those that may be the object's, without `others`.
 FeatureMatches OwnMatches(const ScanFeatures& features, const ImagePairMatches& given,
@@ -59,7 +73,8 @@ FeatureMatches OwnMatches(const ScanFeatures& features, const ImagePairMatches& 
 }
 
 // How wrong matches of a station move: as those of its photos farthest apart do.
-WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>& order) {
+WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>& order,
+                            const Circle& circle) {
   std::map<int, int> place;
   for (size_t k = 0; k < order.size(); ++k) place[order[k]] = static_cast<int>(k);
   const int count = static_cast<int>(order.size());
@@ -84,17 +99,24 @@ WrongMatches WrongMatchesOf(const ScanFeatures& features, const std::vector<int>
   std::vector<MatchMove> moves;
   for (const auto& [steps, pair] : pairs) {
     if (static_cast<double>(moves.size()) > kFarShare * static_cast<double>(all)) break;
-    for (const FeatureMatch& match : pair.matches) moves.push_back(Move(features, place, pair, match));
+    for (const FeatureMatch& match : pair.matches) moves.push_back(circle.Move(features, pair, match));
   }
   return {moves, extent.Px()};
 }
 
 }  // namespace
 
-std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<int>& by_name,
-                                const std::vector<int>& by_angle,
+std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<const View*>& views,
+                                const std::vector<int>& by_name, const std::vector<int>& by_angle,
                                 const std::set<std::pair<int, uint32_t>>& others) {
-  const WrongMatches wrong = WrongMatchesOf(features, by_name);
+  // An arc's photos close no turn, and angles may be wrong.
+  const Circle by_views(views, by_name);
+  const Circle closed(by_name);
+  const WrongMatches wrong_by_views = WrongMatchesOf(features, by_name, by_views);
+  const WrongMatches wrong_closed = WrongMatchesOf(features, by_name, closed);
+  const bool is_by_views = wrong_by_views.OrbitGain() >= wrong_closed.OrbitGain();
+  const Circle& circle = is_by_views ? by_views : closed;
+  const WrongMatches& wrong = is_by_views ? wrong_by_views : wrong_closed;
   const int count = static_cast<int>(by_name.size());
   std::array<std::map<int, int>, 2> places;
   for (int k = 0; k < count; ++k) {
@@ -121,7 +143,7 @@ std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<
       const FeatureMatch& match = own.matches[static_cast<size_t>(details[d])];
       pairs.back().matches.push_back(
           {keypoints1[match.point2D_idx1].cast<double>(), keypoints2[match.point2D_idx2].cast<double>(), 0});
-      moves.back().push_back(Move(features, places[0], own, match));
+      moves.back().push_back(circle.Move(features, own, match));
     }
   }
   ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {

@@ -26,10 +26,12 @@ struct TurnPair {
 };
 
 /// The pairs of a station whose photos are near each other by name or by their places.
+/// \param views  of each image of the features: a thing of revolution goes around (OrbitingThing) at their
+/// angles, or at those of a turn that the station closes, whichever explains more.
 /// \param by_name, by_angle  the station's images in either order.
 /// \param others  keypoints, as image and index, of bodies that the poses are not of.
-std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<int>& by_name,
-                                const std::vector<int>& by_angle,
+std::vector<TurnPair> NearPairs(const ScanFeatures& features, const std::vector<const View*>& views,
+                                const std::vector<int>& by_name, const std::vector<int>& by_angle,
                                 const std::set<std::pair<int, uint32_t>>& others);
 
 /// How likely matches are where the second photo of a pair stands at another angle of the table than its view

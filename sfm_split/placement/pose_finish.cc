@@ -33,6 +33,21 @@ bool IsSure(const JointReport& joint) {
 
 }  // namespace
 
+std::map<int, double> TurnsByPatches(const TurntableScene& scene, const JointReport& joint,
+                                     const std::set<int>& tied_stations) {
+  std::map<int, double> told_deg;
+  for (size_t v = 0; v < std::min(joint.angle_sigma_deg.size(), scene.views.size()); ++v) {
+    const int station = scene.views[v].station;
+    if (tied_stations.count(station) == 0) continue;
+    const double sigma_deg =
+        std::isinf(joint.angle_sigma_deg[v]) ? joint.turn_sigma_deg[v] : joint.angle_sigma_deg[v];
+    if (!(sigma_deg > 0)) continue;
+    double& told = told_deg.try_emplace(station, sigma_deg).first->second;
+    told = std::max(told, sigma_deg);
+  }
+  return told_deg;
+}
+
 void PoseFinish::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
   ScanCandidate& best = result_.best;
   result_.photos =
@@ -71,18 +86,15 @@ void PoseFinish::AdjustToSurface(const ReadGreyPhoto& read_photo) {
   result_.durations.emplace_back("surface", watch_.Lap());
 }
 
-// Where matches of highlights leave a station's turn open, patches that it shares with others may tell it, to
-// what the adjustment to them states.
+// Where matches of highlights leave a station's turn open, silhouettes may tell it, and patches that it
+// shares with others.
 void PoseFinish::AskAllMatches() {
   ScanCandidate& best = result_.best;
   std::map<int, double> told_deg = told_turns_deg_;
-  const std::vector<double>& sigmas_deg = best.refined.joint.angle_sigma_deg;
-  for (size_t v = 0; v < std::min(sigmas_deg.size(), best.aligned.scene.views.size()); ++v) {
-    const int station = best.aligned.scene.views[v].station;
-    if (result_.photos.tied_stations.count(station) == 0) continue;
-    if (!(sigmas_deg[v] > 0)) continue;
-    double& told = told_deg.try_emplace(station, sigmas_deg[v]).first->second;
-    told = std::max(told, sigmas_deg[v]);
+  for (const auto& [station, sigma_deg] :
+       TurnsByPatches(best.aligned.scene, best.refined.joint, result_.photos.tied_stations)) {
+    double& told = told_deg.try_emplace(station, sigma_deg).first->second;
+    told = std::max(told, sigma_deg);
   }
   best.matches =
       AskMatches(features_, likelihood_.pairs(), best.aligned, told_deg, reporter_, &best.refined.joint);

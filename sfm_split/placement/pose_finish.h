@@ -1,6 +1,7 @@
 #pragma once
 
 #include <map>
+#include <set>
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
@@ -11,6 +12,12 @@
 #include "sfm_split/scene/scan_features.h"
 
 namespace s2gs {
+
+/// By station of those that patches tie: the largest standard deviation that the adjustment to them states
+/// for its photos, of the table's angle, or where nothing ties it to others', of the object before the
+/// camera.
+std::map<int, double> TurnsByPatches(const TurntableScene& scene, const JointReport& joint,
+                                     const std::set<int>& tied_stations);
 
 /// What is done to poses that were taken: they are adjusted to patches of the photos, stations whose turn
 /// matches leave open are turned by silhouettes, and all matches are asked how far they bear each pose out.

@@ -115,9 +115,9 @@ TEST(JointBa, TheAxisOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) 
   EXPECT_THAT(std::sqrt(axis), testing::AllOf(testing::Ge(0.6), testing::Le(1.7)));
 }
 
-// Without a background nothing tells the table's angle from station to station; how an object with poses of
-// its own is turned before each camera its points tell all the same.
-TEST(JointBa, TheTurnOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) {
+// Root mean square, over scans without a background, of how far the object is turned before the cameras of a
+// station that nothing ties, over what is stated.
+double ErrorsOfTurns(JointModel model) {
   double squares = 0;
   int images = 0;
   for (uint32_t seed = 0; seed < 6; ++seed) {
@@ -128,10 +128,10 @@ TEST(JointBa, TheTurnOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) 
     scene.Build(700 + seed);
     Reporter reporter;
     JointOptions options;
-    options.model = JointModel::kFreeObject;
+    options.model = model;
     options.num_threads = 2;
     const JointReport report = AdjustJointly(options, reporter, &scene.start);
-    ASSERT_EQ(report.turn_sigma_deg.size(), scene.start.images.size());
+    if (report.turn_sigma_deg.size() != scene.start.images.size()) return -1;
     const auto cam_from_object = [](const JointProblem& problem, size_t i) {
       const Rigid3& pose = problem.cam_from_world[static_cast<size_t>(problem.images[i].pose)];
       return Matrix3d((pose * problem.WorldFromObject(static_cast<int>(i))).rotation);
@@ -148,9 +148,16 @@ TEST(JointBa, TheTurnOfAnObjectWithPosesOfItsOwnLiesWithinItsStandardDeviation) 
       ++images;
     }
   }
-  ASSERT_GT(images, 30);
-  // .74 of 72.
-  EXPECT_THAT(std::sqrt(squares / images), testing::AllOf(testing::Ge(0.5), testing::Le(1.5)));
+  EXPECT_GT(images, 30);
+  return std::sqrt(squares / images);
+}
+
+// Without a background nothing tells the table's angle from station to station; how the object is turned
+// before each camera its points tell all the same.
+TEST(JointBa, TheTurnOfTheObjectBeforeACameraLiesWithinItsStandardDeviation) {
+  // .74 and .72 of 72.
+  EXPECT_THAT(ErrorsOfTurns(JointModel::kFreeObject), testing::AllOf(testing::Ge(0.5), testing::Le(1.5)));
+  EXPECT_THAT(ErrorsOfTurns(JointModel::kSharedStations), testing::AllOf(testing::Ge(0.5), testing::Le(1.5)));
 }
 
 // Matches of highlights, which lie to one side of the true ones in the later photo of two: what they pull by

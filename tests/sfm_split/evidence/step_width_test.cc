@@ -193,7 +193,7 @@ class StepWidth : public testing::Test {
         logs[i].assign(turns.size(), 0);
       }
       const TurnLikelihood likelihood(posed.cameras, views, turntable_.scene.axis);
-      const std::vector<TurnPair> pairs = NearPairs(features_, images, images, {});
+      const std::vector<TurnPair> pairs = NearPairs(features_, views, images, images, {});
       const double noise = likelihood.Noise(pairs);
       for (const TurnPair& pair : pairs) {
         const std::vector<double> gains = likelihood.OfTurns(pair, turns, noise);

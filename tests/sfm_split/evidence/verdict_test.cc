@@ -521,10 +521,14 @@ TEST(ScanEvidence, StationsWithoutABackgroundAreAsSureAsTheObjectTells) {
   };
   MatchFindings findings;
   EXPECT_TRUE(std::isinf(worst(findings)));
+  joint.turn_sigma_deg.assign(aligned.scene.views.size(), 0.3);
+  EXPECT_TRUE(std::isinf(worst(findings)));  // matches have not been asked
   findings.turn_sigma_deg[1] = 0.2;
-  EXPECT_EQ(worst(findings), 0.2);
-  joint.turn_sigma_deg.assign(aligned.scene.views.size(), 0.3);  // of an object whose poses are free
   EXPECT_EQ(worst(findings), 0.3);
+  findings.turn_sigma_deg[1] = 0.4;
+  EXPECT_EQ(worst(findings), 0.4);
+  joint.model = JointModel::kFreeObject;  // of which they are not
+  EXPECT_EQ(worst({}), 0.3);
   aligned.background = SyntheticStaticModel(scan.turntable);
   EXPECT_TRUE(std::isinf(worst(findings)));
 }

@@ -83,5 +83,21 @@ TEST_F(PoseFinishTest, WhatIsNotKnownIsNotSure) {
   EXPECT_EQ(NumReads(0.9 * kSureDeg, most), when_sure);
 }
 
+// Before a plain wall nothing ties the table's angle at one station to that at another.
+TEST(TurnsByPatches, AreThoseOfTheObjectWhereNothingTiesTheTable) {
+  TurntableScene scene;
+  JointReport joint;
+  for (const int station : {0, 0, 1, 1, 2, 2}) {
+    View view;
+    view.station = station;
+    scene.views.push_back(view);
+    joint.angle_sigma_deg.push_back(station == 1 ? std::numeric_limits<double>::infinity() : 0.1);
+    joint.turn_sigma_deg.push_back(0.2);
+  }
+  joint.angle_sigma_deg[0] = joint.turn_sigma_deg[0] = 0;  // the reference's
+  joint.turn_sigma_deg[3] = 0.3;
+  EXPECT_EQ(TurnsByPatches(scene, joint, {0, 1}), (std::map<int, double>{{0, 0.1}, {1, 0.3}}));
+}
+
 }  // namespace
 }  // namespace s2gs
