@@ -197,18 +197,37 @@ std::optional<OverTop> PlaceOverTop(const Placement& gaussians, size_t i, const 
   return height > pixel_size ? std::optional<OverTop>({x, height}) : std::nullopt;
 }
 
-// All photos of the stations, as they are.
-std::vector<Witness> Witnesses(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                               const std::vector<std::vector<float>>& depths) {
+// All photos of the stations, as they are. \param look  at a photo of a station: its sights.
+template <typename Look>
+std::vector<Witness> Witnesses(const std::vector<StationPhotos>& stations,
+                               const std::vector<std::vector<float>>& depths, const Look& look) {
   std::vector<Witness> witnesses;
   for (const StationPhotos& station : stations) {
     for (size_t i = 0; i < station.views.size(); ++i) {
       const PinholeView& view = station.views[i];
-      witnesses.push_back(
-          {&view, &depths[witnesses.size()], top.Look(station.images[i], view, station.number)});
+      witnesses.push_back({&view, &depths[witnesses.size()], look(station.images[i], view, station.number)});
     }
   }
   return witnesses;
+}
+
+// Of those over the top for which `is_asked` of what is known of them, by Gaussian.
+void Judge(const std::vector<Witness>& witnesses, const RotatingRegion& table, double pixel_size,
+           const Placement& gaussians, const std::function<bool(const Votes&)>& is_asked,
+           std::vector<Votes>* votes) {
+  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
+  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
+    const auto i = static_cast<size_t>(gaussian);
+    const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
+    Votes& of = (*votes)[i];
+    if (!over || !is_asked(of) ||
+        (over->x - table.axis.point - (over->height + table.high) * table.axis.direction).norm() >
+            table.radius)
+      return;
+    of = Ask(witnesses, pixel_size, over->x);
+    of.is_over_top = true;
+    of.height = over->height / table.radius;
+  });
 }
 
 // What of these the photos refute, in ascending order; the evidence is chosen by all of them.
@@ -227,24 +246,14 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
                                 const DepthsWithout& depths_without, const Placement& gaussians) {
   const RotatingRegion& table = top.table();
   const std::vector<std::vector<float>> depths = depths_without({});
-  std::vector<Witness> witnesses = Witnesses(top, stations, depths);
+  std::vector<Witness> witnesses =
+      Witnesses(stations, depths, [&top](const Image8& photo, const PinholeView& view, int station) {
+        return top.Look(photo, view, station);
+      });
   const double pixel_size = PixelAtAxis(stations, table.axis);
   std::vector<Votes> votes(gaussians.size());
-  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
-  const auto judge = [&](const std::function<bool(const Votes&)>& is_asked) {
-    ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
-      const auto i = static_cast<size_t>(gaussian);
-      const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
-      if (!over || !is_asked(votes[i]) ||
-          (over->x - table.axis.point - (over->height + table.high) * table.axis.direction).norm() >
-              table.radius)
-        return;
-      votes[i] = Ask(witnesses, pixel_size, over->x);
-      votes[i].is_over_top = true;
-      votes[i].height = over->height / table.radius;
-    });
-  };
-  judge([](const Votes&) { return true; });
+  Judge(
+      witnesses, table, pixel_size, gaussians, [](const Votes&) { return true; }, &votes);
   // What stays although each shadow is counted hides the top: no shadow on it is seen behind. That it stands
   // there is known by photos alone: neither layers hide each other nor what only they let stay.
   std::vector<uint32_t> hides_nothing = FindRotatingIn(table, pixel_size, gaussians);
@@ -259,10 +268,33 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
     const std::vector<std::vector<float>> kept = depths_without(hides_nothing);
     for (size_t k = 0; k < witnesses.size(); ++k)
       ForgetHiddenShadows(table, *witnesses[k].view, kept[k], &witnesses[k].sights);
-    judge(is_in_shadow);
+    Judge(witnesses, table, pixel_size, gaussians, is_in_shadow, &votes);
   }
   LayersOverTop layers = Refuted(votes);
   layers.hides_nothing = std::move(hides_nothing);
+  return layers;
+}
+
+std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
+                                            const std::vector<StationPhotos>& stations,
+                                            const std::vector<std::vector<float>>& depths,
+                                            const Placement& gaussians) {
+  const std::vector<Witness> witnesses =
+      Witnesses(stations, depths, [&top](const Image8& photo, const PinholeView& view, int /*station*/) {
+        return top.Sights(photo, view);
+      });
+  std::vector<Votes> votes(gaussians.size());
+  Judge(
+      witnesses, top.table(), PixelAtAxis(stations, top.table().axis), gaussians,
+      [](const Votes&) { return true; }, &votes);
+  Tally tally;
+  std::vector<uint32_t> layers;
+  for (size_t i = 0; i < votes.size(); ++i) {
+    if (!votes[i].IsJudged()) continue;
+    tally.Add(votes[i].height, votes[i].LitRefutes());
+    if (votes[i].LitRefutes()) layers.push_back(static_cast<uint32_t>(i));
+  }
+  if (tally.TakesThings(-kChance)) return {};
   return layers;
 }
 

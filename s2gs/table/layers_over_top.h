@@ -9,6 +9,7 @@
 #include "s2gs/core/rotating_region.h"
 #include "s2gs/table/photo_table.h"
 #include "s2gs/table/plain_top.h"
+#include "s2gs/table/textured_top.h"
 
 namespace s2gs {
 
@@ -58,6 +59,14 @@ struct LayersOverTop {
 /// with these Gaussians.
 LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
                                 const DepthsWithout& depths_without, const Placement& gaussians);
+
+/// The same by a top's own texture, which photos show in more of them than chance and than another texture
+/// there that nothing before them explains: a thing is not what photos agree on at the top's plane. In
+/// ascending order; none where things go for it. \param depths  RotatingDepths'.
+std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
+                                            const std::vector<StationPhotos>& stations,
+                                            const std::vector<std::vector<float>>& depths,
+                                            const Placement& gaussians);
 
 /// The rotating Gaussians over the top, higher than a pixel, through which photos show what stands still:
 /// more of them the same as most of their station do, of another tint than elsewhere, than something else

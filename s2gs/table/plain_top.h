@@ -17,7 +17,7 @@ enum class TopSight : uint8_t {
   kElsewhere,  ///< Not the top's pixel, or the photo does not tell.
   kOther,      ///< Another colour or texture, or a darkness that no shadow on the top has.
   kBorder,  ///< Texture about the top's colours, in whatever light: of a thing, or a border before the top.
-  kLit,     ///< The top's own colour there.
+  kLit,     ///< The top's own colour or texture there.
   kShadow,  ///< The same where the light is hidden, and as much of the sky as may be.
 };
 

@@ -73,18 +73,27 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   const RotatingRegion& region = table.rim->region;
   if (table.rim->IsUndecided() && !options.plain_is_object) return table;
   table.in_masks_ = region;
+  // The end of a side that photos show needs no guess by the model's colours below what turns.
+  if (table.circle->side_end && *shape) (*shape)->side.reset();
   table.textured_share = TexturedShareOfTop(stations, region);
   const bool is_textured = *table.textured_share >= kTexturedTop;
   // Photos show the shape of a top that has texture and turns.
   if (table.rim->IsUndecided() || !is_textured) table.in_maps_ = region;
   if (options.clear_plain_top) table.ClearPlainTop(scene, stations, options.draw_seen, backend, reporter);
+  const std::optional<TexturedTop> texture = TexturedTop::Learn(stations, region);
+  if (texture && options.clear_plain_top) {
+    const std::vector<uint32_t> layers =
+        FindLayersOverTexture(*texture, stations, RotatingDepths(stations, backend), backend->GetPlacement());
+    table.num_over_top += layers.size();
+    LeaveOut(layers, "over the table's top, where photos see its own texture", backend, reporter);
+  }
   if (table.in_maps_) {
     // Splats of a table that masks and maps show anyway only blur its rim. The circle is known to a pixel.
     const double margin = PixelAtAxis(stations, region.axis);
     LeaveOut(FindRotatingIn(region, margin, backend->GetPlacement()),
              "of the table, which is known by its rim", backend, reporter);
   }
-  if (options.draw_seen && is_textured) table.known_texture_ = TexturedTop::Learn(stations, region);
+  if (options.draw_seen && is_textured) table.known_texture_ = texture;
   if (!options.cut_around) return table;
   table.num_over_top += ClearStanding(stations, region, backend, reporter);
   const std::vector<uint32_t> standing = FindStandingAroundTable(stations, region, backend->GetPlacement());

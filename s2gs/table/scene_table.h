@@ -39,7 +39,8 @@ class SceneTable {
   /// Photos tell the rim to a fraction of a pixel; where they do not, the model may. What photos refute about
   /// a table that they show is taken out of the model. Photos that cannot be read are warned about, and then
   /// only the model is asked. \param load  a photo without distortion, of its view's size. \param shape  of
-  /// the rotating part, to which a table is added that counts as its.
+  /// the rotating part, to which a table is added that counts as its; its side goes where photos show where
+  /// the table's ends.
   static SceneTable Find(const TrainingScene& scene, const LoadPhoto& load, const SceneTableOptions& options,
                          std::optional<RotatingShape>* shape, Backend* backend, Reporter& reporter);
 

@@ -193,7 +193,7 @@ bool TexturedTop::HoldsPatch(int column, int row) const {
          (PlaceAt(column, row) - middle).norm() <= table_.radius - kRadius * spacing_;
 }
 
-Image8 TexturedTop::Look(const Image8& photo, const PinholeView& view) const {
+std::vector<TopSight> TexturedTop::Sights(const Image8& photo, const PinholeView& view) const {
   const Witness witness{GreyImage(photo), &view};
   std::vector<uint8_t> is_seen(patches_.size(), 0);
   ForRows(side_, [&](int first, int last) {
@@ -226,19 +226,31 @@ Image8 TexturedTop::Look(const Image8& photo, const PinholeView& view) const {
       *shows.Pixel(x, y) = is_seen[static_cast<size_t>(row) * side_ + column];
     }
   }
-  Image8 inner = shows;
-  for (uint8_t& sight : inner.pixels) sight = sight == kShown ? kShown : 0;
+  std::vector<TopSight> sights(shows.pixels.size(), TopSight::kElsewhere);
   for (int y = 0; y < view.height; ++y) {
     for (int x = 0; x < view.width; ++x) {
+      TopSight& sight = sights[static_cast<size_t>(y) * view.width + x];
+      if (*shows.Pixel(x, y) == kHidden) sight = TopSight::kOther;
+      if (*shows.Pixel(x, y) != kShown) continue;
+      sight = TopSight::kLit;
       for (int v = -kBorder; v <= kBorder; ++v) {
         for (int u = -kBorder; u <= kBorder; ++u) {
           const bool is_within = x + u >= 0 && y + v >= 0 && x + u < view.width && y + v < view.height;
-          if (!is_within || *shows.Pixel(x + u, y + v) == kHidden) *inner.Pixel(x, y) = 0;
+          if (!is_within || *shows.Pixel(x + u, y + v) == kHidden) sight = TopSight::kElsewhere;
         }
       }
     }
   }
-  return inner;
+  return sights;
+}
+
+Image8 TexturedTop::Look(const Image8& photo, const PinholeView& view) const {
+  const std::vector<TopSight> sights = Sights(photo, view);
+  Image8 marks{view.width, view.height, 1, std::vector<uint8_t>(sights.size(), 0)};
+  for (size_t i = 0; i < sights.size(); ++i) {
+    if (sights[i] == TopSight::kLit) marks.pixels[i] = 255;
+  }
+  return marks;
 }
 
 }  // namespace s2gs

@@ -9,6 +9,7 @@
 #include "s2gs/core/rotating_region.h"
 #include "s2gs/image/image_file.h"
 #include "s2gs/table/photo_table.h"
+#include "s2gs/table/plain_top.h"
 
 namespace s2gs {
 
@@ -23,10 +24,14 @@ class TexturedTop {
   static std::optional<TexturedTop> Learn(const std::vector<StationPhotos>& stations,
                                           const RotatingRegion& table);
 
-  /// One channel: 255 where the photo shows the top's texture, and nothing else within two
-  /// pixels.
+  /// By pixel: kLit where the photo shows the top's texture and nothing else within two pixels, kOther where
+  /// it shows another, and else kElsewhere.
   /// \param photo, view  of the size of the stations' photos.
+  std::vector<TopSight> Sights(const Image8& photo, const PinholeView& view) const;
+  /// One channel: 255 where the sight is kLit.
   Image8 Look(const Image8& photo, const PinholeView& view) const;
+
+  const RotatingRegion& table() const { return table_; }
 
  private:
   explicit TexturedTop(const RotatingRegion& table) : table_(table) {}

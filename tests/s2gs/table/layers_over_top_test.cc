@@ -263,6 +263,56 @@ TEST_F(StandingOverTop, IsNotWhatMorePhotosShowTurning) {
   EXPECT_GT(Find().size(), num_wall / 3);
 }
 
+// A table all of whose top has texture, layers over it, and a thing of another texture in each photo.
+class LayersOverTexture : public testing::Test {
+ protected:
+  LayersOverTexture() : stations(LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled))) {
+    for (double angle = 0; angle < 6; angle += 0.25) {
+      Add({0.6 * std::cos(angle), 0.6 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+    }
+    num_layers = gaussians.size();
+    for (size_t i = 0; i < stations[0].views.size(); ++i) {
+      const PinholeView& view = stations[0].views[i];
+      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * thing);
+      for (int y = static_cast<int>(pixel.y()) - 8; y <= static_cast<int>(pixel.y()) + 8; ++y) {
+        for (int x = static_cast<int>(pixel.x()) - 8; x <= static_cast<int>(pixel.x()) + 8; ++x) {
+          const auto grey = static_cast<uint8_t>(RandomBits(40 + i, x / 3, y / 3).words[0] % 200 + 20);
+          std::fill_n(stations[0].images[i].Pixel(x, y), 3, grey);
+        }
+      }
+    }
+  }
+
+  std::vector<uint32_t> Find(const std::vector<std::vector<float>>& depths) const {
+    const std::optional<TexturedTop> top = TexturedTop::Learn(stations, TableRegion());
+    return top ? FindLayersOverTexture(*top, stations, depths, gaussians) : std::vector<uint32_t>();
+  }
+
+  const Eigen::Vector3d thing = {0.1, 0, kTableTop + 0.25};
+  std::vector<StationPhotos> stations;
+  Placement gaussians;
+  size_t num_layers = 0;
+};
+
+TEST_F(LayersOverTexture, AreFoundAndAThingStays) {
+  Add(thing, 5, &gaussians);
+  Add({0.6, 0, kTableTop + 0.1}, -5, &gaussians);  // stands still
+  Add({1.2, 0, kTableTop + 0.1}, 5, &gaussians);   // beside the table
+  Add({0.6, 0, kTableTop + 0.5 * kTablePixel}, 5, &gaussians);
+  std::vector<uint32_t> layers(num_layers);
+  std::iota(layers.begin(), layers.end(), 0);
+  EXPECT_EQ(Find(NothingHides()), layers);
+  // Something else is no witness for what lies behind it, but the top's texture is one against all before it.
+  EXPECT_EQ(Find(AllAt(1)), layers);
+}
+
+// As many of what is too high for a layer go for the same reason: things with the table's own pattern.
+TEST_F(LayersOverTexture, StayWhereAThingGoesForTheTopsTexture) {
+  for (double angle = 0; angle < 6; angle += 0.15)
+    Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.41}, 5, &gaussians);
+  EXPECT_TRUE(Find(NothingHides()).empty());
+}
+
 TEST(TopEvidence, SaysWhichSightsCount) {
   for (const TopSight sight : {TopSight::kElsewhere, TopSight::kOther, TopSight::kBorder}) {
     EXPECT_FALSE(IsTopSeen(sight, TopEvidence::kColors));
