@@ -38,9 +38,9 @@ void AddRendererOptions(Options* options, RendererArguments* a) {
                "stand on it and is not the side of a body: plain ground");
   options->Add(
       "clear_plain_top", &a->clear_plain_top,
-      "leave out what rotates by the model over a plain table's top where photos see the top itself, "
-      "in the light or, where things seldom look like one, in a shadow on it: no photo tells the shape of "
-      "what is plain");
+      "leave out what rotates by the model over a table's top where photos see the top itself: its "
+      "texture, or where it is plain its colour in the light or, where things seldom look like one, in a "
+      "shadow on it");
   options->Add("table_seen", &a->table_seen,
                "draw a table's top into depth and normal maps where photos show it, by its colour or its "
                "texture, whatever the model has before it; dense/0/table_seen says where");

@@ -24,7 +24,7 @@ namespace s2gs {
 struct SceneTableOptions {
   /// Whose a table is that may turn or stand still by the photos: the rotating part's, or the background's.
   bool plain_is_object = true;
-  bool clear_plain_top = true;  ///< take out what photos refute over a plain top.
+  bool clear_plain_top = true;  ///< take out what photos refute over a top, by its colour or texture.
   bool draw_seen = true;        ///< learn where photos show the top itself.
   bool cut_around = true;       ///< take out what stands still around the table.
 };
