@@ -71,8 +71,10 @@ struct GuidedPlacement {
   bool found = false;
   double angle_rad = 0;  ///< the object's frame is the world's at 0.
   int inliers = 0;       ///< points and keypoints that agree in the sweep.
-  int other = 0;         ///< the most at any angle that is 5 degrees or more away.
-  double chance = 1;     ///< expected number of angles with as many by chance.
+  /// The most at any angle that is 5 degrees or more away; on the flanks of the same peak, without what
+  /// agrees at its top.
+  int other = 0;
+  double chance = 1;  ///< expected number of angles with as many by chance.
   struct Match {
     uint32_t keypoint = 0;
     size_t look = 0;

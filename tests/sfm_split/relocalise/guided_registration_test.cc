@@ -161,6 +161,18 @@ TEST(GuidedRegistration, AnObjectThatLooksTheSameAfterAHalfTurnIsRefused) {
   for (const GuidedPhoto& photo : scan.Register()) ADD_FAILURE() << photo.name << " " << photo.inliers;
 }
 
+// A pebble that spans 45 px: five degrees move none of it by more than a keypoint may be off.
+TEST(GuidedRegistration, AnAngleBesideThatAgreesAsNearlyIsNoOther) {
+  SyntheticTurntableOptions options = Options();
+  options.stations = 1;
+  options.object_radius = 0.02;
+  options.object_offset = {0, 0};
+  options.num_platter_points = 0;
+  Scan scan(options, {3, 7});
+  EXPECT_EQ(scan.Register().size(), 2U);
+  scan.ExpectRight(1);
+}
+
 TEST(GuidedRegistration, OptionsAreChecked) {
   EXPECT_FALSE(GuidedOptions().Check());
   GuidedOptions options;
