@@ -1,6 +1,7 @@
 #include "s2gs/table/photo_table.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <map>
@@ -29,7 +30,10 @@ constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to sta
 constexpr double kFew = 0.05;      // of the points: outliers.
 // The table lies where the rotating points begin, so many of their heights about it.
 constexpr double kAround = 0.5;
-constexpr double kReach = 4;                // the same: a small thing on a large table.
+constexpr double kReach = 4;          // the same: a small thing on a large table.
+constexpr double kFootOfThing = 0.1;  // of its points' heights
+constexpr size_t kThingRings = 16;
+constexpr size_t kPointsOfRing = 3;         // as many as tell a median from an outlier.
 constexpr int64_t kGaussiansAtOnce = 1000;  // that one thread looks at
 
 PinholeView Reduced(const PinholeView& view) {
@@ -74,6 +78,26 @@ double StaticShare(const TrainingScene& scene, const RotatingRegion& region,
     }
   }
   return std::max(top.Share(), side.Share());
+}
+
+// What stands over the lowest points, by their places about the axis, which are not empty.
+std::vector<ThingRing> ThingOver(double low, double high, const std::vector<double>& heights,
+                                 const std::vector<double>& radii) {
+  // A table's own points lie about its top, which may be at its lowest.
+  const double first = low + kFootOfThing * (high - low);
+  std::array<std::vector<double>, kThingRings> in_ring;
+  for (size_t i = 0; i < heights.size(); ++i) {
+    if (!(heights[i] >= first && heights[i] < high)) continue;
+    const auto ring = static_cast<size_t>((heights[i] - first) / (high - first) * kThingRings);
+    in_ring[std::min<size_t>(ring, kThingRings - 1)].push_back(radii[i]);
+  }
+  std::vector<ThingRing> thing;
+  for (size_t i = 0; i < kThingRings; ++i) {
+    if (in_ring[i].size() < kPointsOfRing) continue;
+    const double middle = (static_cast<double>(i) + 0.5) / kThingRings;
+    thing.push_back({first + middle * (high - first), Quantile(std::move(in_ring[i]), 0.5)});
+  }
+  return thing;
 }
 
 }  // namespace
@@ -134,11 +158,13 @@ std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
   }
   if (heights.empty()) return std::nullopt;
   const double low = Quantile(heights, kFew);
-  const double around = kAround * (Quantile(std::move(heights), 1 - kFew) - low);
+  const double high = Quantile(heights, 1 - kFew);
+  const double around = kAround * (high - low);
   CircleSearch search;
   search.axis = axis;
   search.low = low - around;
   search.high = low + around;
+  search.thing = ThingOver(low, high, heights, radii);
   search.max_radius = kReach * Quantile(std::move(radii), 1 - kFew);
   std::vector<StillPicture> pictures;
   pictures.reserve(stations.size());

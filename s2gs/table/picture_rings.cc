@@ -132,6 +132,12 @@ PictureRings::Ring PictureRings::At(int s, int num_ways) const {
   return ring;
 }
 
+PictureRings::Ring PictureRings::OfLine(size_t line, int s, int num_ways) const {
+  Ring ring;
+  Count(line, s, Threshold(s), num_ways, &ring);
+  return ring;
+}
+
 ColorChange PictureRings::Threshold(int s) const {
   ColorChange thresholds;
   for (int k = 0; k < kColorWays; ++k) thresholds[k] = ways_[k].Threshold(s);

@@ -80,6 +80,8 @@ class PictureRings {
     int edges = 0;
   };
   Ring At(int s, int num_ways) const;
+  /// The same on one line.
+  Ring OfLine(size_t line, int s, int num_ways) const;
 
   /// What is more than the changes of the surface just within a ring.
   ColorChange Threshold(int s) const;

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <limits>
 
 #include "sfm_split/base/angles.h"
@@ -48,23 +49,60 @@ struct FoundEnd {
   double false_alarms = 1;
 };
 
+// What lies about the place of a ring of a step: of (picture, direction, step).
+struct RingPlace {
+  bool is_hidden = false;  // by the thing
+  bool is_far = false;     // beyond the axis
+};
+using PlaceOf = std::function<RingPlace(size_t, size_t, int)>;
+
+// The share of the edges in what is seen and not hidden by the thing. Nothing where less than half of the
+// lines tell it, or of those on the far side, or where these do not mostly have edges, as on the lower end of
+// a side.
+std::optional<double> ShareNotHidden(const std::vector<PictureRings>& rings, int num_lines, int s,
+                                     int num_ways, const PlaceOf& place_of) {
+  PictureRings::Ring told;
+  PictureRings::Ring far;
+  int far_lines = 0;
+  for (size_t i = 0; i < rings.size(); ++i) {
+    const size_t of_picture = static_cast<size_t>(num_lines) / rings.size();
+    for (size_t d = 0; d < of_picture; ++d) {
+      const PictureRings::Ring line = rings[i].OfLine(d, s, num_ways);
+      const RingPlace place = place_of(i, d, s);
+      far_lines += place.is_far ? 1 : 0;
+      if (line.seen == 0 || (line.edges == 0 && place.is_hidden)) continue;
+      ++told.seen;
+      told.edges += line.edges;
+      far.seen += place.is_far ? 1 : 0;
+      far.edges += place.is_far ? line.edges : 0;
+    }
+  }
+  if (2 * told.seen < num_lines || 2 * far.seen < far_lines || !(2 * far.edges > far.seen))
+    return std::nullopt;
+  return static_cast<double>(told.edges) / told.seen;
+}
+
 // The ring of a step, looked at in the first so many ways. Nothing where it is no circle's.
 // \param rings  of each picture. \param num_lines  of all. \param num_tried  circles, of which this is one.
 std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_lines, int s, int num_ways,
-                                double num_tried) {
+                                double num_tried, const PlaceOf& place_of) {
   PictureRings::Ring sum;
   for (const PictureRings& of_picture : rings) {
     const PictureRings::Ring ring = of_picture.At(s, num_ways);
     sum.seen += ring.seen;
     sum.edges += ring.edges;
   }
-  const double share = sum.seen > 0 ? static_cast<double>(sum.edges) / sum.seen : 0;
-  if (2 * sum.seen < num_lines || !(share > kMinShare)) return std::nullopt;
+  double share = sum.seen > 0 ? static_cast<double>(sum.edges) / sum.seen : 0;
+  // A thing hides a half at most.
+  if (2 * sum.seen < num_lines || !(2 * share > kMinShare)) return std::nullopt;
   double expected = 0;
   for (const PictureRings& of_picture : rings)
     expected += of_picture.At(s, num_ways).seen * of_picture.ChanceBeyond(s, num_ways);
   const double false_alarms = num_tried * BinomialTail(sum.edges, sum.seen, expected / sum.seen);
   if (!(false_alarms < kMaxFalseAlarms)) return std::nullopt;
+  // Chance counts what is hidden, too: an edge there, of the thing, lies as likely on any other circle.
+  if (!(share > kMinShare)) share = ShareNotHidden(rings, num_lines, s, num_ways, place_of).value_or(0);
+  if (!(share > kMinShare)) return std::nullopt;
   return FoundRing{s, share, false_alarms, num_ways};
 }
 
@@ -72,14 +110,14 @@ std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_
 // \param num_lines  of all. \param first  that is looked at.
 // \param num_tried  circles, of which this is one family.
 std::vector<FoundRing> FindRings(const std::vector<PictureRings>& rings, int num_lines, int first,
-                                 int num_rings, double num_tried) {
+                                 int num_rings, double num_tried, const PlaceOf& place_of) {
   std::vector<FoundRing> found;
   for (int s = first; s < num_rings; ++s) {
     // By light alone, too: ground of many colours has edges of tint anywhere.
     const std::array<int, 2> families = {1, kColorWays};
     for (const int num_ways : families) {
       const std::optional<FoundRing> ring =
-          RingAt(rings, num_lines, s, num_ways, static_cast<double>(families.size()) * num_tried);
+          RingAt(rings, num_lines, s, num_ways, static_cast<double>(families.size()) * num_tried, place_of);
       if (ring) found.push_back(*ring);
     }
   }
@@ -127,9 +165,13 @@ class CircleFinder {
     if (num_rings_ <= FirstStep() || pictures_.empty()) return std::nullopt;
     std::vector<std::vector<FoundRing>> found(num_heights_);
     ParallelFor(num_heights_, 0, [&](int64_t h) {
-      found[h] = FindRings(Look(TopLines(HeightAt(static_cast<int>(h)))),
-                           kDirections * static_cast<int>(pictures_.size()), FirstStep(), num_rings_,
-                           static_cast<double>(num_heights_) * num_rings_);
+      const double height = HeightAt(static_cast<int>(h));
+      found[h] = FindRings(Look(TopLines(height)), kDirections * static_cast<int>(pictures_.size()),
+                           FirstStep(), num_rings_, static_cast<double>(num_heights_) * num_rings_,
+                           [this, height](size_t picture, size_t direction, int s) {
+                             return PlaceAt(pictures_[picture], height, (s + 0.5) * step_,
+                                            static_cast<double>(direction));
+                           });
     });
     std::optional<FoundRing> best;
     int best_height = 0;
@@ -187,6 +229,22 @@ class CircleFinder {
     std::vector<PictureRings> rings;
     for (size_t i = 0; i < pictures_.size(); ++i) rings.emplace_back(pictures_[i], lines[i], num_steps_);
     return rings;
+  }
+
+  RingPlace PlaceAt(const StillPicture& picture, double height, double radius, double direction) const {
+    const Eigen::Vector3d outwards = frame_.Outwards(direction);
+    const Eigen::Vector3d place = height * frame_.up + radius * outwards;
+    const Eigen::Vector3d to_camera =
+        picture.view.cam_from_world.Inverse().translation - frame_.point - place;
+    const double rise = to_camera.dot(frame_.up);
+    RingPlace found;
+    found.is_far = to_camera.dot(outwards) + radius < 0;
+    found.is_hidden = std::any_of(search_.thing.begin(), search_.thing.end(), [&](const ThingRing& ring) {
+      const double part = (ring.height - height) / rise;
+      const Eigen::Vector3d x = place + part * to_camera;
+      return part > 0 && part < 1 && (x - x.dot(frame_.up) * frame_.up).norm() < ring.radius;
+    });
+    return found;
   }
 
   // Where about a circle of the search the edges lie, to a part of a pixel: each direction tells one sum of

@@ -9,20 +9,31 @@
 
 namespace s2gs {
 
+/// How far out a thing that turns reaches at a height: half of what is known of it there lies further out.
+struct ThingRing {
+  double height = 0;  ///< along the axis from its point.
+  double radius = 0;
+};
+
 /// Where a table's top may be. Lengths in the poses' unit.
 struct CircleSearch {
   TurntableAxis axis;
   double low = 0;  ///< along the axis from its point.
   double high = 0;
   double max_radius = 0;
+  /// What stands there and turns, from its lowest ring up: it hides the far side of a rim, and a round one in
+  /// all photos.
+  std::vector<ThingRing> thing;
 };
 
 /// A circle about the axis at right angles to it: the rim of a table's top.
 struct TableCircle {
   double height = 0;  ///< along the axis from its point.
   double radius = 0;
-  double share = 0;         ///< of the directions in which a picture shows its place: those with an edge.
-  double false_alarms = 1;  ///< how many such circles are expected by chance.
+  /// Of the directions in which a picture shows its place, but for those without an edge where a thing stands
+  /// before it: those with an edge.
+  double share = 0;
+  double false_alarms = 1;         ///< how many such circles are expected by chance.
   std::optional<double> side_end;  ///< where the side below it ends, along the axis from its point.
 };
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <optional>
@@ -111,6 +112,49 @@ TEST(TableCircle, OfAPaleTableUnderABusyThing) {
   EXPECT_NEAR(circle->height, kTop, 2 * kPixel);
   EXPECT_NEAR(circle->radius, kRadius, kPixel);
   EXPECT_LT(circle->false_alarms, 1e-6);
+}
+
+// A plain table, and above its top a dark round thing, as a station's photos show them all.
+Image8 PictureBehindThing(const PinholeView& view, double radius, CircleSearch* search) {
+  constexpr double kFrom = 0.25;  // over the top
+  constexpr double kTo = 1.5;
+  Image8 picture = PictureOf(view, IsInCircle, 150, 90);
+  PixelMask thing{view.width, view.height, std::vector<uint8_t>(picture.pixels.size() / 3, 0)};
+  AddRegion({TurntableAxis(), radius, kTop + kFrom, kTop + kTo}, view, &thing);
+  for (size_t i = 0; i < thing.inside.size(); ++i) {
+    if (thing.inside[i] != 0) std::fill_n(&picture.pixels[3 * i], 3, 60);
+  }
+  for (double height = kFrom; height < kTo; height += 0.1) search->thing.push_back({kTop + height, radius});
+  return picture;
+}
+
+// It hides a part of the far side of the rim, and a strip as grey as the top hangs over the near side: an
+// edge shows in less than .6 of the directions, but in most of those that the thing leaves free.
+TEST(TableCircle, OfATableBehindAThing) {
+  const PinholeView view = ViewFrom(0.3);
+  CircleSearch search = SearchAboutTop();
+  Image8 picture = PictureBehindThing(view, 0.6, &search);
+  constexpr int kHalfStrip = 16;  // [px], of a radius of 52
+  for (int y = kHeight / 2 + 1; y < kHeight; ++y)
+    std::fill_n(picture.Pixel(kWidth / 2 - kHalfStrip + 1, y), 3 * (2 * kHalfStrip - 1), 150);
+  EXPECT_FALSE(FindTableCircle({{view, picture}}, SearchAboutTop()));
+  const std::optional<TableCircle> circle = FindTableCircle({{view, picture}}, search);
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->height, kTop, kPixel);
+  EXPECT_NEAR(circle->radius, kRadius, kPixel);
+  EXPECT_GT(circle->share, 0.6);
+  // What stands elsewhere hides nothing.
+  for (ThingRing& ring : search.thing) ring.radius = 0.1;
+  EXPECT_FALSE(FindTableCircle({{view, picture}}, search));
+}
+
+// Where it hides most of the far side, what is left would do for the side's lower end, too, whose near half
+// alone is seen.
+TEST(TableCircle, NoneOfASidesLowerEndBehindAThing) {
+  const PinholeView view = ViewFrom(0.3);
+  CircleSearch search = SearchAboutTop();
+  const Image8 picture = PictureBehindThing(view, 0.96, &search);
+  EXPECT_FALSE(FindTableCircle({{view, picture}}, search));
 }
 
 // Light falls on the top and the ground in patches: no rim by light is clearer than their borders, which are
