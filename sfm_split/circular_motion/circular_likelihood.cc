@@ -5,10 +5,14 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/circular_motion/circular_errors.h"
+#include "sfm_split/circular_motion/circular_lens.h"
 #include "sfm_split/circular_motion/match_mixture.h"
+#include "sfm_split/circular_motion/match_triples.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
@@ -19,144 +23,25 @@ using Eigen::MatrixXd;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
 constexpr size_t kWorthThreads = 5000;  // matches: some .5 ms
 constexpr int kMaxAttempts = 8;         // of one step, with ever more damping
 
-// A keypoint as a ray with z = 1, and how that moves with the lens.
-struct LensPoint {
-  bool is_valid = false;
-  Vector3d ray = Vector3d::UnitZ();
-  Vector3d by_log_focal = Vector3d::Zero();
-  Vector3d by_distortion = Vector3d::Zero();
-  double px = 1;  // pixels per unit in the plane z = 1, here
-};
-
-// \param focal  of the lens [px].
-LensPoint ThroughLens(const CircularLens& lens, double focal, const Vector2d& xy) {
-  const Vector2d distorted = xy / focal;
-  const double rd = distorted.norm();
-  const double k = lens.distortion;
-  double r = rd;
-  if (k != 0) {
-    // The lens turns back where 1 + 3 k r^2 = 0.
-    if (k < 0 && rd >= 2 / std::sqrt(-27 * k)) return {};
-    for (int iteration = 0; iteration < 8; ++iteration) {
-      r -= (r * (1 + k * r * r) - rd) / std::max(1 + 3 * k * r * r, 0.05);
-    }
-  }
-  LensPoint point;
-  const double slope = 1 + 3 * k * r * r;
-  if (!(slope > 0.05) || !std::isfinite(r)) return {};
-  const double ratio = 1 / (1 + k * r * r);
-  point.is_valid = true;
-  const Vector2d u = ratio * distorted;
-  point.ray << u, 1;
-  point.by_log_focal << -u * (1 / (ratio * slope)), 0;
-  point.by_distortion << -u * (r * r / slope), 0;
-  point.px = focal * (1 + 2 * k * r * r);
-  return point;
-}
-
-Matrix3d EssentialInFrame(double angle) {
-  const double c = std::cos(angle);
-  const double s = std::sin(angle);
-  Matrix3d r;
-  r << c, -s, 0, s, c, 0, 0, 0, 1;
-  return CrossMatrix<double>(Vector3d(1 - c, -s, 0)) * r;
-}
-
-Matrix3d EssentialByAngle(double angle) {
-  const double c = std::cos(angle);
-  const double s = std::sin(angle);
-  Matrix3d r;
-  Matrix3d dr;
-  r << c, -s, 0, s, c, 0, 0, 0, 1;
-  dr << -s, -c, 0, c, -s, 0, 0, 0, 0;
-  return CrossMatrix<double>(Vector3d(s, -c, 0)) * r + CrossMatrix<double>(Vector3d(1 - c, -s, 0)) * dr;
-}
-
-// Errors of a pair's matches [px]; infinite where there is none.
-struct PairErrors {
-  std::vector<double> errors;
-  std::vector<Vector6d> derivatives;  // by log focal length, distortion, turn of the frame, angle
-};
-
-// Matches that move farther than the turn can move them have none: an axis beside the camera and a turn of
-// next to nothing explain any displacements.
-void ErrorsOf(const CircularMatches::Pair& pair, double reach_px, const CircularLens& lens,
-              const CircularTurn& turn, bool with_derivatives, PairErrors* result) {
-  const double angle =
-      turn.angles[static_cast<size_t>(pair.photo2)] - turn.angles[static_cast<size_t>(pair.photo1)];
-  const Matrix3d e = turn.frame * EssentialInFrame(angle) * turn.frame.transpose();
-  Matrix3d by_angle;
-  std::array<Matrix3d, 3> by_turn;
-  if (with_derivatives) {
-    by_angle = turn.frame * EssentialByAngle(angle) * turn.frame.transpose();
-    for (int k = 0; k < 3; ++k) {
-      const Matrix3d cross = CrossMatrix<double>(Vector3d(Vector3d::Unit(k)));
-      by_turn[static_cast<size_t>(k)] = cross * e - e * cross;
-    }
-  }
-  const size_t num = pair.matches.size();
-  result->errors.assign(num, std::numeric_limits<double>::infinity());
-  if (with_derivatives) result->derivatives.assign(num, Vector6d::Zero());
-  const double farthest_px =
-      reach_px > 0 ? reach_px * 2 * std::abs(std::sin(angle / 2)) : std::numeric_limits<double>::infinity();
-  const double focal = std::exp(lens.log_focal);
-  for (size_t m = 0; m < num; ++m) {
-    if ((pair.matches[m].second - pair.matches[m].first).norm() > farthest_px) continue;
-    const LensPoint first = ThroughLens(lens, focal, pair.matches[m].first);
-    const LensPoint second = ThroughLens(lens, focal, pair.matches[m].second);
-    if (!first.is_valid || !second.is_valid) continue;
-    const Vector3d line2 = e * first.ray;
-    const Vector3d line1 = e.transpose() * second.ray;
-    const double squared = line2.head<2>().squaredNorm() / (second.px * second.px) +
-                           line1.head<2>().squaredNorm() / (first.px * first.px);
-    if (!(squared > 1e-30)) continue;
-    const double scale = 1 / std::sqrt(squared);
-    result->errors[m] = scale * second.ray.dot(line2);
-    if (!with_derivatives) continue;
-    // Of the numerator, and of half the denominator's square: both grow with the angle alike.
-    Vector6d& d = result->derivatives[m];
-    Vector6d half = Vector6d::Zero();
-    const double of1 = 1 / (first.px * first.px);
-    const double of2 = 1 / (second.px * second.px);
-    const auto along = [&](int k, const Vector3d& d_line2, const Vector3d& d_line1) {
-      half(k) = of2 * line2.head<2>().dot(d_line2.head<2>()) + of1 * line1.head<2>().dot(d_line1.head<2>());
-    };
-    d(0) = second.by_log_focal.dot(line2) + first.by_log_focal.dot(line1);
-    along(0, e * first.by_log_focal, e.transpose() * second.by_log_focal);
-    half(0) -= squared;  // pixels per unit grow with the focal length
-    d(1) = second.by_distortion.dot(line2) + first.by_distortion.dot(line1);
-    along(1, e * first.by_distortion, e.transpose() * second.by_distortion);
-    for (int k = 0; k < 4; ++k) {
-      const Matrix3d& change = k < 3 ? by_turn[static_cast<size_t>(k)] : by_angle;
-      const Vector3d d_line2 = change * first.ray;
-      d(2 + k) = second.ray.dot(d_line2);
-      along(2 + k, d_line2, change.transpose() * second.ray);
-    }
-    d -= (result->errors[m] * scale) * half;
-    d *= scale;
-  }
-}
-
-// At the share of right matches of a pair that makes its likelihood greatest.
-struct PairMixture {
+// At the share of right matches of a pair or row that makes its likelihood greatest.
+struct Mixture {
   double gain = 0;
   std::vector<double> right;  // probability of each match
 };
 
-PairMixture MixtureOf(const CircularMatches::Pair& pair, const std::vector<double>& errors, double sigma_px) {
+// \param sigma_px  of a right one's error.
+template <typename Match>
+Mixture MixtureOf(const std::vector<Match>& matches, const std::vector<double>& errors, double sigma_px) {
   std::vector<double> over;  // density of a right match's error over that of a wrong one's
   over.reserve(errors.size());
   const double peak = 1 / (sigma_px * kRootTwoPi);
   for (size_t m = 0; m < errors.size(); ++m) {
     const double ratio = errors[m] / sigma_px;
-    over.push_back(std::isfinite(errors[m]) ? peak / pair.matches[m].chance * std::exp(-0.5 * ratio * ratio)
-                                            : 0);
+    over.push_back(std::isfinite(errors[m]) ? peak / matches[m].chance * std::exp(-0.5 * ratio * ratio) : 0);
   }
   const double share = RightShare(over);
   return {MixtureGain(over, share), RightProbabilities(over, share)};
@@ -175,12 +60,28 @@ std::vector<PlacedPair> AllPairs(const std::vector<CircularMatches>& data) {
   return pairs;
 }
 
+struct PlacedRow {
+  size_t station;
+  const CircularMatches::Row* row;
+};
+
+std::vector<PlacedRow> AllRows(const std::vector<CircularMatches>& data) {
+  std::vector<PlacedRow> rows;
+  for (size_t s = 0; s < data.size(); ++s) {
+    for (const CircularMatches::Row& row : data[s].rows) rows.push_back({s, &row});
+  }
+  return rows;
+}
+
+size_t NumMatches(const PlacedPair& pair) { return pair.pair->matches.size(); }
+size_t NumMatches(const PlacedRow& row) { return row.row->triples.size(); }
+
 // From several threads, unless they would wait for each other longer than they work.
-template <typename Work>
-void ForEachPair(const std::vector<PlacedPair>& pairs, const Work& work) {
+template <typename Placed, typename Work>
+void ForEach(const std::vector<Placed>& all, const Work& work) {
   size_t num_matches = 0;
-  for (const PlacedPair& pair : pairs) num_matches += pair.pair->matches.size();
-  ParallelFor(static_cast<int64_t>(pairs.size()), num_matches < kWorthThreads ? 1 : 0,
+  for (const Placed& one : all) num_matches += NumMatches(one);
+  ParallelFor(static_cast<int64_t>(all.size()), num_matches < kWorthThreads ? 1 : 0,
               [&](int64_t p) { work(static_cast<size_t>(p)); });
 }
 
@@ -242,65 +143,113 @@ struct NormalEquations {
   VectorXd right;
 };
 
-// J^T W J and -J^T W e, each match by its probability to be right, and the priors.
-NormalEquations Linearize(const std::vector<CircularMatches>& data, const CircularPriors& priors,
-                          const CircularState& state, const Columns& columns) {
-  NormalEquations normal{MatrixXd::Zero(columns.size(), columns.size()), VectorXd::Zero(columns.size())};
-  const double information = 1 / (state.sigma_px * state.sigma_px);
-  struct PairNormal {
-    Matrix6d matrix = Matrix6d::Zero();
-    Vector6d right = Vector6d::Zero();
-  };
+// J^T W J and -J^T W e of a pair's or row's own unknowns: log focal length, distortion, turn of the frame,
+// angles.
+template <int kSize>
+struct LocalNormal {
+  Eigen::Matrix<double, kSize, kSize> matrix = Eigen::Matrix<double, kSize, kSize>::Zero();
+  Eigen::Matrix<double, kSize, 1> right = Eigen::Matrix<double, kSize, 1>::Zero();
+};
+
+// Each match by its probability to be right.
+template <int kSize>
+LocalNormal<kSize> WeighErrors(const std::vector<double>& errors,
+                               const std::vector<Eigen::Matrix<double, kSize, 1>>& derivatives,
+                               const Mixture& mixture, double sigma_px) {
+  const double information = 1 / (sigma_px * sigma_px);
+  LocalNormal<kSize> normal;
+  for (size_t m = 0; m < errors.size(); ++m) {
+    if (!std::isfinite(errors[m])) continue;
+    const double weight = mixture.right[m] * information;
+    if (weight < 1e-6 * information) continue;
+    normal.matrix.noalias() += weight * derivatives[m] * derivatives[m].transpose();
+    normal.right -= weight * errors[m] * derivatives[m];
+  }
+  return normal;
+}
+
+// Where one of a pair's or row's own unknowns stands, and how it follows the one there.
+struct Place {
+  int column;
+  int local;
+  double factor;
+};
+
+std::vector<Place> PlacesOf(const Columns& columns, size_t station, int lens, const int* photos,
+                            int num_photos) {
+  std::vector<Place> places = {{2 * lens, 0, 1}, {2 * lens + 1, 1, 1}};
+  for (int k = 0; k < 3; ++k) places.push_back({columns.OfTurn(station) + k, 2 + k, 1});
+  // An angle is that of the later photo less that of the earlier.
+  for (int k = 0; k + 1 < num_photos; ++k) {
+    if (columns.steps() == CircularSteps::kEqual)
+      places.push_back({columns.OfStep(station), 5 + k, static_cast<double>(photos[k + 1] - photos[k])});
+    if (columns.steps() != CircularSteps::kFree) continue;
+    for (const int later : {0, 1}) {
+      const int column = columns.OfAngle(station, photos[k + later]);
+      if (column >= 0) places.push_back({column, 5 + k, later == 1 ? 1.0 : -1.0});
+    }
+  }
+  return places;
+}
+
+template <int kSize>
+void Add(const LocalNormal<kSize>& local, const std::vector<Place>& places, NormalEquations* normal) {
+  for (const Place& a : places) {
+    normal->right(a.column) += a.factor * local.right(a.local);
+    for (const Place& b : places)
+      normal->matrix(a.column, b.column) += a.factor * b.factor * local.matrix(a.local, b.local);
+  }
+}
+
+void AddPairs(const std::vector<CircularMatches>& data, const CircularState& state, const Columns& columns,
+              NormalEquations* normal) {
   const std::vector<PlacedPair> pairs = AllPairs(data);
-  std::vector<PairNormal> normals(pairs.size());
-  ForEachPair(pairs, [&](size_t p) {
+  std::vector<LocalNormal<6>> normals(pairs.size());
+  ForEach(pairs, [&](size_t p) {
     const CircularMatches& station = data[pairs[p].station];
     PairErrors errors;
     ErrorsOf(*pairs[p].pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
              state.turns[pairs[p].station], true, &errors);
-    const PairMixture mixture = MixtureOf(*pairs[p].pair, errors.errors, state.sigma_px);
-    for (size_t m = 0; m < errors.errors.size(); ++m) {
-      if (!std::isfinite(errors.errors[m])) continue;
-      const double weight = mixture.right[m] * information;
-      if (weight < 1e-6 * information) continue;
-      normals[p].matrix.noalias() += weight * errors.derivatives[m] * errors.derivatives[m].transpose();
-      normals[p].right -= weight * errors.errors[m] * errors.derivatives[m];
-    }
+    normals[p] =
+        WeighErrors<6>(errors.errors, errors.derivatives,
+                       MixtureOf(pairs[p].pair->matches, errors.errors, state.sigma_px), state.sigma_px);
   });
-  auto of_pair = normals.begin();
+  for (size_t p = 0; p < pairs.size(); ++p) {
+    const std::array<int, 2> photos = {pairs[p].pair->photo1, pairs[p].pair->photo2};
+    Add(normals[p], PlacesOf(columns, pairs[p].station, data[pairs[p].station].lens, photos.data(), 2),
+        normal);
+  }
+}
+
+void AddRows(const std::vector<CircularMatches>& data, const CircularState& state, const Columns& columns,
+             NormalEquations* normal) {
+  const std::vector<PlacedRow> rows = AllRows(data);
+  std::vector<LocalNormal<7>> normals(rows.size());
+  const double sigma_px = kNoiseOfMiddle * state.sigma_px;
+  ForEach(rows, [&](size_t r) {
+    RowErrors errors;
+    ErrorsOf(*rows[r].row, state.lenses[static_cast<size_t>(data[rows[r].station].lens)],
+             state.turns[rows[r].station], true, &errors);
+    normals[r] = WeighErrors<7>(errors.errors, errors.derivatives,
+                                MixtureOf(rows[r].row->triples, errors.errors, sigma_px), sigma_px);
+  });
+  for (size_t r = 0; r < rows.size(); ++r) {
+    const int lens = data[rows[r].station].lens;
+    Add(normals[r], PlacesOf(columns, rows[r].station, lens, rows[r].row->photos.data(), 3), normal);
+  }
+}
+
+// Of everything, and the priors.
+NormalEquations Linearize(const std::vector<CircularMatches>& data, const CircularPriors& priors,
+                          const CircularState& state, const Columns& columns) {
+  NormalEquations normal{MatrixXd::Zero(columns.size(), columns.size()), VectorXd::Zero(columns.size())};
+  AddPairs(data, state, columns, &normal);
+  AddRows(data, state, columns, &normal);
   for (size_t s = 0; s < data.size(); ++s) {
-    const CircularMatches& station = data[s];
-    for (const CircularMatches::Pair& pair : station.pairs) {
-      const auto& [matrix, right] = *of_pair++;
-      // The pair's angle is that of its second photo less that of its first.
-      std::array<std::pair<int, double>, 7> place;
-      size_t used = 0;
-      std::array<int, 7> of{};
-      const auto put = [&](int column, int local, double factor) {
-        if (column < 0 || factor == 0) return;
-        place[used] = {column, factor};
-        of[used++] = local;
-      };
-      put(2 * station.lens, 0, 1);
-      put(2 * station.lens + 1, 1, 1);
-      for (int k = 0; k < 3; ++k) put(columns.OfTurn(s) + k, 2 + k, 1);
-      if (columns.steps() == CircularSteps::kEqual) put(columns.OfStep(s), 5, pair.photo2 - pair.photo1);
-      if (columns.steps() == CircularSteps::kFree) {
-        put(columns.OfAngle(s, pair.photo1), 5, -1);
-        put(columns.OfAngle(s, pair.photo2), 5, 1);
-      }
-      for (size_t a = 0; a < used; ++a) {
-        normal.right(place[a].first) += place[a].second * right(of[a]);
-        for (size_t b = 0; b < used; ++b) {
-          normal.matrix(place[a].first, place[b].first) +=
-              place[a].second * place[b].second * matrix(of[a], of[b]);
-        }
-      }
-    }
     if (columns.steps() != CircularSteps::kFree || priors.angles.empty()) continue;
     const double sigma = AngleSigma(priors, s);
     const double of_angle = 1 / (sigma * sigma);
-    for (int i = 1; i < station.num_photos; ++i) {
+    for (int i = 1; i < data[s].num_photos; ++i) {
       const int column = columns.OfAngle(s, i);
       normal.matrix(column, column) += of_angle;
       normal.right(column) -= of_angle * (state.turns[s].angles[static_cast<size_t>(i)] -
@@ -349,6 +298,18 @@ CircularState Moved(const CircularState& state, const CircularPriors& priors, co
   return moved;
 }
 
+double GainOfRows(const std::vector<CircularMatches>& data, const CircularState& state) {
+  const std::vector<PlacedRow> rows = AllRows(data);
+  std::vector<double> gains(rows.size());
+  ForEach(rows, [&](size_t r) {
+    RowErrors errors;
+    ErrorsOf(*rows[r].row, state.lenses[static_cast<size_t>(data[rows[r].station].lens)],
+             state.turns[rows[r].station], false, &errors);
+    gains[r] = MixtureOf(rows[r].row->triples, errors.errors, kNoiseOfMiddle * state.sigma_px).gain;
+  });
+  return std::accumulate(gains.begin(), gains.end(), 0.0);
+}
+
 }  // namespace
 
 CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const CircularPriors& priors,
@@ -357,16 +318,16 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
   figures.log_posterior = LogPriors(priors, state);
   struct PairTerms {
     std::vector<double> errors;
-    PairMixture mixture;
+    Mixture mixture;
   };
   const std::vector<PlacedPair> pairs = AllPairs(data);
   std::vector<PairTerms> terms(pairs.size());
-  ForEachPair(pairs, [&](size_t p) {
+  ForEach(pairs, [&](size_t p) {
     const CircularMatches& station = data[pairs[p].station];
     PairErrors errors;
     ErrorsOf(*pairs[p].pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
              state.turns[pairs[p].station], false, &errors);
-    terms[p].mixture = MixtureOf(*pairs[p].pair, errors.errors, state.sigma_px);
+    terms[p].mixture = MixtureOf(pairs[p].pair->matches, errors.errors, state.sigma_px);
     terms[p].errors = std::move(errors.errors);
   });
   auto of_pair = terms.begin();
@@ -393,6 +354,7 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
     }
     figures.log_posterior += figures.gain.back();
   }
+  figures.log_posterior += GainOfRows(data, state);
   figures.sigma_px = std::sqrt(squares / std::max(figures.inliers, 1e-9));
   return figures;
 }
@@ -438,6 +400,29 @@ CircularFigures RefineCircular(const std::vector<CircularMatches>& data, const C
     }
   }
   return figures;
+}
+
+CircularFigures SettleCircular(const std::vector<CircularMatches>& data, const CircularPriors& priors,
+                               CircularSteps steps, double most_sigma_px, CircularState* state) {
+  for (int round = 0; round < 6; ++round) {
+    const CircularFigures figures = RefineCircular(data, priors, steps, 25, state, nullptr);
+    const double sigma = std::clamp(figures.sigma_px, kLeastSigmaPx, most_sigma_px);
+    const bool is_settled = std::abs(sigma - state->sigma_px) <= 0.01 * state->sigma_px;
+    state->sigma_px = sigma;
+    if (is_settled) break;
+  }
+  return EvaluateCircular(data, priors, *state, false);
+}
+
+double FreeCircularAngles(const std::vector<CircularMatches>& data, CircularPriors priors,
+                          double most_sigma_px, CircularState* state) {
+  priors.angles = state->turns;
+  state->sigma_px = most_sigma_px;
+  RefineCircular(data, priors, CircularSteps::kFree, 15, state, nullptr);
+  const CircularFigures freed = SettleCircular(data, priors, CircularSteps::kFree, most_sigma_px, state);
+  double unknowns = 0;
+  for (const CircularMatches& station : data) unknowns += station.num_photos - 1;
+  return freed.log_posterior - 0.5 * unknowns * std::log(std::max(2.0, freed.inliers));
 }
 
 void FaceMatches(const CircularMatches& station, const CircularLens& lens, double sigma_px,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -34,6 +35,12 @@ struct CircularMatch {
   double chance = 0;  ///< density of a wrong match's epipolar error [1 / px].
 };
 
+/// Keypoints of three photos that matches chain, likewise.
+struct CircularTriple {
+  std::array<Eigen::Vector2d, 3> xy;
+  double chance = 0;  ///< density of a wrong one's error [1 / px].
+};
+
 struct CircularMatches {
   int lens = 0;
   int num_photos = 0;
@@ -45,6 +52,11 @@ struct CircularMatches {
     std::vector<CircularMatch> matches;
   };
   std::vector<Pair> pairs;
+  struct Row {  // of three photos
+    std::array<int, 3> photos{};
+    std::vector<CircularTriple> triples;
+  };
+  std::vector<Row> rows;
 };
 
 struct CircularPriors {
@@ -67,10 +79,10 @@ enum class CircularSteps {
 };
 
 struct CircularFigures {
-  double log_posterior = 0;  ///< of everything, over chance.
+  double log_posterior = 0;  ///< of everything, pairs, rows and priors, over chance.
   double sigma_px = 0;       ///< of the matches' errors, by their probabilities to be right.
   double inliers = 0;
-  std::vector<double> gain;                        ///< per station.
+  std::vector<double> gain;                        ///< per station, of the pairs.
   std::vector<int> inliers_of_station;             ///< matches rather right than wrong.
   std::vector<std::vector<double>> gain_of_photo;  ///< per station and photo.
 };
@@ -84,6 +96,15 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
 CircularFigures RefineCircular(const std::vector<CircularMatches>& data, const CircularPriors& priors,
                                CircularSteps steps, int max_iterations, CircularState* state,
                                std::vector<double>* focal_sigma_log);
+
+/// RefineCircular() and the noise in turns, until neither changes. \param most_sigma_px  of the noise.
+CircularFigures SettleCircular(const std::vector<CircularMatches>& data, const CircularPriors& priors,
+                               CircularSteps steps, double most_sigma_px, CircularState* state);
+
+/// SettleCircular() with every angle free about those of the state. Returns the logarithm of the posterior
+/// less what the Bayesian information criterion charges for them.
+double FreeCircularAngles(const std::vector<CircularMatches>& data, CircularPriors priors,
+                          double most_sigma_px, CircularState* state);
 
 /// Epipolar errors are the same for an axis on the other side of the camera, with all points behind it. Turns
 /// the frame to the side on which more of the station's matches that are right lie before both photos.

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <optional>
 #include <random>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -21,7 +22,6 @@ namespace s2gs {
 namespace {
 
 constexpr size_t kMaxLenses = 8;  // that all stations together start from
-constexpr double kCertain = 8;    // e^-8: what is believed against chance
 
 using Start = CircularStart;
 
@@ -49,7 +49,9 @@ class Fitter {
   CircularPriors AllPriors(bool with_distortion) const {
     return PriorsOfLenses(cameras_, priors_, with_distortion);
   }
-  CircularFigures Settle(const CircularPriors& priors, CircularSteps steps, CircularState* state) const;
+  CircularFigures Settle(const CircularPriors& priors, CircularSteps steps, CircularState* state) const {
+    return SettleCircular(data_, priors, steps, options_.noise_px, state);
+  }
   void ReportLenses(const CircularState& state, bool distortion_is_free, CircularMotion* motion) const;
   void ReportStations(const CircularState& state, CircularSteps steps, CircularMotion* motion) const;
   // Whether matches are bound to move no farther than a turn can move them: only where the turn may become
@@ -65,22 +67,10 @@ class Fitter {
   std::vector<CircularMatches> data_;
   std::vector<double> reach_px_;  // of data_
   std::vector<size_t> station_of_data_;
+  std::vector<size_t> num_tried_;
   std::vector<Start> closed_;  // of data_, as SearchStation has them
   std::vector<Start> open_;
 };
-
-// To the maximum, sigma included.
-CircularFigures Fitter::Settle(const CircularPriors& priors, CircularSteps steps,
-                               CircularState* state) const {
-  for (int round = 0; round < 6; ++round) {
-    const CircularFigures figures = RefineCircular(data_, priors, steps, 25, state, nullptr);
-    const double sigma = std::clamp(figures.sigma_px, kLeastSigmaPx, options_.noise_px);
-    const bool is_settled = std::abs(sigma - state->sigma_px) <= 0.01 * state->sigma_px;
-    state->sigma_px = sigma;
-    if (is_settled) break;
-  }
-  return EvaluateCircular(data_, priors, *state, false);
-}
 
 // One lens for all: stations that were fitted alone disagree on it, and each may be right.
 CircularState Fitter::BestLenses(const std::vector<const Start*>& starts, CircularSteps steps) const {
@@ -89,6 +79,11 @@ CircularState Fitter::BestLenses(const std::vector<const Start*>& starts, Circul
     state.lenses.push_back({std::log(priors_[c].focal_px), DistortionOf(cameras_[c])});
   }
   for (const Start* start : starts) state.turns.push_back(start->state.turns[0]);
+  if (starts.size() == 1) {  // which is settled
+    state.lenses[static_cast<size_t>(data_[0].lens)] = starts[0]->state.lenses[0];
+    state.sigma_px = starts[0]->state.sigma_px;
+    return state;
+  }
   std::vector<Start> with_lens(std::min(starts.size(), kMaxLenses) + 1);
   for (Start& one : with_lens) one.state = state;
   for (size_t s = 0; s + 1 < with_lens.size(); ++s) {
@@ -132,21 +127,14 @@ Start Fitter::RefineAll(const std::vector<const Start*>& starts) const {
     all.log_posterior -= charge * static_cast<double>(data_.size());
   }
   FreeSteps(&all);
+  for (const Start* start : starts) all.log_posterior += start->log_prior;
   return all;
 }
 
 // Where free angles are worth it.
 void Fitter::FreeSteps(Start* all) const {
   CircularState free = all->state;
-  CircularPriors priors = AllPriors(false);
-  priors.angles = free.turns;
-  free.sigma_px = options_.noise_px;
-  RefineCircular(data_, priors, CircularSteps::kFree, 15, &free, nullptr);
-  const CircularFigures freed = Settle(priors, CircularSteps::kFree, &free);
-  double extra = 0;
-  for (const CircularMatches& station : data_) extra += station.num_photos - 2;
-  const double worth = freed.log_posterior - (extra + static_cast<double>(data_.size())) * 0.5 *
-                                                 std::log(std::max(2.0, freed.inliers));
+  const double worth = FreeCircularAngles(data_, AllPriors(false), options_.noise_px, &free);
   if (!(worth > all->log_posterior)) return;
   all->log_posterior = worth;
   all->state = std::move(free);
@@ -172,12 +160,14 @@ void Fitter::ReportStations(const CircularState& state, CircularSteps steps, Cir
     for (const CircularMatches::Pair& pair : data.pairs)
       has_matches[static_cast<size_t>(pair.photo1)] = has_matches[static_cast<size_t>(pair.photo2)] = 1;
     for (size_t i = 0; i < has_matches.size(); ++i)
-      fit.placed.push_back(figures.gain_of_photo[s][i] > kCertain || (!are_free && has_matches[i] != 0) ? 1
-                                                                                                        : 0);
-    // By the Bayesian information criterion against chance, which has no parameters.
+      fit.placed.push_back(
+          figures.gain_of_photo[s][i] > kBeyondChance || (!are_free && has_matches[i] != 0) ? 1 : 0);
+    // By the Bayesian information criterion against chance, which has no parameters, for the best of all that
+    // were tried.
     const double parameters = 5.0 + (are_free ? data.num_photos - 1 : steps == CircularSteps::kEqual ? 1 : 0);
-    fit.found = fit.gain > 0.5 * parameters * std::log(std::max(2, fit.matches)) + kCertain &&
-                std::count(fit.placed.begin(), fit.placed.end(), 1) >= 3;
+    const double charge = 0.5 * parameters * std::log(std::max(2, fit.matches)) +
+                          std::log(std::max<double>(1, static_cast<double>(num_tried_[s])));
+    fit.found = fit.gain > charge + kBeyondChance && std::count(fit.placed.begin(), fit.placed.end(), 1) >= 3;
     double span = 0;
     for (size_t i = 1; i < fit.angles_rad.size(); ++i)
       span += WrapAngle(fit.angles_rad[i] - fit.angles_rad[i - 1]);
@@ -214,6 +204,7 @@ void Fitter::SearchStations() {
       --s;
       continue;
     }
+    num_tried_.push_back(best.num_tried);
     closed_.push_back(std::move(*best.closed));
     open_.push_back(std::move(*best.open));
   }
@@ -242,6 +233,8 @@ Start Fitter::BestTogether(CircularMotion* motion) {
     if (other.log_posterior > best.log_posterior) best = std::move(other);
   }
   BindMoves(!best.is_closed);
+  reporter_.Debug("circles: turns that close " + std::to_string(motion->closed_log_posterior) + ", others " +
+                  std::to_string(motion->open_log_posterior));
   return best;
 }
 

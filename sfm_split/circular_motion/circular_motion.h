@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -25,12 +26,12 @@ namespace s2gs {
 //
 // Two photos hardly see how far the table turned between them: with equal steps the likelihood changes by one
 // or two within half a degree, while focal length, elevation and step trade off. What tells the step is a
-// turn that closes. So both hypotheses start the search: equal steps that close after the station's photos,
-// and equal steps of any size. All pairs count for both, those across the seam among them, so that the two
-// are compared by one likelihood of the same matches. Steps are equal unless the Bayesian information
-// criterion has the angles free: two photos at a time tell an angle to degrees only, points seen by three and
-// more, later, to hundredths. (Fitzgibbon, Cross, Zisserman, "Automatic 3D model construction for turn-table
-// sequences", 1998, for the geometry.)
+// turn that closes, and points that three photos in a row show: where the outer two see one, the middle one
+// has it at a place along its move. So both hypotheses start the search: equal steps that close after the
+// station's photos, and equal steps of any size. All pairs count for both, those across the seam among them,
+// so that the two are compared by one likelihood of the same matches. Steps are equal unless the Bayesian
+// information criterion has the angles free. (Fitzgibbon, Cross, Zisserman, "Automatic 3D model construction
+// for turn-table sequences", 1998, for the geometry.)
 
 /// Matches of two photos of one station; most may be wrong.
 struct CircularPair {
@@ -39,10 +40,17 @@ struct CircularPair {
   std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> matches;  ///< [px]
 };
 
+/// Points that three photos in a row of one station show; likewise.
+struct CircularRow {
+  std::array<int, 3> photos{};                          ///< places.
+  std::vector<std::array<Eigen::Vector2d, 3>> triples;  ///< [px]
+};
+
 struct CircularStation {
   int camera = 0;  ///< index into the cameras.
   int num_photos = 0;
   std::vector<CircularPair> pairs;
+  std::vector<CircularRow> rows;
 };
 
 class CircularSearch;
@@ -50,8 +58,8 @@ class CircularSearch;
 struct CircularOptions {
   double noise_px = 1;   ///< largest standard deviation of a match's epipolar error.
   int max_matches = 60;  ///< of a pair.
-  int num_refined = 4;   ///< starts of each hypothesis and view that are refined.
-  int min_photos = 4;    ///< stations with fewer are not fitted.
+  int num_refined = 4;  ///< starts of each view that are refined where turns close; else one a view and step.
+  int min_photos = 4;   ///< stations with fewer are not fitted.
   uint32_t random_seed = 0;
   /// A search with these options that has begun, which is awaited where it is of the same features; nullptr:
   /// none.

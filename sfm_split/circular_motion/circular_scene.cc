@@ -14,6 +14,7 @@
 #include "sfm_split/circular_motion/circular_search.h"
 #include "sfm_split/circular_motion/circular_ties.h"
 #include "sfm_split/circular_motion/match_mixture.h"
+#include "sfm_split/circular_motion/match_triples.h"
 
 namespace s2gs {
 namespace {
@@ -292,6 +293,13 @@ std::vector<CircularStation> CollectCircularStations(const ScanFeatures& feature
                                 second.keypoints[match.point2D_idx2].cast<double>());
     }
     if (!pair.matches.empty()) stations[s].pairs.push_back(std::move(pair));
+  }
+  for (const PhotoTriple& given : PhotoTriples(features)) {
+    const size_t s = index_of.at(given.station);
+    if (is_mixed[s] != 0) continue;
+    CircularRow row{given.places, {}};
+    for (const MatchTriple& match : given.matches) row.triples.push_back(KeypointsOf(features, given, match));
+    stations[s].rows.push_back(std::move(row));
   }
   return stations;
 }

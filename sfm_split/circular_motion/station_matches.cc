@@ -8,6 +8,7 @@
 
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/circular_motion/match_mixture.h"
+#include "sfm_split/circular_motion/match_triples.h"
 #include "sfm_split/circular_motion/turn_reach.h"
 #include "sfm_split/circular_motion/wrong_matches.h"
 
@@ -50,6 +51,32 @@ void FillChance(double extent, CircularMatches* data) {
   });
 }
 
+std::vector<CircularMatches::Row> RowsOf(const CircularStation& station, const Vector2d& middle,
+                                         const Vector2d& aspect) {
+  std::vector<CircularMatches::Row> rows;
+  std::vector<MiddleMove> middles;
+  for (const CircularRow& given : station.rows) {
+    CircularMatches::Row& row = rows.emplace_back();
+    row.photos = given.photos;
+    for (const auto& xy : given.triples) {
+      CircularTriple& triple = row.triples.emplace_back();
+      for (size_t k = 0; k < 3; ++k) triple.xy[k] = (xy[k] - middle).cwiseProduct(aspect);
+      middles.push_back(MiddleOf(triple.xy));
+    }
+  }
+  const WrongMiddles wrong(middles);
+  for (CircularMatches::Row& row : rows) {
+    for (CircularTriple& triple : row.triples) triple.chance = wrong.Chance(MiddleOf(triple.xy));
+  }
+  return rows;
+}
+
+template <typename Match>
+void ShuffleAndCut(int most, std::mt19937* rng, std::vector<Match>* matches) {
+  std::shuffle(matches->begin(), matches->end(), *rng);
+  if (matches->size() > static_cast<size_t>(most)) matches->resize(static_cast<size_t>(most));
+}
+
 }  // namespace
 
 bool IsPerspective(CameraModelId model) {
@@ -78,9 +105,7 @@ std::optional<CircularMatches> MatchesOfStation(const CircularStation& station, 
       pair.matches.push_back(
           {(first - middle).cwiseProduct(aspect), (second - middle).cwiseProduct(aspect), 0});
     }
-    std::shuffle(pair.matches.begin(), pair.matches.end(), *rng);
-    if (pair.matches.size() > static_cast<size_t>(options.max_matches))
-      pair.matches.resize(static_cast<size_t>(options.max_matches));
+    ShuffleAndCut(options.max_matches, rng, &pair.matches);
     for (const CircularMatch& match : pair.matches) {
       extent.Add(match.first);
       extent.Add(match.second);
@@ -91,6 +116,8 @@ std::optional<CircularMatches> MatchesOfStation(const CircularStation& station, 
     result.pairs.push_back(std::move(pair));
   }
   if (num < kMinMatches) return std::nullopt;
+  result.rows = RowsOf(station, middle, aspect);
+  for (CircularMatches::Row& row : result.rows) ShuffleAndCut(options.max_matches, rng, &row.triples);
   result.reach_px = kMagnification * SweptPx(std::move(x), std::move(y));
   FillChance(extent.Px(), &result);
   return result;
@@ -113,6 +140,14 @@ CircularMatches SampleMatches(const CircularMatches& all, size_t num) {
       if (at++ % stride == 0) some.matches.push_back(match);
     }
     if (!some.matches.empty()) sample.pairs.push_back(std::move(some));
+  }
+  sample.rows.clear();
+  for (const CircularMatches::Row& row : all.rows) {
+    CircularMatches::Row some{row.photos, {}};
+    for (const CircularTriple& triple : row.triples) {
+      if (at++ % stride == 0) some.triples.push_back(triple);
+    }
+    if (!some.triples.empty()) sample.rows.push_back(std::move(some));
   }
   return sample;
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <string>
 #include <utility>
@@ -21,16 +22,21 @@ using Eigen::Vector3d;
 
 constexpr size_t kRankMatches = 1000;          // that rank the starting points
 constexpr size_t kSearchMatches = 3000;        // that these are refined with
-constexpr size_t kNumFinished = 3;             // of the different optima that refined starts come to
+constexpr size_t kNumFinished = 6;             // of the different optima that refined starts come to
+constexpr size_t kNumWithoutParts = 2;         // of these that go on without a part of the turn ...
+constexpr int kNumParts = 3;                   // ... of so many
 constexpr double kOneOptimum = 4 * kPi / 180;  // between axes: half of what the starts lie apart
 constexpr double kOneStep = 0.15;              // between steps, as a share: half of what the starts lie apart
-constexpr double kBelowTable =
-    5 * kPi / 180;                // standard deviation of how far a camera stands below the table
+// A judgement: the standard deviation of how far a camera stands below the table, which then hides the
+// object.
+constexpr double kBelowTable = 3 * kPi / 180;
 constexpr double kUpright = 0.9;  // of photos, as they are stored; either side has half the next
 // Both sides together: with the two others a judgement, as no photo should be ruled out.
 constexpr double kOnTheSide = 0.045;
-constexpr double kOnTheHead = 0.01;  // a judgement, likewise
-constexpr double kCoarseNoise = 2;   // times the noise, while everything is far off
+constexpr double kOnTheHead = 0.001;    // a judgement, likewise
+constexpr double kMoreThanOnce = 0.01;  // a judgement: that a station's photos go round more than once
+constexpr double kMuchMore = 1.5;       // turns: what is more than once for sure
+constexpr double kCoarseNoise = 2;      // times the noise, while everything is far off
 
 // A camera that looks down at the table, the axis behind the middle of what moves.
 // \param up  of the axis in the picture.
@@ -71,19 +77,33 @@ double PointAxisUp(CircularTurn* turn) {
   return turned;
 }
 
+// And of how far its photos turn. Steps of n times the right one explain what repeats.
+double LogPriorOfSpan(const CircularTurn& turn) {
+  const double step = turn.angles.size() > 1 ? std::abs(turn.angles[1] - turn.angles[0]) : 0;
+  return step * static_cast<double>(turn.angles.size()) > kMuchMore * 2 * kPi ? std::log(kMoreThanOnce) : 0;
+}
+
+void TakePriors(CircularStart* start) {
+  CircularTurn* const turn = &start->state.turns[0];
+  start->log_prior = PointAxisUp(turn);
+  start->log_prior += LogPriorOfSpan(*turn);
+  start->log_posterior += start->log_prior;
+}
+
 void SortByPosterior(std::vector<CircularStart>* starts) {
   std::stable_sort(starts->begin(), starts->end(), [](const CircularStart& a, const CircularStart& b) {
     return a.log_posterior > b.log_posterior;
   });
 }
 
-// So many at most of each view: which is right cannot be told before they are refined.
+// So many at most of each view and step: which is right cannot be told before they are refined. Unrefined,
+// the smallest steps explain more than a right one that is a degree off.
 std::vector<CircularStart> BestOfEachView(std::vector<CircularStart> starts, int num) {
   SortByPosterior(&starts);
-  std::map<size_t, int> taken;
+  std::map<std::pair<size_t, double>, int> taken;
   std::vector<CircularStart> kept;
   for (CircularStart& start : starts) {
-    if (taken[start.view]++ < num) kept.push_back(std::move(start));
+    if (taken[{start.view, start.state.turns[0].angles[1]}]++ < num) kept.push_back(std::move(start));
   }
   return kept;
 }
@@ -110,6 +130,7 @@ std::vector<CircularStart> DifferentOptima(std::vector<CircularStart> starts, si
 struct Searched {
   std::vector<CircularMatches> few;   // that rank starts, one entry
   std::vector<CircularMatches> many;  // that the best of them are refined with, one entry
+  std::vector<CircularMatches> all;   // that these are compared with, one entry
   Vector2d middle;                    // of what moves
   CircularPriors priors;
 };
@@ -119,7 +140,8 @@ std::optional<Searched> SampleStation(const CircularMatches& data, const Camera&
   Searched searched;
   searched.few = {SampleMatches(data, kRankMatches)};
   searched.many = {SampleMatches(data, kSearchMatches)};
-  searched.few[0].lens = searched.many[0].lens = 0;
+  searched.all = {data};
+  searched.few[0].lens = searched.many[0].lens = searched.all[0].lens = 0;
   // Whether a turn that became next to nothing explains anything is asked when all matches are compared.
   searched.few[0].reach_px = searched.many[0].reach_px = 0;
   Vector2d middle = Vector2d::Zero();
@@ -170,27 +192,76 @@ std::vector<CircularStart> StartsOf(const Searched& searched, bool is_closed,
   return starts;
 }
 
+// Without what photos of one part of the turn say.
+std::vector<CircularMatches> WithoutPart(const CircularMatches& data, int part, int num_parts) {
+  const auto is_left_out = [&](int photo) { return photo * num_parts / data.num_photos == part; };
+  CircularMatches rest = data;
+  rest.pairs.clear();
+  for (const CircularMatches::Pair& pair : data.pairs) {
+    if (!is_left_out(pair.photo1) && !is_left_out(pair.photo2)) rest.pairs.push_back(pair);
+  }
+  rest.rows.clear();
+  for (const CircularMatches::Row& row : data.rows) {
+    if (std::none_of(row.photos.begin(), row.photos.end(), is_left_out)) rest.rows.push_back(row);
+  }
+  return {std::move(rest)};
+}
+
+// Somebody who walks by is in a few photos, and a rigid body there: what these say may hold a start where it
+// is. So the best go on without a third of the turn each, too.
+void AddWithoutParts(const Searched& searched, CircularSteps mode, const CircularOptions& options,
+                     Reporter& reporter, std::vector<CircularStart>* starts) {
+  SortByPosterior(starts);
+  std::vector<CircularStart> without;
+  for (size_t k = 0; k < std::min(starts->size(), kNumWithoutParts); ++k)
+    without.insert(without.end(), static_cast<size_t>(kNumParts), (*starts)[k]);
+  ParallelFor(static_cast<int64_t>(without.size()), 0, [&](int64_t i) {
+    if (reporter.StopRequested()) throw Interrupted();
+    CircularState& state = without[static_cast<size_t>(i)].state;
+    state.sigma_px = options.noise_px;
+    SettleCircular(WithoutPart(searched.many[0], static_cast<int>(i) % kNumParts, kNumParts), searched.priors,
+                   mode, options.noise_px, &state);
+  });
+  std::move(without.begin(), without.end(), std::back_inserter(*starts));
+}
+
 std::optional<CircularStart> BestStart(const Searched& searched, bool is_closed,
-                                       const CircularOptions& options, Reporter& reporter) {
+                                       const CircularOptions& options, Reporter& reporter,
+                                       size_t* num_tried) {
   const CircularPriors& priors = searched.priors;
   std::vector<CircularStart> starts = StartsOf(searched, is_closed, options);
+  *num_tried += starts.size();
   ForEachStart(&starts, reporter, [&](CircularStart* start) {
     start->log_posterior = EvaluateCircular(searched.few, priors, start->state, false).log_posterior;
   });
-  starts = BestOfEachView(std::move(starts), options.num_refined);
+  starts = BestOfEachView(std::move(starts), is_closed ? options.num_refined : 1);
   const CircularSteps mode = is_closed ? CircularSteps::kEqualHeld : CircularSteps::kEqual;
   ForEachStart(&starts, reporter, [&](CircularStart* start) {
     RefineCircular(searched.few, priors, mode, 12, &start->state, nullptr);
     start->state.sigma_px = options.noise_px;
     start->log_posterior =
         RefineCircular(searched.few, priors, mode, 8, &start->state, nullptr).log_posterior;
+    TakePriors(start);
   });
   starts = DifferentOptima(std::move(starts), kNumFinished);
+  // Steps that close are not next to nothing.
+  std::vector<CircularMatches> all = searched.all;
+  if (is_closed) all[0].reach_px = 0;
   ForEachStart(&starts, reporter, [&](CircularStart* start) {
     start->state.sigma_px = 0.5 * options.noise_px;
     start->log_posterior =
         RefineCircular(searched.many, priors, mode, 15, &start->state, nullptr).log_posterior;
-    start->log_posterior += PointAxisUp(&start->state.turns[0]);
+  });
+  AddWithoutParts(searched, mode, options, reporter, &starts);
+  ForEachStart(&starts, reporter, [&](CircularStart* start) {
+    const CircularFigures equal = SettleCircular(all, priors, mode, options.noise_px, &start->state);
+    CircularState free = start->state;
+    const double charge = is_closed ? 0 : 0.5 * std::log(std::max(2.0, equal.inliers));
+    start->log_posterior = equal.log_posterior - charge;
+    // Of steps that are not equal at all, equal ones say little.
+    const double freed = FreeCircularAngles(all, priors, options.noise_px, &free);
+    if (freed > start->log_posterior + kBeyondChance) start->log_posterior = freed;
+    TakePriors(start);
   });
   std::optional<CircularStart> best;
   for (CircularStart& start : starts) {
@@ -210,8 +281,8 @@ StationStarts SearchStation(const CircularMatches& data, const Camera& camera, c
   const std::optional<Searched> searched = SampleStation(data, camera, prior);
   if (!searched) return {};
   StationStarts starts;
-  starts.closed = BestStart(*searched, true, options, reporter);
-  starts.open = BestStart(*searched, false, options, reporter);
+  starts.closed = BestStart(*searched, true, options, reporter, &starts.num_tried);
+  starts.open = BestStart(*searched, false, options, reporter, &starts.num_tried);
   return starts;
 }
 

@@ -14,9 +14,13 @@
 
 namespace s2gs {
 
+/// e^8 to one: what is believed against chance.
+inline constexpr double kBeyondChance = 8;
+
 /// From where a fit of circular motion begins, or has come to.
 struct CircularStart {
   double log_posterior = 0;  ///< less what the Bayesian information criterion charges for free angles.
+  double log_prior = 0;      ///< of what is known of cameras' places before the matches; part of the above.
   bool is_closed = false;
   size_t view = 0;  ///< which side of the picture is up, and which way the table turns.
   CircularSteps steps = CircularSteps::kEqual;
@@ -36,6 +40,7 @@ void ForEachStart(std::vector<CircularStart>* starts, Reporter& reporter, const 
 struct StationStarts {
   std::optional<CircularStart> closed;  ///< the best where the steps close after the station's photos.
   std::optional<CircularStart> open;    ///< the best where they are of any size.
+  size_t num_tried = 0;                 ///< of which these are the best: chance had as many.
 };
 
 /// Begins with all sides that may be up, elevations, both senses of turning and several focal lengths.

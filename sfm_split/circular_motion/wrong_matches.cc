@@ -11,7 +11,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kEvenShare = 0.2;    // of wrong matches that fall anywhere
 constexpr size_t kMaxMoves = 1000;    // that tell the density; each in both directions
 constexpr size_t kNearestMoves = 12;  // the area that they take tells the density, to 1 / sqrt(12)
 constexpr int kDraws = 500;     // of two moves: where a tenth orbits, 99 of 100 times one is of two that do

@@ -54,6 +54,9 @@ class WrongMatches {
   double extent_ = 1;
 };
 
+/// The share of wrong matches that fall anywhere: a judgement.
+inline constexpr double kEvenShare = 0.2;
+
 /// The share of a station's matches, those of photos farthest apart, that wrong ones are told by.
 constexpr double kFarShare = 0.25;
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <string>
 
+#include "sfm_split/relocalise/triple_likelihood.h"
+
 namespace s2gs {
 namespace {
 
@@ -62,7 +64,8 @@ double CandidateLikelihood::LogPriorOfLenses(const TurntableScene& scene) const 
 
 double CandidateLikelihood::LogLikelihood(const ScanCandidate& candidate) const {
   const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
-  return matches.gain + LogPriorOfLenses(candidate.aligned.scene) - Charge(candidate, matches.inliers);
+  return matches.gain + GainOfTriples(features_, candidate.aligned, matches.sigma_px) +
+         LogPriorOfLenses(candidate.aligned.scene) - Charge(candidate, matches.inliers);
 }
 
 bool CandidateLikelihood::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, bool inside_stations,
@@ -70,8 +73,11 @@ bool CandidateLikelihood::IsWorthAdjusting(const AlignedScene& aligned, double u
                                            Reporter& reporter) const {
   const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
   const MatchLikelihood matches = LikelihoodOfMatches(features_, best.aligned, pairs);
-  const double here = LikelihoodOfMatches(features_, aligned, pairs).gain + LogPriorOfLenses(aligned.scene);
-  double there = matches.gain + LogPriorOfLenses(best.aligned.scene);
+  const auto of_all = [&](const MatchLikelihood& of_pairs, const AlignedScene& scene) {
+    return of_pairs.gain + GainOfTriples(features_, scene, of_pairs.sigma_px) + LogPriorOfLenses(scene.scene);
+  };
+  const double here = of_all(LikelihoodOfMatches(features_, aligned, pairs), aligned);
+  double there = of_all(matches, best.aligned);
   // A pose for each photo follows wrong matches as well, and pays for it.
   if (best.refined.model != JointModel::kSharedStations) there -= Charge(best, matches.inliers);
   reporter.Debug("log-likelihood of the matches" + std::string(inside_stations ? " inside stations" : "") +

@@ -14,7 +14,6 @@
 #include "sfm_split/placement/model_difference.h"
 #include "sfm_split/relocalise/likelihood_ascent.h"
 #include "sfm_split/relocalise/match_likelihood.h"
-#include "sfm_split/relocalise/triple_likelihood.h"
 
 namespace s2gs {
 namespace {
@@ -22,7 +21,6 @@ namespace {
 constexpr double kAgreeingSigmas = 4;     // of an epipolar error
 constexpr double kLeastAgreeingPx = 1.5;  // a judgement: where the noise is told too small
 constexpr double kNarrower = 0.5;         // a judgement: of a bound, over the one before
-constexpr double kHalfAStep = 0.5;        // a turn that closes and one that does not differ by more
 constexpr double kRisk = 0.01;            // that chance takes a photo off its place among equal steps
 // A judgement: half of an adjustment's seconds are one thread's, which two need not wait for one after the
 // other; with few threads they would wait for each other's loops.
@@ -120,24 +118,25 @@ ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, cons
 // Within less than their noise poses follow what agrees by chance or slides along: the others then lie
 // farther off.
 ScanCandidate CircleRefinement::RefineWithin(const AlignedScene& aligned, const Told& told) const {
-  const auto noise_px = [&](const ScanCandidate& candidate) {
-    return LikelihoodOfMatches(features_, candidate.aligned, likelihood_.pairs()).sigma_px;
+  // Of pairs alone: what slides evenly agrees among three photos as among two, and long tracks of it with
+  // the poses that they hold.
+  const auto likelihood = [&](const ScanCandidate& candidate) {
+    return LikelihoodOfMatches(features_, candidate.aligned, likelihood_.pairs());
   };
   ScanCandidate best = RefineSimplest(aligned, told);
-  double least_px = noise_px(best);
+  MatchLikelihood most = likelihood(best);
   Told narrower = told;
   narrower.bound_px = std::min(told.bound_px, refine_.max_error_px);
   while (best.is_usable) {
     narrower.bound_px *= kNarrower;
     narrower.sigma_px = std::min(told.sigma_px, narrower.bound_px / kAgreeingSigmas);
     ScanCandidate candidate = RefineSimplest(aligned, narrower);
-    if (!candidate.IsBetterThan(best)) break;
-    const double now_px = noise_px(candidate);
-    if (!(now_px < least_px)) break;
+    const MatchLikelihood now = likelihood(candidate);
+    if (!candidate.is_usable || !(now.gain > most.gain) || !(now.sigma_px < most.sigma_px)) break;
     reporter_.Debug("within " + std::to_string(narrower.bound_px) + " px, log-likelihood " +
-                    std::to_string(best.log_likelihood) + " > " + std::to_string(candidate.log_likelihood));
+                    std::to_string(most.gain) + " > " + std::to_string(now.gain));
     best = std::move(candidate);
-    least_px = now_px;
+    most = now;
   }
   return best;
 }
@@ -167,15 +166,6 @@ ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
   auto [about_steps, free] =
       RefineBoth(aligned, {sigma_px, bound_px, steps, turns}, {sigma_px, bound_px, {}, turns});
-  // How far the table turned altogether is told by points of three photos where those of two leave it open.
-  if (about_steps.is_usable && free.is_usable &&
-      StepsTurnedOtherwise(features_, about_steps.aligned, free.aligned) > kHalfAStep) {
-    for (ScanCandidate* candidate : {&about_steps, &free}) {
-      const double gain = GainOfTriples(features_, candidate->aligned, sigma_px);
-      reporter_.Debug("points of three photos: " + std::to_string(gain));
-      candidate->log_likelihood += gain;
-    }
-  }
   if (about_steps.is_usable) {
     reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
                     ", with free angles " + std::to_string(free.log_likelihood));

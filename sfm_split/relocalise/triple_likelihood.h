@@ -10,11 +10,7 @@ namespace s2gs {
 /// along their move. Before a camera that is level with the table, matches of two photos tell the focal
 /// length over the step, and neither; a point that goes back and forth on a line tells the step by 2
 /// cos(step) of its place in the middle. Over all matches that may be the object's, right and wrong ones, of
-/// photos of one station in the features' order. \param sigma_px  of a keypoint's coordinate.
+/// photos of one station (PhotoTriples). \param sigma_px  of a keypoint's coordinate.
 double GainOfTriples(const ScanFeatures& features, const AlignedScene& aligned, double sigma_px);
-
-/// How much farther one of two scenes has the table turn over a station's photos, at most, in its own median
-/// steps.
-double StepsTurnedOtherwise(const ScanFeatures& features, const AlignedScene& one, const AlignedScene& other);
 
 }  // namespace s2gs

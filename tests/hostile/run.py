@@ -20,6 +20,7 @@ import os
 import pathlib
 import re
 import shutil
+import signal
 import sys
 import tempfile
 
@@ -93,6 +94,8 @@ def main():
     parser.add_argument("--list", action="store_true", help="print what each run said")
     parser.add_argument("--record", action="store_true")
     args = parser.parse_args()
+    # A shell ignores Ctrl-C in what it starts in the background, and so would the programs started here.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     examples = pathlib.Path(__file__).resolve().parents[2] / "examples" / "falcon_desk"
     work = args.work or pathlib.Path(tempfile.mkdtemp(prefix="s2gs_hostile_"))
     work.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <random>
 #include <string>
 #include <string_view>
@@ -86,6 +87,47 @@ double AxisErrorDeg(const Fit& fit, int station) {
            kDegree;
   }
   return 180;
+}
+
+// A rigid board of `num` points before the camera that goes from left to right in `count` photos from `first`
+// on and turns a little, matched between all pairs of these.
+void AddWalker(int count, int first, int num, uint64_t seed, ScanFeatures* features) {
+  std::mt19937 random(static_cast<uint32_t>(seed));
+  std::normal_distribution<double> normal;
+  const Camera& camera = features->cameras.begin()->second;
+  std::vector<Eigen::Vector3d> board;
+  for (int k = 0; k < num; ++k)
+    board.emplace_back(0.15 * normal(random), 0.3 * normal(random), 0.05 * normal(random));
+  std::vector<std::vector<uint32_t>> keypoint(static_cast<size_t>(count));
+  for (int i = 0; i < count; ++i) {
+    ScanImage& image = features->images[static_cast<size_t>(first + i)];
+    const Eigen::AngleAxisd turned(0.1 * i, Eigen::Vector3d::UnitY());
+    for (const Eigen::Vector3d& point : board) {
+      const Eigen::Vector3d x = turned * point + Eigen::Vector3d(-0.6 + 0.22 * i, 0, 2 + 0.1 * i);
+      const std::optional<Eigen::Vector2d> xy = ProjectToImage(camera, x);
+      keypoint[static_cast<size_t>(i)].push_back(static_cast<uint32_t>(image.keypoints.size()));
+      image.labels.push_back(KeypointLabel::kUnknown);
+      image.keypoints.push_back((*xy + 0.3 * Eigen::Vector2d(normal(random), normal(random))).cast<float>());
+    }
+  }
+  for (int i = 0; i < count; ++i) {
+    for (int j = i + 1; j < count; ++j) {
+      ImagePairMatches pair{first + i, first + j, {}};
+      for (int k = 0; k < num; ++k)
+        pair.matches.push_back({keypoint[static_cast<size_t>(i)][static_cast<size_t>(k)],
+                                keypoint[static_cast<size_t>(j)][static_cast<size_t>(k)]});
+      for (std::vector<ImagePairMatches>* pairs : {&features->object_pairs, &features->raw_pairs}) {
+        const auto there = std::find_if(pairs->begin(), pairs->end(), [&](const ImagePairMatches& p) {
+          return p.image1 == pair.image1 && p.image2 == pair.image2;
+        });
+        if (there != pairs->end()) {
+          there->matches.insert(there->matches.end(), pair.matches.begin(), pair.matches.end());
+        } else if (!pairs->empty()) {
+          pairs->push_back(pair);
+        }
+      }
+    }
+  }
 }
 
 TEST(CircularMotion, AxisAndFocalLengthAreThoseOfTheScene) {
@@ -204,11 +246,28 @@ TEST(CircularMotion, APartOfATurnStaysOne) {
     ASSERT_TRUE(fit.finding.motion.stations[0].found);
     EXPECT_FALSE(fit.finding.motion.stations[0].closes);
     EXPECT_GT(fit.finding.motion.open_log_posterior, fit.finding.motion.closed_log_posterior);
-    // Perspective and elevation tell the step from two photos at a time to a third only: points in three and
-    // more photos have to.
-    const double step = fit.finding.motion.stations[0].angles_rad[1] / kDegree;
-    EXPECT_GT(step, 6);
-    EXPECT_LT(step, 14.5);
+    // Two photos at a time tell the step to a third only (6.6 and 13.8 degrees), points in three photos to
+    // 9.93 and 10.83.
+    EXPECT_NEAR(fit.finding.motion.stations[0].angles_rad[1] / kDegree, 10, 1.5);
+  }
+}
+
+// Somebody walks by in six photos of an arc, with more keypoints than the object: a rigid body that matches
+// itself as well as the object does, and not as the table turns.
+TEST(CircularMotion, IsNotThatOfSomebodyWhoWalksBy) {
+  for (const uint64_t seed : {1, 2, 3}) {
+    SyntheticTurntableOptions options = Poor(seed);
+    options.steps = 20;
+    options.step_deg = 12;
+    options.outlier_share = 0.1;
+    Fit fit;
+    fit.turntable = MakeSyntheticTurntable(options);
+    ScanFeatures features = SyntheticScanFeatures(fit.turntable);
+    AddWalker(6, 5, 60, seed, &features);
+    Reporter reporter;
+    fit.aligned = SceneFromCircularMotion(features, {}, reporter, &fit.finding);
+    ASSERT_TRUE(fit.finding.motion.stations[0].found) << seed;
+    EXPECT_LT(AxisErrorDeg(fit, 0), 6) << seed;  // measured 1.0 to 3.7; without the walker 0.8 to 2.4
   }
 }
 
@@ -239,10 +298,9 @@ TEST(CircularMotion, StationsShareALensAndAreTiedByTheObject) {
   EXPECT_LT(errors.back(), 3.0);
 }
 
-// What a webcam does to straight lines, and no more than the data ask for.
 // Perspective so weak that a station's mirror image, which turns the other way as a camera below the table
-// would see it, fits nearly as well. Of 144 such scans 14 came out turning the other way when only the
-// likeliest starts were refined to the end; with starts of each view, 6.
+// would see it, fits nearly as well: of seeds 1 to 30 three come out as it, where what is known of how
+// cameras stand does not tell.
 TEST(CircularMotion, AViewIsToldFromItsMirrorImage) {
   for (const uint64_t seed : {2, 10, 21}) {
     SyntheticTurntableOptions options = Poor(seed);
@@ -253,14 +311,14 @@ TEST(CircularMotion, AViewIsToldFromItsMirrorImage) {
     options.min_elevation_deg = options.max_elevation_deg = 15;
     options.distance = 1.2;
     options.object_radius = 0.05;
-    options.num_object_points = 40;
+    options.num_object_points = 80;
     options.pixel_noise = 0.3;
     options.match_recall = 0.4;
     options.outlier_share = 0.5;
     const Fit fit = FitScan(options);
     ASSERT_TRUE(fit.finding.motion.stations[0].found) << seed;
-    EXPECT_LT(WorstAngleDeg(fit, 0), 90) << seed;  // measured 0 to 7; turning the other way, up to 180
-    EXPECT_LT(AxisErrorDeg(fit, 0), 20) << seed;   // measured 2 to 12; the mirror image has 30
+    EXPECT_LT(WorstAngleDeg(fit, 0), 90) << seed;  // measured 0 to 5; turning the other way, up to 180
+    EXPECT_LT(AxisErrorDeg(fit, 0), 20) << seed;   // measured 0.6 to 4.9; the mirror image has 30
   }
 }
 
@@ -289,6 +347,7 @@ TEST(CircularMotion, PhotosMayLieOnTheirSide) {
   }
 }
 
+// What a webcam does to straight lines, and no more than the data ask for.
 TEST(CircularMotion, DistortionIsFreeWhereThePhotosShowIt) {
   SyntheticTurntableOptions options = Poor(4);
   options.num_object_points = 200;

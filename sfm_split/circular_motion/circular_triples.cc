@@ -1,0 +1,136 @@
+#include "sfm_split/circular_motion/circular_triples.h"
+
+#include <ceres/jet.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <type_traits>
+
+#include "sfm_split/circular_motion/circular_lens.h"
+
+namespace s2gs {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Jet = ceres::Jet<double, 7>;
+template <typename T>
+using Vector = Eigen::Matrix<T, 3, 1>;
+
+constexpr int kLogFocal = 0;
+constexpr int kDistortion = 1;
+constexpr int kTurn = 2;
+constexpr int kFirstAngle = 5;
+constexpr int kSecondAngle = 6;
+
+template <typename T>
+T Unknown(double value, int place) {
+  if constexpr (std::is_same_v<T, Jet>) return Jet(value, place);
+  return T(value);
+}
+
+// In the frame of the axis: along the foot, across, up.
+template <typename T>
+Vector<T> RayInFrame(const LensPoint& point, const CircularTurn& turn) {
+  const Vector3d ray = turn.frame.transpose() * point.ray;
+  Vector<T> result;
+  if constexpr (std::is_same_v<T, Jet>) {
+    const Vector3d by_log_focal = turn.frame.transpose() * point.by_log_focal;
+    const Vector3d by_distortion = turn.frame.transpose() * point.by_distortion;
+    for (int k = 0; k < 3; ++k) {
+      result(k) = Jet(ray(k));
+      result(k).v(kLogFocal) = by_log_focal(k);
+      result(k).v(kDistortion) = by_distortion(k);
+      // A frame that turns by w turns the ray by -w in it.
+      result(k).v.template segment<3>(kTurn) = turn.frame.col(k).cross(point.ray);
+    }
+  } else {
+    result = ray;
+  }
+  return result;
+}
+
+template <typename T>
+Vector<T> AboutAxis(const T& angle, const Vector<T>& v) {
+  using std::cos;
+  using std::sin;
+  const T c = cos(angle);
+  const T s = sin(angle);
+  return Vector<T>(c * v.x() - s * v.y(), s * v.x() + c * v.y(), v.z());
+}
+
+// Where two rays are nearest to each other; nothing where they are parallel or meet behind.
+template <typename T>
+std::optional<Vector<T>> Meet(const Vector<T>& centre1, const Vector<T>& ray1, const Vector<T>& centre2,
+                              const Vector<T>& ray2) {
+  const T square1 = ray1.dot(ray1);
+  const T square2 = ray2.dot(ray2);
+  const T product = ray1.dot(ray2);
+  const T determinant = square1 * square2 - product * product;
+  if (!(determinant > T(1e-12) * square1 * square2)) return std::nullopt;
+  const Vector<T> between = centre2 - centre1;
+  const T along1 = (square2 * ray1.dot(between) - product * ray2.dot(between)) / determinant;
+  const T along2 = (product * ray1.dot(between) - square1 * ray2.dot(between)) / determinant;
+  if (!(along1 > T(0) && along2 > T(0))) return std::nullopt;
+  return T(0.5) * (centre1 + along1 * ray1 + centre2 + along2 * ray2);
+}
+
+// The point, at the middle photo and in the camera's frame, as a pixel about the principal point.
+template <typename T>
+std::optional<Eigen::Matrix<T, 2, 1>> Project(const Vector<T>& in_frame, const CircularLens& lens,
+                                              const CircularTurn& turn) {
+  using std::exp;
+  const Vector<T> unturned = turn.frame.template cast<T>() * in_frame;
+  Vector<T> x = unturned;
+  if constexpr (std::is_same_v<T, Jet>) {
+    Vector<T> w;
+    for (int k = 0; k < 3; ++k) w(k) = Jet(0, kTurn + k);
+    x += w.cross(unturned);
+  }
+  if (!(x.z() > T(0))) return std::nullopt;
+  const Eigen::Matrix<T, 2, 1> u = x.template head<2>() / x.z();
+  const T k = Unknown<T>(lens.distortion, kDistortion);
+  const T focal = exp(Unknown<T>(lens.log_focal, kLogFocal));
+  return Eigen::Matrix<T, 2, 1>(focal * (T(1) + k * u.squaredNorm()) * u);
+}
+
+template <typename T>
+std::optional<T> ErrorOf(const CircularTriple& triple, const LensPoint& first, const LensPoint& last,
+                         const CircularLens& lens, const CircularTurn& turn,
+                         const std::array<int, 3>& photos) {
+  const auto angle = [&](size_t k) { return turn.angles[static_cast<size_t>(photos[k])]; };
+  // From the axis, as the table stands in the middle photo.
+  const Vector<T> centre(T(-1), T(0), T(0));
+  const T to_first = Unknown<T>(angle(1) - angle(0), kFirstAngle);
+  const T to_last = -Unknown<T>(angle(2) - angle(1), kSecondAngle);
+  const std::optional<Vector<T>> x =
+      Meet<T>(AboutAxis<T>(to_first, centre), AboutAxis<T>(to_first, RayInFrame<T>(first, turn)),
+              AboutAxis<T>(to_last, centre), AboutAxis<T>(to_last, RayInFrame<T>(last, turn)));
+  if (!x) return std::nullopt;
+  const auto seen = Project<T>(*x - centre, lens, turn);
+  if (!seen) return std::nullopt;
+  const Vector2d along = (triple.xy[2] - triple.xy[0]).normalized();
+  return T(along.x()) * ((*seen)(0) - T(triple.xy[1].x())) +
+         T(along.y()) * ((*seen)(1) - T(triple.xy[1].y()));
+}
+
+}  // namespace
+
+double TripleError(const CircularTriple& triple, const CircularLens& lens, const CircularTurn& turn,
+                   const std::array<int, 3>& photos, TripleDerivative* derivative) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  if (derivative != nullptr) derivative->setZero();
+  const double focal = std::exp(lens.log_focal);
+  const LensPoint first = ThroughLens(lens, focal, triple.xy[0]);
+  const LensPoint last = ThroughLens(lens, focal, triple.xy[2]);
+  if (!first.is_valid || !last.is_valid || triple.xy[0] == triple.xy[2]) return kNone;
+  if (derivative == nullptr) return ErrorOf<double>(triple, first, last, lens, turn, photos).value_or(kNone);
+  const std::optional<Jet> error = ErrorOf<Jet>(triple, first, last, lens, turn, photos);
+  if (!error) return kNone;
+  *derivative = error->v;
+  return error->a;
+}
+
+}  // namespace s2gs
