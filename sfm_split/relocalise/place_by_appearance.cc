@@ -7,6 +7,7 @@
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/keypoint_grid.h"
 #include "sfm_split/relocalise/guided_registration.h"
