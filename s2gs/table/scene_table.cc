@@ -80,7 +80,9 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   // Photos show the shape of a top that has texture and turns.
   if (table.rim->IsUndecided() || !is_textured) table.in_maps_ = region;
   if (options.clear_plain_top) table.ClearPlainTop(scene, stations, options.draw_seen, backend, reporter);
-  const std::optional<TexturedTop> texture = TexturedTop::Learn(stations, region);
+  std::optional<TexturedTop> texture;
+  if (options.clear_plain_top || (options.draw_seen && is_textured))
+    texture = TexturedTop::Learn(stations, region);
   if (texture && options.clear_plain_top) {
     const std::vector<uint32_t> layers =
         FindLayersOverTexture(*texture, stations, RotatingDepths(stations, backend), backend->GetPlacement());

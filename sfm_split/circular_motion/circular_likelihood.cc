@@ -47,40 +47,31 @@ Mixture MixtureOf(const std::vector<Match>& matches, const std::vector<double>& 
   return {MixtureGain(over, share), RightProbabilities(over, share)};
 }
 
-struct PlacedPair {
+// A pair or row of a station.
+template <typename Part>
+struct Placed {
   size_t station;
-  const CircularMatches::Pair* pair;
+  const Part* part;
 };
 
-std::vector<PlacedPair> AllPairs(const std::vector<CircularMatches>& data) {
-  std::vector<PlacedPair> pairs;
+template <typename Part>
+std::vector<Placed<Part>> AllOf(const std::vector<CircularMatches>& data,
+                                std::vector<Part> CircularMatches::*parts) {
+  std::vector<Placed<Part>> all;
   for (size_t s = 0; s < data.size(); ++s) {
-    for (const CircularMatches::Pair& pair : data[s].pairs) pairs.push_back({s, &pair});
+    for (const Part& part : data[s].*parts) all.push_back({s, &part});
   }
-  return pairs;
+  return all;
 }
 
-struct PlacedRow {
-  size_t station;
-  const CircularMatches::Row* row;
-};
-
-std::vector<PlacedRow> AllRows(const std::vector<CircularMatches>& data) {
-  std::vector<PlacedRow> rows;
-  for (size_t s = 0; s < data.size(); ++s) {
-    for (const CircularMatches::Row& row : data[s].rows) rows.push_back({s, &row});
-  }
-  return rows;
-}
-
-size_t NumMatches(const PlacedPair& pair) { return pair.pair->matches.size(); }
-size_t NumMatches(const PlacedRow& row) { return row.row->triples.size(); }
+size_t NumMatches(const CircularMatches::Pair& pair) { return pair.matches.size(); }
+size_t NumMatches(const CircularMatches::Row& row) { return row.triples.size(); }
 
 // From several threads, unless they would wait for each other longer than they work.
-template <typename Placed, typename Work>
-void ForEach(const std::vector<Placed>& all, const Work& work) {
+template <typename Part, typename Work>
+void ForEach(const std::vector<Placed<Part>>& all, const Work& work) {
   size_t num_matches = 0;
-  for (const Placed& one : all) num_matches += NumMatches(one);
+  for (const Placed<Part>& one : all) num_matches += NumMatches(*one.part);
   ParallelFor(static_cast<int64_t>(all.size()), num_matches < kWorthThreads ? 1 : 0,
               [&](int64_t p) { work(static_cast<size_t>(p)); });
 }
@@ -203,19 +194,19 @@ void Add(const LocalNormal<kSize>& local, const std::vector<Place>& places, Norm
 
 void AddPairs(const std::vector<CircularMatches>& data, const CircularState& state, const Columns& columns,
               NormalEquations* normal) {
-  const std::vector<PlacedPair> pairs = AllPairs(data);
+  const auto pairs = AllOf(data, &CircularMatches::pairs);
   std::vector<LocalNormal<6>> normals(pairs.size());
   ForEach(pairs, [&](size_t p) {
     const CircularMatches& station = data[pairs[p].station];
     PairErrors errors;
-    ErrorsOf(*pairs[p].pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
+    ErrorsOf(*pairs[p].part, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
              state.turns[pairs[p].station], true, &errors);
     normals[p] =
         WeighErrors<6>(errors.errors, errors.derivatives,
-                       MixtureOf(pairs[p].pair->matches, errors.errors, state.sigma_px), state.sigma_px);
+                       MixtureOf(pairs[p].part->matches, errors.errors, state.sigma_px), state.sigma_px);
   });
   for (size_t p = 0; p < pairs.size(); ++p) {
-    const std::array<int, 2> photos = {pairs[p].pair->photo1, pairs[p].pair->photo2};
+    const std::array<int, 2> photos = {pairs[p].part->photo1, pairs[p].part->photo2};
     Add(normals[p], PlacesOf(columns, pairs[p].station, data[pairs[p].station].lens, photos.data(), 2),
         normal);
   }
@@ -223,19 +214,19 @@ void AddPairs(const std::vector<CircularMatches>& data, const CircularState& sta
 
 void AddRows(const std::vector<CircularMatches>& data, const CircularState& state, const Columns& columns,
              NormalEquations* normal) {
-  const std::vector<PlacedRow> rows = AllRows(data);
+  const auto rows = AllOf(data, &CircularMatches::rows);
   std::vector<LocalNormal<7>> normals(rows.size());
   const double sigma_px = kNoiseOfMiddle * state.sigma_px;
   ForEach(rows, [&](size_t r) {
     RowErrors errors;
-    ErrorsOf(*rows[r].row, state.lenses[static_cast<size_t>(data[rows[r].station].lens)],
+    ErrorsOf(*rows[r].part, state.lenses[static_cast<size_t>(data[rows[r].station].lens)],
              state.turns[rows[r].station], true, &errors);
     normals[r] = WeighErrors<7>(errors.errors, errors.derivatives,
-                                MixtureOf(rows[r].row->triples, errors.errors, sigma_px), sigma_px);
+                                MixtureOf(rows[r].part->triples, errors.errors, sigma_px), sigma_px);
   });
   for (size_t r = 0; r < rows.size(); ++r) {
     const int lens = data[rows[r].station].lens;
-    Add(normals[r], PlacesOf(columns, rows[r].station, lens, rows[r].row->photos.data(), 3), normal);
+    Add(normals[r], PlacesOf(columns, rows[r].station, lens, rows[r].part->photos.data(), 3), normal);
   }
 }
 
@@ -299,13 +290,13 @@ CircularState Moved(const CircularState& state, const CircularPriors& priors, co
 }
 
 double GainOfRows(const std::vector<CircularMatches>& data, const CircularState& state) {
-  const std::vector<PlacedRow> rows = AllRows(data);
+  const auto rows = AllOf(data, &CircularMatches::rows);
   std::vector<double> gains(rows.size());
   ForEach(rows, [&](size_t r) {
     RowErrors errors;
-    ErrorsOf(*rows[r].row, state.lenses[static_cast<size_t>(data[rows[r].station].lens)],
+    ErrorsOf(*rows[r].part, state.lenses[static_cast<size_t>(data[rows[r].station].lens)],
              state.turns[rows[r].station], false, &errors);
-    gains[r] = MixtureOf(rows[r].row->triples, errors.errors, kNoiseOfMiddle * state.sigma_px).gain;
+    gains[r] = MixtureOf(rows[r].part->triples, errors.errors, kNoiseOfMiddle * state.sigma_px).gain;
   });
   return std::accumulate(gains.begin(), gains.end(), 0.0);
 }
@@ -320,14 +311,14 @@ CircularFigures EvaluateCircular(const std::vector<CircularMatches>& data, const
     std::vector<double> errors;
     Mixture mixture;
   };
-  const std::vector<PlacedPair> pairs = AllPairs(data);
+  const auto pairs = AllOf(data, &CircularMatches::pairs);
   std::vector<PairTerms> terms(pairs.size());
   ForEach(pairs, [&](size_t p) {
     const CircularMatches& station = data[pairs[p].station];
     PairErrors errors;
-    ErrorsOf(*pairs[p].pair, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
+    ErrorsOf(*pairs[p].part, station.reach_px, state.lenses[static_cast<size_t>(station.lens)],
              state.turns[pairs[p].station], false, &errors);
-    terms[p].mixture = MixtureOf(pairs[p].pair->matches, errors.errors, state.sigma_px);
+    terms[p].mixture = MixtureOf(pairs[p].part->matches, errors.errors, state.sigma_px);
     terms[p].errors = std::move(errors.errors);
   });
   auto of_pair = terms.begin();

@@ -9,6 +9,7 @@
 #include <type_traits>
 
 #include "sfm_split/circular_motion/circular_lens.h"
+#include "sfm_split/scene/ray_meeting.h"
 
 namespace s2gs {
 namespace {
@@ -61,22 +62,6 @@ Vector<T> AboutAxis(const T& angle, const Vector<T>& v) {
   return Vector<T>(c * v.x() - s * v.y(), s * v.x() + c * v.y(), v.z());
 }
 
-// Where two rays are nearest to each other; nothing where they are parallel or meet behind.
-template <typename T>
-std::optional<Vector<T>> Meet(const Vector<T>& centre1, const Vector<T>& ray1, const Vector<T>& centre2,
-                              const Vector<T>& ray2) {
-  const T square1 = ray1.dot(ray1);
-  const T square2 = ray2.dot(ray2);
-  const T product = ray1.dot(ray2);
-  const T determinant = square1 * square2 - product * product;
-  if (!(determinant > T(1e-12) * square1 * square2)) return std::nullopt;
-  const Vector<T> between = centre2 - centre1;
-  const T along1 = (square2 * ray1.dot(between) - product * ray2.dot(between)) / determinant;
-  const T along2 = (product * ray1.dot(between) - square1 * ray2.dot(between)) / determinant;
-  if (!(along1 > T(0) && along2 > T(0))) return std::nullopt;
-  return T(0.5) * (centre1 + along1 * ray1 + centre2 + along2 * ray2);
-}
-
 // The point, at the middle photo and in the camera's frame, as a pixel about the principal point.
 template <typename T>
 std::optional<Eigen::Matrix<T, 2, 1>> Project(const Vector<T>& in_frame, const CircularLens& lens,
@@ -106,8 +91,8 @@ std::optional<T> ErrorOf(const CircularTriple& triple, const LensPoint& first, c
   const T to_first = Unknown<T>(angle(1) - angle(0), kFirstAngle);
   const T to_last = -Unknown<T>(angle(2) - angle(1), kSecondAngle);
   const std::optional<Vector<T>> x =
-      Meet<T>(AboutAxis<T>(to_first, centre), AboutAxis<T>(to_first, RayInFrame<T>(first, turn)),
-              AboutAxis<T>(to_last, centre), AboutAxis<T>(to_last, RayInFrame<T>(last, turn)));
+      MeetingOfRays<T>(AboutAxis<T>(to_first, centre), AboutAxis<T>(to_first, RayInFrame<T>(first, turn)),
+                       AboutAxis<T>(to_last, centre), AboutAxis<T>(to_last, RayInFrame<T>(last, turn)));
   if (!x) return std::nullopt;
   const auto seen = Project<T>(*x - centre, lens, turn);
   if (!seen) return std::nullopt;

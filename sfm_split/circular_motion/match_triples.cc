@@ -56,7 +56,7 @@ std::vector<PhotoTriple> PhotoTriples(const ScanFeatures& features) {
       const std::map<uint32_t, uint32_t> next = FromTo(matches, triple.images[1], triple.images[2]);
       for (const auto& [first, middle] : FromTo(matches, triple.images[0], triple.images[1])) {
         if (const auto last = next.find(middle); last != next.end())
-          triple.matches.push_back({{first, middle, last->second}});
+          triple.matches.push_back({{first, middle, last->second}, 0});
       }
       if (!triple.matches.empty()) triples.push_back(std::move(triple));
     }
@@ -110,6 +110,22 @@ double WrongMiddles::Chance(const MiddleMove& middle) const {
   const double width = std::max(off_px_[high - 1] - off_px_[low], kLeastWidthPx);
   const double density = static_cast<double>(high - low) / (static_cast<double>(off_px_.size()) * width);
   return kEvenShare * even + (1 - kEvenShare) * density;
+}
+
+std::vector<PhotoTriple> PossibleTriples(const ScanFeatures& features) {
+  std::vector<PhotoTriple> triples = PhotoTriples(features);
+  std::map<int, std::vector<MiddleMove>> middles;  // by station
+  for (const PhotoTriple& triple : triples) {
+    for (const MatchTriple& match : triple.matches)
+      middles[triple.station].push_back(MiddleOf(KeypointsOf(features, triple, match)));
+  }
+  std::map<int, WrongMiddles> wrong;
+  for (const auto& [station, of_station] : middles) wrong.emplace(station, WrongMiddles(of_station));
+  for (PhotoTriple& triple : triples) {
+    for (MatchTriple& match : triple.matches)
+      match.chance = wrong.at(triple.station).Chance(MiddleOf(KeypointsOf(features, triple, match)));
+  }
+  return triples;
 }
 
 }  // namespace s2gs

@@ -12,6 +12,7 @@ namespace s2gs {
 /// Keypoints of three photos that matches chain.
 struct MatchTriple {
   std::array<uint32_t, 3> point2D_idx{};
+  double chance = 0;  ///< density of the middle one's place if they are wrong [1 / px]; 0: not asked for.
 };
 
 /// Those of three photos in a row.
@@ -25,6 +26,9 @@ struct PhotoTriple {
 /// Points that three photos in a row of one station show, in the features' order and from the last photo on
 /// to the first, by all matches that may be the object's, right and wrong ones.
 std::vector<PhotoTriple> PhotoTriples(const ScanFeatures& features);
+
+/// The same, with what chance makes of each (WrongMiddles, of its station).
+std::vector<PhotoTriple> PossibleTriples(const ScanFeatures& features);
 
 /// [px]
 std::array<Eigen::Vector2d, 3> KeypointsOf(const ScanFeatures& features, const PhotoTriple& photos,

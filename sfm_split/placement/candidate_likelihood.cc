@@ -50,7 +50,8 @@ double UnknownsOf(const TurntableScene& scene) {
 CandidateLikelihood::CandidateLikelihood(const ScanFeatures& features)
     : features_(features),
       pairs_(PossibleObjectPairs(features, false)),
-      pairs_inside_(PossibleObjectPairs(features, true)) {}
+      pairs_inside_(PossibleObjectPairs(features, true)),
+      triples_(PossibleTriples(features)) {}
 
 double CandidateLikelihood::LogPriorOfLenses(const TurntableScene& scene) const {
   double sum = 0;
@@ -62,10 +63,14 @@ double CandidateLikelihood::LogPriorOfLenses(const TurntableScene& scene) const 
   return sum;
 }
 
+double CandidateLikelihood::LogPosterior(const MatchLikelihood& of_pairs, const AlignedScene& aligned) const {
+  return of_pairs.gain + GainOfTriples(features_, aligned, triples_, of_pairs.sigma_px) +
+         LogPriorOfLenses(aligned.scene);
+}
+
 double CandidateLikelihood::LogLikelihood(const ScanCandidate& candidate) const {
   const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
-  return matches.gain + GainOfTriples(features_, candidate.aligned, matches.sigma_px) +
-         LogPriorOfLenses(candidate.aligned.scene) - Charge(candidate, matches.inliers);
+  return LogPosterior(matches, candidate.aligned) - Charge(candidate, matches.inliers);
 }
 
 bool CandidateLikelihood::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, bool inside_stations,
@@ -73,11 +78,8 @@ bool CandidateLikelihood::IsWorthAdjusting(const AlignedScene& aligned, double u
                                            Reporter& reporter) const {
   const std::vector<PossiblePair>& pairs = inside_stations ? pairs_inside_ : pairs_;
   const MatchLikelihood matches = LikelihoodOfMatches(features_, best.aligned, pairs);
-  const auto of_all = [&](const MatchLikelihood& of_pairs, const AlignedScene& scene) {
-    return of_pairs.gain + GainOfTriples(features_, scene, of_pairs.sigma_px) + LogPriorOfLenses(scene.scene);
-  };
-  const double here = of_all(LikelihoodOfMatches(features_, aligned, pairs), aligned);
-  double there = of_all(matches, best.aligned);
+  const double here = LogPosterior(LikelihoodOfMatches(features_, aligned, pairs), aligned);
+  double there = LogPosterior(matches, best.aligned);
   // A pose for each photo follows wrong matches as well, and pays for it.
   if (best.refined.model != JointModel::kSharedStations) there -= Charge(best, matches.inliers);
   reporter.Debug("log-likelihood of the matches" + std::string(inside_stations ? " inside stations" : "") +

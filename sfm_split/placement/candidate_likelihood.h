@@ -4,6 +4,7 @@
 
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/circular_motion/circular_motion.h"
+#include "sfm_split/circular_motion/match_triples.h"
 #include "sfm_split/placement/scan_candidate.h"
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/scene/scan_features.h"
@@ -40,12 +41,15 @@ class CandidateLikelihood {
                         const ScanCandidate& best, Reporter& reporter) const;
 
  private:
+  // Of a scene's poses, whatever unknowns they have. \param of_pairs  its LikelihoodOfMatches().
+  double LogPosterior(const MatchLikelihood& of_pairs, const AlignedScene& aligned) const;
   // What is known of the lenses before the matches are looked at.
   double LogPriorOfLenses(const TurntableScene& scene) const;
 
   const ScanFeatures& features_;
   const std::vector<PossiblePair> pairs_;
   const std::vector<PossiblePair> pairs_inside_;  // stations
+  const std::vector<PhotoTriple> triples_;
 };
 
 }  // namespace s2gs
