@@ -38,6 +38,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
+#include "sfm_split/base/keeping_reporter.h"
 #include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/task_queue.h"
 #include "sfm_split/scene/axis_turn.h"
@@ -134,7 +135,7 @@ class Renderer {
       Later([this, &plan, &photo, path = in_workspace_.Make(workspace_.Masks(), NameOf(photo), ".png"),
              drawn = Render(MaskRequest(scene_, shape_, photo.view))] {
         // Masks are those of the photos as they are, with their distortion.
-        Reporter silent;
+        KeepingReporter silent(reporter_);
         WriteImage(path, DistortMask(plan, MaskImage(WithTable(photo, RotatingMask(drawn))), silent));
       });
     }
@@ -241,9 +242,14 @@ class Renderer {
 
  private:
   RenderedView Render(RenderRequest request) {
-    if (reporter_.StopRequested()) throw Interrupted();
+    ThrowIfStopped();
     request.stop_requested = [this] { return reporter_.StopRequested(); };
     return backend_->Render(request);
+  }
+
+  // From any thread.
+  void ThrowIfStopped() const {
+    if (reporter_.StopRequested()) throw Interrupted();
   }
 
   // Compresses and writes while the next picture is drawn.
@@ -315,14 +321,17 @@ class Renderer {
            depth_path = in_workspace_.Make(workspace_.DepthMaps(), name, kMapSuffix),
            normal_path = in_workspace_.Make(workspace_.NormalMaps(), name, kMapSuffix),
            drawn = Render(ForMaps(view))]() mutable {
+      ThrowIfStopped();
       table_.DrawIntoMaps(view, &drawn);
       const Image8 seen = table_.Seen(photo, LoadPhotos());
       if (seen.width > 0) {
         DrawRegionWhereSeen(table_.rim->region, {seen, StationView(photo)}, view, &drawn);
         WriteImage(seen_path, seen);
       }
+      ThrowIfStopped();
       const ViewMaps maps = ColmapMapsOf(drawn, a_.depth, scene_.size);
       WriteColmapMap(depth_path, maps.depth);
+      ThrowIfStopped();
       WriteColmapMap(normal_path, maps.normal);
     });
   }

@@ -40,8 +40,8 @@ struct RenderRequest {
   bool geometry = false;                              ///< depth, normal and distortion maps.
   bool foreground = false;                            ///< the map of p.
   bool hard_foreground = false;                       ///< of the indicator p >= tau instead.
-  /// Empty, or polled by several threads while the view is drawn on the CPU, where a large photo takes a
-  /// minute: once it is true, Render() throws Interrupted.
+  /// Empty, or asked by several threads while the CPU makes room for a view, draws and copies it, where a
+  /// large photo takes a minute: once it is true, Render() throws Interrupted.
   std::function<bool()> stop_requested;
 };
 

@@ -69,8 +69,9 @@ class CpuBackend : public Backend {
     setup.selection = SelectionOf(request);
     setup.hard_map = request.hard_foreground;
     const bool foreground = request.foreground || request.hard_foreground;
-    view_.Prepare(request.view.width, request.view.height, request.geometry, foreground, false);
-    Forward(setup, request.geometry, foreground, nullptr, 0, request.stop_requested);
+    const ThreadPool::StopWhen stop(&threads_, request.stop_requested);
+    view_.Prepare(request.view.width, request.view.height, request.geometry, foreground, false, &threads_);
+    Forward(setup, request.geometry, foreground, nullptr, 0);
     return Collect(request, foreground);
   }
 
@@ -83,9 +84,9 @@ class CpuBackend : public Backend {
     const bool learns_p = step.bodies == SceneBodies::kBoth && !step.freeze_foreground;
     const bool has_hint = step.weights.mask > 0 && !photo.mask.empty();
     const bool foreground = learns_p && (step.weights.entropy_2d > 0 || has_hint);
-    view_.Prepare(photo.view.width, photo.view.height, geometry, foreground, true);
+    view_.Prepare(photo.view.width, photo.view.height, geometry, foreground, true, &threads_);
     S2GS_INVARIANT(!step.only_rotating_tiles || !learns_p);
-    Forward(setup, geometry, foreground, nullptr, sizeof(SplatGradient), {}, step.only_rotating_tiles);
+    Forward(setup, geometry, foreground, nullptr, sizeof(SplatGradient), step.only_rotating_tiles);
 
     LossTerms terms;
     CompareToPhoto(step, photo, &terms);
@@ -163,7 +164,7 @@ class CpuBackend : public Backend {
   void RaisePeaks(const PinholeView& view, SceneBodies bodies, DrawnBody drawn, std::vector<float>* peaks) {
     ViewSetup setup = MakeViewSetup(view, bodies, true, 0);
     setup.selection.body = drawn;
-    view_.Prepare(view.width, view.height, false, false, false);
+    view_.Prepare(view.width, view.height, false, false, false, &threads_);
     std::vector<float> by_slot;
     Forward(setup, false, false, &by_slot, sizeof(float));
     for (size_t i = 0; i < peaks->size(); ++i) {
@@ -175,11 +176,9 @@ class CpuBackend : public Backend {
 
   // Projects, sorts and composites. \param peaks  when given, gets the largest weight of every slot.
   // \param bytes_per_slot  of gradients or peaks that are kept for every slot.
-  // \param stop_requested  RenderRequest's.
   // \param only_rotating_tiles  TrainStep's.
   void Forward(const ViewSetup& setup, bool geometry, bool foreground, std::vector<float>* peaks,
-               size_t bytes_per_slot, const std::function<bool()>& stop_requested = {},
-               bool only_rotating_tiles = false) {
+               size_t bytes_per_slot, bool only_rotating_tiles = false) {
     const auto count = static_cast<int64_t>(state_.gaussians.size());
     rows_.resize(state_.gaussians.size());
     threads_.For(count, [&](int64_t begin, int64_t end) {
@@ -193,7 +192,6 @@ class CpuBackend : public Backend {
     if (peaks != nullptr) peaks->assign(lists_.num_slots(), 0.0F);
     near_depth_ = setup.camera.near_depth;
     threads_.For(lists_.num_tiles(), 1, [&](int64_t tile, int64_t) {
-      if (stop_requested && stop_requested()) throw Interrupted();
       TileJob job = JobOf(static_cast<int>(tile));
       job.peak_by_slot = peaks != nullptr ? peaks->data() : nullptr;
       kernels_.forward(job, geometry, foreground);
@@ -214,41 +212,45 @@ class CpuBackend : public Backend {
   }
 
   RenderedView Collect(const RenderRequest& request, bool foreground) {
-    const int width = request.view.width;
-    const int height = request.view.height;
-    const ViewPlanes& planes = view_.planes();
     RenderedView out;
-    out.width = width;
-    out.height = height;
-    const auto count = static_cast<size_t>(width) * height;
-    out.color.resize(3 * count);
-    out.alpha.resize(count);
-    if (foreground) out.foreground.resize(count);
+    out.width = request.view.width;
+    out.height = request.view.height;
+    const auto count = static_cast<size_t>(out.width) * out.height;
+    const auto make = [&](size_t size, std::vector<float>* map) {
+      threads_.ThrowIfStopped();
+      map->resize(size);
+    };
+    make(3 * count, &out.color);
+    make(count, &out.alpha);
+    if (foreground) make(count, &out.foreground);
     if (request.geometry) {
-      out.expected_depth.resize(count);
-      out.median_depth.resize(count);
-      out.normal.resize(3 * count);
-      out.distortion.resize(count);
+      make(count, &out.expected_depth);
+      make(count, &out.median_depth);
+      make(3 * count, &out.normal);
+      make(count, &out.distortion);
     }
-    for (int y = 0; y < height; ++y) {
-      for (int x = 0; x < width; ++x) {
-        const size_t from = y * planes.stride + x;
-        const size_t to = static_cast<size_t>(y) * width + x;
-        const float transmittance = planes.transmittance[from];
-        out.alpha[to] = 1 - transmittance;
-        for (int c = 0; c < 3; ++c) {
-          out.color[3 * to + c] = planes.color[c][from] + transmittance * request.background_color[c];
-        }
-        if (foreground) out.foreground[to] = planes.foreground[from];
-        if (!request.geometry) continue;
-        const float weight = planes.weight[from];
-        out.expected_depth[to] = weight > 0 ? planes.depth[from] / weight : 0;
-        out.median_depth[to] = planes.median[from];
-        out.distortion[to] = planes.distortion[from];
-        for (int c = 0; c < 3; ++c) out.normal[3 * to + c] = planes.normal[c][from];
-      }
-    }
+    threads_.For(out.height, 1, [&](int64_t y, int64_t) { CollectRow(request, foreground, y, &out); });
     return out;
+  }
+
+  void CollectRow(const RenderRequest& request, bool foreground, int64_t y, RenderedView* out) const {
+    const ViewPlanes& planes = view_.planes();
+    for (int x = 0; x < out->width; ++x) {
+      const size_t from = y * planes.stride + x;
+      const size_t to = static_cast<size_t>(y) * out->width + x;
+      const float transmittance = planes.transmittance[from];
+      out->alpha[to] = 1 - transmittance;
+      for (int c = 0; c < 3; ++c) {
+        out->color[3 * to + c] = planes.color[c][from] + transmittance * request.background_color[c];
+      }
+      if (foreground) out->foreground[to] = planes.foreground[from];
+      if (!request.geometry) continue;
+      const float weight = planes.weight[from];
+      out->expected_depth[to] = weight > 0 ? planes.depth[from] / weight : 0;
+      out->median_depth[to] = planes.median[from];
+      out->distortion[to] = planes.distortion[from];
+      for (int c = 0; c < 3; ++c) out->normal[3 * to + c] = planes.normal[c][from];
+    }
   }
 
   // L1 and D-SSIM, and the loss by the colour.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 
+#include "sfm_split/base/error.h"
+
 namespace s2gs {
 namespace {
 
@@ -56,7 +58,7 @@ void ThreadPool::For(int64_t count, int64_t grain, const std::function<void(int6
   if (count <= grain) {
     WorkOn(&loop);
   } else {
-    Together(num_threads(), [&loop](int) { WorkOn(&loop); });
+    Together(num_threads(), [&](int) { WorkOn(&loop); });
   }
   if (loop.exception) std::rethrow_exception(loop.exception);
 }
@@ -90,11 +92,21 @@ void ThreadPool::Together(int max_threads, const std::function<void(int)>& work)
   finished_.wait(lock, [this] { return num_working_ == 0; });
 }
 
-void ThreadPool::WorkOn(Loop* loop) {
+ThreadPool::StopWhen::StopWhen(ThreadPool* threads, const std::function<bool()>& stop_requested)
+    : threads_(threads), before_(threads->stop_requested_) {
+  threads_->stop_requested_ = stop_requested ? &stop_requested : nullptr;
+}
+
+void ThreadPool::ThrowIfStopped() const {
+  if (stop_requested_ != nullptr && (*stop_requested_)()) throw Interrupted();
+}
+
+void ThreadPool::WorkOn(Loop* loop) const {
   for (;;) {
     const int64_t begin = loop->next.fetch_add(loop->grain);
     if (begin >= loop->count) return;
     try {
+      ThrowIfStopped();
       (*loop->body)(begin, std::min(loop->count, begin + loop->grain));
     } catch (...) {
       const std::lock_guard<std::mutex> lock(loop->mutex);

@@ -35,10 +35,27 @@ class ThreadPool {
 
   /// Calls body(begin, end) for pieces of [0, count), of `grain` iterations each but for the last one, by any
   /// thread in any order, and returns when all are done. What a body throws first is thrown on; pieces that
-  /// have not begun by then are left out. One loop at a time.
+  /// have not begun by then are left out. One loop at a time. Throws Interrupted, too: see StopWhen.
   void For(int64_t count, int64_t grain, const std::function<void(int64_t begin, int64_t end)>& body);
   /// The same with a few pieces for each thread.
   void For(int64_t count, const std::function<void(int64_t begin, int64_t end)>& body);
+
+  /// While it lives, For asks before each piece whether to go on, and throws Interrupted once it is to stop:
+  /// what takes long and consists of such loops hears a stop wherever it is.
+  class StopWhen {
+   public:
+    /// \param stop_requested  outlives this; any thread may call it. Empty: nobody is asked.
+    StopWhen(ThreadPool* threads, const std::function<bool()>& stop_requested);
+    StopWhen(const StopWhen&) = delete;
+    StopWhen& operator=(const StopWhen&) = delete;
+    ~StopWhen() { threads_->stop_requested_ = before_; }
+
+   private:
+    ThreadPool* threads_;
+    const std::function<bool()>* before_;
+  };
+  /// What For does before each piece, for work between loops. Throws Interrupted.
+  void ThrowIfStopped() const;
 
  private:
   struct Loop {
@@ -50,7 +67,7 @@ class ThreadPool {
     std::exception_ptr exception;
   };
 
-  static void WorkOn(Loop* loop);
+  void WorkOn(Loop* loop) const;
   void Work(int thread);
 
   std::mutex mutex_;
@@ -62,6 +79,7 @@ class ThreadPool {
   std::atomic<int> num_working_{0};  // threads that have joined.
   int num_asleep_ = 0;
   bool is_ending_ = false;
+  const std::function<bool()>* stop_requested_ = nullptr;  // null: nobody is asked.
   std::vector<std::thread> workers_;
 };
 

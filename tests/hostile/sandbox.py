@@ -94,9 +94,10 @@ def fingerprint(folder):
 class Run:
     """How a run of the program ended."""
 
-    def __init__(self, arguments, code, text, wall_seconds, cpu_seconds, is_hung):
+    def __init__(self, arguments, code, text, wall_seconds, cpu_seconds, is_hung, cpu_after_interrupt=None):
         self.arguments, self.code, self.text = arguments, code, text
         self.wall_seconds, self.cpu_seconds, self.is_hung = wall_seconds, cpu_seconds, is_hung
+        self.cpu_after_interrupt = cpu_after_interrupt  # of its threads together; None: not measured
 
 
 def catches(pid, number):
@@ -107,6 +108,12 @@ def catches(pid, number):
         return False
     mask = int(next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt:")), 16)
     return bool(mask >> (number - 1) & 1)
+
+
+def cpu_seconds_of(pid):
+    """What a process has computed so far, with its system calls."""
+    fields = pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class Sandbox:
@@ -132,8 +139,9 @@ class Sandbox:
         return {key: value for key, value in fingerprint(self.folder).items()
                 if key != own and not key.startswith(own + b"/")}
 
-    def run(self, arguments, env=None, file_limit=None, interrupt_after=None, user=None, stdout=None):
-        """Runs the program. So many seconds after it catches SIGINT it gets one (`interrupt_after`)."""
+    def run(self, arguments, env=None, file_limit=None, interrupt_after=None, interrupt_at_cpu=None, user=None, stdout=None):
+        """Runs the program. It gets SIGINT so many seconds after it catches it (`interrupt_after`), or when it has computed
+        for so many (`interrupt_at_cpu`)."""
         environment = dict(os.environ, LC_ALL="C.UTF-8", OMP_NUM_THREADS="2")
         environment.update(env or {})
         environment = {key: value for key, value in environment.items() if value is not None}
@@ -154,7 +162,14 @@ class Sandbox:
                                        stdout=stdout or output, stderr=output, env=environment, cwd=self.folder,
                                        preexec_fn=prepare, start_new_session=True)
             is_hung = False
+            cpu_at_interrupt = None
             try:
+                if interrupt_at_cpu is not None:
+                    while process.poll() is None and (cpu_at_interrupt := cpu_seconds_of(process.pid)) < interrupt_at_cpu \
+                            and time.time() - started < MAX_WALL_SECONDS:
+                        time.sleep(0.02)
+                    if process.poll() is None:
+                        process.send_signal(signal.SIGINT)
                 if interrupt_after is not None:
                     # A machine that others keep busy may take seconds to load it.
                     while process.poll() is None and not catches(process.pid, signal.SIGINT) \
@@ -172,7 +187,8 @@ class Sandbox:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         text = log.read_bytes().decode("utf-8", "backslashreplace")
-        return Run(arguments, process.returncode, text, time.time() - started, cpu, is_hung)
+        return Run(arguments, process.returncode, text, time.time() - started, cpu, is_hung,
+                   None if cpu_at_interrupt is None else cpu - cpu_at_interrupt)
 
 
 def fake_colmap(path, extractor, help_text=True):

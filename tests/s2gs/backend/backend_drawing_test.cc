@@ -2,8 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
+#include <memory>
 #include <string>
 
 #include "s2gs/training_scene.h"
@@ -76,21 +76,36 @@ TEST_P(BackendTest, SplatsReachAllTheirTiles) {
   ExpectMapNear(actual.alpha, expected.alpha, 2e-5, 1e-2, "alpha");
 }
 
-// By Adam's first moment after one step from zero: (1 - beta1) times the gradient.
-// Drawing on the CPU is long enough to be stopped, and leaves everything as it was.
+// Drawing on the CPU is long enough to be stopped: where room is made, where splats are projected, listed and
+// drawn, and where the view is copied. Whenever one thread hears it, it asks no more, and leaves everything
+// as it was.
 TEST_P(BackendTest, DrawingHearsAStop) {
   if (GetParam() != BackendKind::kCpu) GTEST_SKIP() << "views are drawn at once there";
   TrainState state;
   state.gaussians = FromReference(RandomScene(50, 3, -2), 3);
-  backend_->SetState(state);
   RenderRequest request;
-  request.view = TestView(100, 90);
-  const RenderedView whole = backend_->Render(request);
-  std::atomic<int> num_polled = 0;
-  request.stop_requested = [&] { return ++num_polled == 3; };
-  EXPECT_THROW(backend_->Render(request), Interrupted);
-  request.stop_requested = [] { return false; };
-  EXPECT_EQ(backend_->Render(request).color, whole.color);
+  request.view = TestView(100, 90);  // 7 x 6 tiles
+  request.geometry = true;
+  const auto fresh = [&] {
+    std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+    backend->SetState(state);
+    return backend;
+  };
+  const std::unique_ptr<Backend> backend = fresh();
+  int num_asked = 0;
+  request.stop_requested = [&] { return ++num_asked < 0; };
+  const RenderedView whole = backend->Render(request);
+  const int num_looks = num_asked;
+  EXPECT_GE(num_looks, 2 + 1 + 6 + 7 * 6 + 90);  // room, splats, rows of tiles, tiles, rows of pixels
+  for (int at = 1; at <= num_looks; ++at) {
+    const std::unique_ptr<Backend> stopped = fresh();
+    num_asked = 0;
+    request.stop_requested = [&] { return ++num_asked == at; };
+    EXPECT_THROW(stopped->Render(request), Interrupted) << at;
+    EXPECT_EQ(num_asked, at);
+    request.stop_requested = nullptr;
+    EXPECT_EQ(stopped->Render(request).color, whole.color);
+  }
 }
 
 // Two discs of which one stands behind the other by little: by two steps of the key that splats are sorted by

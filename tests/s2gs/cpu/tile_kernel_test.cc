@@ -89,7 +89,8 @@ struct Tile {
       entries.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(rows.size() - 1 - i)});
     }
     by_slot.resize(rows.size());
-    buffers.Prepare(kSize, kSize, true, true, true);
+    ThreadPool threads(1);
+    buffers.Prepare(kSize, kSize, true, true, true, &threads);
     job.splats = rows.data();
     job.entries = entries.data();
     job.num_entries = static_cast<int32_t>(entries.size());
@@ -305,7 +306,8 @@ TEST(TileKernel, PhotoLossIsThatOfTheScalarKernels) {
   loss(images[0], &l1, &ssim);
   for (const TileKernels* kernels : AllKernels()) {
     ViewBuffers buffers;
-    buffers.Prepare(kWidth, kHeight, false, false, true);
+    ThreadPool threads(1);
+    buffers.Prepare(kWidth, kHeight, false, false, true, &threads);
     std::vector<double> l1_rows(kHeight), ssim_rows(kHeight);
     PhotoLossJob job{};
     job.width = kWidth;

@@ -4,9 +4,12 @@
 
 #include <atomic>
 #include <chrono>
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include "sfm_split/base/error.h"
 
 namespace s2gs {
 namespace {
@@ -93,6 +96,43 @@ TEST(ThreadPool, WorksTogetherByThreadsOfNumbersBelowTheBound) {
     EXPECT_EQ(times[0], 1);
     for (int thread = 1; thread < 5; ++thread) EXPECT_LE(times[thread], thread < bound ? 1 : 0);
   }
+}
+
+// One thread asks before each piece; what comes after the answer is left out, and the next loop is whole
+// again.
+TEST(ThreadPool, AStopLeavesTheOtherPiecesUndone) {
+  ThreadPool threads(1);
+  int64_t num_asked = 0;
+  const std::function<bool()> at_the_fourth = [&] { return ++num_asked == 4; };
+  std::vector<int64_t> done;
+  const auto note = [&](int64_t begin, int64_t) { done.push_back(begin); };
+  {
+    const ThreadPool::StopWhen stop(&threads, at_the_fourth);
+    EXPECT_THROW(threads.For(100, 10, note), Interrupted);
+    EXPECT_EQ(done, (std::vector<int64_t>{0, 10, 20}));
+    const std::function<bool()> nobody;
+    const ThreadPool::StopWhen never(&threads, nobody);
+    threads.For(100, 10, note);
+    EXPECT_EQ(num_asked, 4);
+  }
+  threads.For(100, 10, note);
+  EXPECT_EQ(done.size(), 23U);
+  EXPECT_EQ(num_asked, 4);
+}
+
+TEST(ThreadPool, SeveralThreadsHearAStop) {
+  ThreadPool threads(4);
+  std::atomic<bool> is_stopped = false;
+  const std::function<bool()> asked = [&] { return is_stopped.load(); };
+  const ThreadPool::StopWhen stop(&threads, asked);
+  std::atomic<int64_t> num_done = 0;
+  EXPECT_THROW(threads.For(1'000'000, 1,
+                           [&](int64_t, int64_t) {
+                             is_stopped = true;
+                             ++num_done;
+                           }),
+               Interrupted);
+  EXPECT_LE(num_done, 4);  // each thread may have asked before the first was done
 }
 
 }  // namespace
