@@ -48,6 +48,12 @@ cv::Matx33d IndexMap(const GreyPicture& picture, const Eigen::Matrix3d& photo_fr
   return result;
 }
 
+// From a photo's pixels to the places in the picture of its station's first photo.
+Eigen::Matrix3d FirstFromPhoto(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first) {
+  const Eigen::Vector2d scale = picture.Scale();
+  return Eigen::Vector3d(1 / scale.x(), 1 / scale.y(), 1).asDiagonal() * photo_from_first.inverse();
+}
+
 // What the first photo's pixels show in another; NaN outside, and where light saturates.
 cv::Mat AsSeenFromFirst(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first) {
   cv::Mat grey = ToFloat(picture);
@@ -208,6 +214,22 @@ cv::Mat Shades(const cv::Mat& photo, const Still& still) {
   return is_shade;
 }
 
+// Where more than half of the photos change within `close` of a pixel, filled.
+cv::Mat BusyPart(const std::vector<cv::Mat>& deviations, const cv::Mat& close) {
+  cv::Mat count = cv::Mat::zeros(deviations.front().size(), CV_16UC1);
+  for (const cv::Mat& deviation : deviations) {
+    cv::Mat changed = deviation > static_cast<double>(ChangeMap::kChangedSigmas);
+    cv::dilate(changed, changed, close);
+    cv::add(count, cv::Scalar(1), count, changed);
+  }
+  const cv::Mat in_most = count > static_cast<double>(deviations.size() / 2);
+  std::vector<std::vector<cv::Point>> contours;
+  cv::findContours(in_most, contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
+  cv::Mat filled = cv::Mat::zeros(count.size(), CV_8UC1);
+  cv::drawContours(filled, contours, -1, cv::Scalar(1), cv::FILLED);
+  return filled;
+}
+
 StationChanges Activity(const std::vector<cv::Mat>& deviations) {
   const cv::Size size = deviations.front().size();
   const auto needed = std::max(2.0, std::ceil(kActivePhotos * static_cast<double>(deviations.size())));
@@ -234,6 +256,8 @@ StationChanges Activity(const std::vector<cv::Mat>& deviations) {
   StationChanges changes;
   changes.is_active.assign(filled.datastart, filled.dataend);
   changes.active_share = cv::countNonZero(filled) / static_cast<double>(filled.total());
+  const cv::Mat busy = BusyPart(deviations, disc);
+  changes.is_busy.assign(busy.datastart, busy.dataend);
   return changes;
 }
 
@@ -291,13 +315,21 @@ SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const Picture
   return result;
 }
 
+bool IsBusy(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
+            const StationChanges& changes, const Eigen::Vector2f& xy) {
+  if (changes.is_busy.empty()) return true;
+  const Eigen::Vector3d at = FirstFromPhoto(picture, photo_from_first) * xy.cast<double>().homogeneous();
+  const int column = static_cast<int>(std::floor(at.x() / at.z()));
+  const int row = static_cast<int>(std::floor(at.y() / at.z()));
+  if (column < 0 || row < 0 || column >= picture.width || row >= picture.height) return true;
+  return changes.is_busy[static_cast<size_t>(row) * picture.width + column] != 0;
+}
+
 std::vector<uint8_t> ActivePart(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
                                 const StationChanges& changes) {
   std::vector<uint8_t> part;
   if (changes.is_active.empty()) return part;
-  const Eigen::Vector2d scale = picture.Scale();
-  const Eigen::Matrix3d first_from_photo =
-      Eigen::Vector3d(1 / scale.x(), 1 / scale.y(), 1).asDiagonal() * photo_from_first.inverse();
+  const Eigen::Matrix3d first_from_photo = FirstFromPhoto(picture, photo_from_first);
   part.assign(static_cast<size_t>(picture.photo_size.x()) * picture.photo_size.y(), 0);
   ParallelFor(picture.photo_size.y(), 0, [&](int64_t y) {
     for (int x = 0; x < picture.photo_size.x(); ++x) {

@@ -34,6 +34,9 @@ struct StationChanges {
   /// holes; empty when the station has too few photos to tell.
   std::vector<uint8_t> is_active;
   double active_share = 0;  ///< of the picture.
+  /// height * width, 1 where more than half of the photos change close by, without holes: the table turns
+  /// from photo to photo, and who walks past does not. Empty when the station has too few photos to tell.
+  std::vector<uint8_t> is_busy;
 };
 
 struct SceneChanges {
@@ -48,6 +51,11 @@ struct SceneChanges {
 /// taken off. Noise is measured in the same residuals, so that it needs no bound of its own.
 SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations,
                          ChangeDetail detail = ChangeDetail::kNone);
+
+/// A photo's place [px] is one where its station's photos change again and again in most of them, or its
+/// station does not tell.
+bool IsBusy(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
+            const StationChanges& changes, const Eigen::Vector2f& xy);
 
 /// The station's active part as a photo of it shows it: photo_size.y * photo_size.x, 1 where it changes.
 /// Empty when that is not known.

@@ -156,7 +156,7 @@ void Split(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* s
     SplitWithoutStations(similarity, /*expect_one_body=*/false, matching, split);
     return;
   }
-  SplitByStations(matching, split);
+  SplitByStations(pictures, matching, split);
   CountRinged(split);
   const double active_share = pictures == nullptr ? 0 : pictures->changes.MedianActiveShare();
   const bool has_turned =

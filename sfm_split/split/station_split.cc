@@ -45,8 +45,8 @@ std::vector<int> AllOf(const ImagePairMatches& pair) {
 
 class StationSplitter {
  public:
-  StationSplitter(SplitMatching* matching, MotionSplit* split)
-      : matching_(*matching), options_(matching->settings().split), split_(*split) {}
+  StationSplitter(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* split)
+      : pictures_(pictures), matching_(*matching), options_(matching->settings().split), split_(*split) {}
 
   void Run() {
     LabelStaticKeypoints();
@@ -456,6 +456,7 @@ class StationSplitter {
   // Matches, leaves out what follows the background, fits one motion. Returns the number of pairs with one.
   int AddObjectPairs(const std::vector<ImagePair>& pairs, const char* task) {
     auto matched = matching_.Match(pairs, packed_, task);
+    for (ImagePairMatches& pair : matched) LeaveOutPassersBy(&pair);
     std::vector<std::vector<int>> subsets;
     subsets.reserve(matched.size());
     for (const ImagePairMatches& pair : matched) subsets.push_back(MovingMatches(pair));
@@ -468,6 +469,21 @@ class StationSplitter {
     done_.insert(done_.end(), pairs.begin(), pairs.end());
     std::move(matched.begin(), matched.end(), std::back_inserter(split_.object_matches));
     return num_verified;
+  }
+
+  // Somebody who stands elsewhere in the next photo moves, too, and may do so more plainly than the table.
+  void LeaveOutPassersBy(ImagePairMatches* pair) const {
+    if (pictures_ == nullptr || !matching_.images()[pair->image1].given_labels.empty()) return;
+    const auto is_busy = [&](int image, uint32_t keypoint) {
+      const int station = pictures_->stations.station_of_image[image];
+      return IsBusy(pictures_->pictures[image], pictures_->stations.photo_from_first[image],
+                    pictures_->changes.stations[station], matching_.keypoints()[image][keypoint]);
+    };
+    FeatureMatches& matches = pair->matches;
+    const auto passes_by = [&](const FeatureMatch& match) {
+      return !is_busy(pair->image1, match.point2D_idx1) && !is_busy(pair->image2, match.point2D_idx2);
+    };
+    matches.erase(std::remove_if(matches.begin(), matches.end(), passes_by), matches.end());
   }
 
   std::vector<int> MovingMatches(const ImagePairMatches& pair) const {
@@ -523,6 +539,7 @@ class StationSplitter {
 
   int StationOf(int image) const { return split_.stations.station_of_image[image]; }
 
+  const ScanPictures* pictures_;
   SplitMatching& matching_;
   const MotionSplitOptions& options_;
   MotionSplit& split_;
@@ -539,6 +556,8 @@ class StationSplitter {
 
 }  // namespace
 
-void SplitByStations(SplitMatching* matching, MotionSplit* split) { StationSplitter(matching, split).Run(); }
+void SplitByStations(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* split) {
+  StationSplitter(pictures, matching, split).Run();
+}
 
 }  // namespace s2gs

@@ -3,10 +3,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <iterator>
+#include <random>
 #include <set>
 #include <string>
 #include <vector>
@@ -361,6 +364,79 @@ TEST(MotionSplit, GivenMatchesReplaceItsOwn) {
     EXPECT_NE(pair.image1, 0);
     EXPECT_NE(pair.image2, 0);
   }
+}
+
+// In two photos that show hardly anything of the object somebody walks by, more plainly than the table turns.
+TEST(MotionSplit, WhoWalksByIsNotTheTable) {
+  SyntheticTurntableOptions options = TestScene(6);
+  options.stations = 1;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  std::vector<SplitImage> images = ToSplitImages(turntable);
+  ScanPictures pictures;
+  Eigen::AlignedBox2f of_object;
+  for (size_t i = 0; i < images.size(); ++i) {
+    for (size_t k = 0; k < images[i].keypoints.size(); ++k) {
+      if (IsRotating(turntable.images[i].keypoints[k].body)) of_object.extend(images[i].keypoints[k]);
+    }
+  }
+  const Eigen::Vector2f person(0.1F * static_cast<float>(options.width),
+                               0.1F * static_cast<float>(options.height));
+  ASSERT_FALSE(of_object.contains(person));
+  std::mt19937_64 random(1);
+  constexpr size_t kOfPerson = 60;
+  std::vector<uint8_t> descriptors(kOfPerson * 128);
+  // Few directions of each, so that no two look alike.
+  for (uint8_t& value : descriptors) value = random() % 8 == 0 ? 128 : 4;
+  std::vector<Eigen::Vector2f> places;
+  std::uniform_real_distribution<float> within(-40, 40);
+  for (size_t k = 0; k < kOfPerson; ++k)
+    places.push_back(person + Eigen::Vector2f(within(random), within(random)));
+  std::array<size_t, 2> num_others;
+  for (size_t i = 3; i < 5; ++i) {
+    SplitImage with_person = images[i];
+    with_person.keypoints.clear();
+    with_person.descriptors.clear();
+    for (size_t k = 0; k < images[i].keypoints.size(); ++k) {
+      if (IsRotating(turntable.images[i].keypoints[k].body) && k % 10 != 0) continue;
+      with_person.keypoints.push_back(images[i].keypoints[k]);
+      const auto first = images[i].descriptors.begin() + static_cast<std::ptrdiff_t>(128 * k);
+      with_person.descriptors.insert(with_person.descriptors.end(), first, first + 128);
+    }
+    num_others[i - 3] = with_person.keypoints.size();
+    for (const Eigen::Vector2f& place : places)
+      with_person.keypoints.push_back(place + Eigen::Vector2f(static_cast<float>(30 * (i - 3)), 0));
+    with_person.descriptors.insert(with_person.descriptors.end(), descriptors.begin(), descriptors.end());
+    images[i] = std::move(with_person);
+  }
+  const auto num_of_person = [&](const MotionSplit& split) {
+    size_t num = 0;
+    for (const ImagePairMatches& pair : split.object_matches) {
+      if (pair.image1 != 3 || pair.image2 != 4) continue;
+      num += std::count_if(pair.matches.begin(), pair.matches.end(), [&](const FeatureMatch& match) {
+        return match.point2D_idx1 >= num_others[0] && match.point2D_idx2 >= num_others[1];
+      });
+    }
+    return num;
+  };
+  Reporter reporter;
+  EXPECT_GT(num_of_person(SplitMotion(images, {}, &reporter)), kOfPerson / 2) << "pictures are not there to tell";
+
+  GreyPicture picture;
+  picture.photo_size = {options.width, options.height};
+  picture.width = options.width;
+  picture.height = options.height;
+  pictures.pictures.assign(images.size(), picture);
+  pictures.stations.station_of_image.assign(images.size(), 0);
+  pictures.stations.photo_from_first.assign(images.size(), Eigen::Matrix3d::Identity());
+  pictures.changes.stations.resize(1);
+  std::vector<uint8_t>& is_busy = pictures.changes.stations[0].is_busy;
+  for (int y = 0; y < options.height; ++y) {
+    for (int x = 0; x < options.width; ++x)
+      is_busy.push_back(of_object.contains(Eigen::Vector2i(x, y).cast<float>()) ? 1 : 0);
+  }
+  const MotionSplit split = SplitMotion(images, {}, &reporter, {}, &pictures);
+  EXPECT_EQ(num_of_person(split), 0U);
+  EXPECT_GE(ShareOfOnePoint(turntable, split, true), 0.99);
 }
 
 TEST(MotionSplit, StopsWhenAsked) {

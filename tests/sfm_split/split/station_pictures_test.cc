@@ -458,6 +458,34 @@ TEST(FindChanges, ShowsWhatTurnsAndNothingElse) {
             changes.stations[0].is_active);
 }
 
+// A hand that shows in two photos of ten changes again and again, but the table changes in most.
+TEST(FindChanges, TheTableIsBusyAndAHandIsNot) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 10; ++i) {
+    Shot shot = Turned(36.0 * i, static_cast<uint64_t>(i));
+    shot.noise = 2;
+    shot.has_hand = i == 3 || i == 4;
+    pictures.push_back(Take(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  const SceneChanges changes = FindChanges(pictures, stations);
+  ASSERT_EQ(changes.stations.size(), 1U);
+  EXPECT_EQ(changes.stations[0].is_active[static_cast<size_t>(250) * kWidth + 60], 1);
+  const auto is_busy = [&](double x, double y) {
+    return IsBusy(pictures[3], stations.photo_from_first[3], changes.stations[0],
+                  Eigen::Vector2d(x, y).cast<float>());
+  };
+  EXPECT_FALSE(is_busy(60, 250));
+  EXPECT_FALSE(is_busy(60, 60));
+  for (const double u : {-0.8, 0.0, 0.8}) {
+    EXPECT_TRUE(is_busy(kDiscCentre.x() + u * kDiscRadius, kDiscCentre.y())) << u;
+    EXPECT_TRUE(is_busy(kDiscCentre.x(), kDiscCentre.y() + 0.5 * u * kDiscRadius)) << u;
+  }
+  EXPECT_TRUE(is_busy(-5, 60)) << "outside of what the station's first photo shows nothing is known";
+  EXPECT_TRUE(IsBusy(pictures[3], stations.photo_from_first[3], {}, {60, 250})) << "too few photos to tell";
+}
+
 TEST(FindChanges, SeesNothingWhereNothingTurns) {
   std::vector<GreyPicture> pictures;
   for (int i = 0; i < 10; ++i) {
