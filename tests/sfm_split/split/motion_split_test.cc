@@ -419,7 +419,8 @@ TEST(MotionSplit, WhoWalksByIsNotTheTable) {
     return num;
   };
   Reporter reporter;
-  EXPECT_GT(num_of_person(SplitMotion(images, {}, &reporter)), kOfPerson / 2) << "pictures are not there to tell";
+  EXPECT_GT(num_of_person(SplitMotion(images, {}, &reporter)), kOfPerson / 2)
+      << "pictures are not there to tell";
 
   GreyPicture picture;
   picture.photo_size = {options.width, options.height};
