@@ -6,7 +6,7 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/image/image_error.h"
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 
 namespace s2gs {
 

@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "s2gs/core/gaussians.h"
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 

@@ -5,7 +5,7 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/rotating_region.h"
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 
 namespace s2gs {
 

@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 
 namespace s2gs {
 

@@ -3,8 +3,8 @@
 #include <cstdint>
 
 #include "s2gs/backend/backend.h"
+#include "s2gs/scene/training_size.h"
 #include "s2gs/train_options.h"
-#include "s2gs/training_size.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {

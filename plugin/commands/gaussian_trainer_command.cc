@@ -23,9 +23,10 @@
 #include "plugin/stage/stage.h"
 #include "plugin/stage/workspace.h"
 #include "s2gs/gaussians_ply.h"
+#include "s2gs/scene/scene_lengths.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/training/train.h"
 #include "s2gs/training_memory.h"
-#include "s2gs/training_scene.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/machine_share.h"
 

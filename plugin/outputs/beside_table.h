@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "s2gs/backend/backend.h"
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {

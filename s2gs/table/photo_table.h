@@ -8,9 +8,9 @@
 #include "s2gs/core/pinhole_view.h"
 #include "s2gs/image/image_file.h"
 #include "s2gs/rotating_mask.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/table/table_circle.h"
 #include "s2gs/table_rim.h"
-#include "s2gs/training_scene.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {

@@ -11,12 +11,12 @@
 #include "s2gs/image/image_error.h"
 #include "s2gs/image/image_file.h"
 #include "s2gs/rotating_mask.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/table/layers_over_top.h"
 #include "s2gs/table/photo_table.h"
 #include "s2gs/table/plain_top.h"
 #include "s2gs/table/textured_top.h"
 #include "s2gs/table_rim.h"
-#include "s2gs/training_scene.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {

@@ -8,8 +8,8 @@
 #include "s2gs/backend/backend.h"
 #include "s2gs/core/gaussians.h"
 #include "s2gs/held_out.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/train_options.h"
-#include "s2gs/training_scene.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {

@@ -4,10 +4,10 @@
 
 #include "s2gs/backend/backend.h"
 #include "s2gs/checkpoint.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/train_log.h"
 #include "s2gs/train_options.h"
 #include "s2gs/training/train_clock.h"
-#include "s2gs/training_scene.h"
 #include "sfm_split/base/reporter.h"
 
 namespace s2gs {

@@ -18,8 +18,9 @@
 #include "s2gs/core/rng.h"
 #include "s2gs/gaussians_ply.h"
 #include "s2gs/image/photos.h"
+#include "s2gs/scene/scene_lengths.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/training/photos_at_level.h"
-#include "s2gs/training_scene.h"
 
 namespace s2gs {
 namespace {

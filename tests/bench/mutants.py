@@ -45,7 +45,7 @@ COVERED_BY = {
     'plugin': ['tests/plugin'],
     's2gs/core': ['tests/s2gs/core', 'tests/s2gs/backend'],
     's2gs/kernel': ['tests/s2gs/kernel', 'tests/s2gs/cpu', 'tests/s2gs/backend'],
-    's2gs/image': ['tests/s2gs/image', 'tests/s2gs/training_scene_test.cc'],
+    's2gs/image': ['tests/s2gs/image', 'tests/s2gs/scene/training_scene_test.cc'],
     's2gs/backend': ['tests/s2gs/backend', 'tests/s2gs'],
     's2gs/cpu': ['tests/s2gs/cpu', 'tests/s2gs/backend'],
     's2gs': ['tests/s2gs', 'tests/plugin/commands/gaussian_commands_test.cc', 'tests/plugin/commands/table_workspace_test.cc'],

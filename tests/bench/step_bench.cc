@@ -16,8 +16,9 @@
 #include "s2gs/cpu/gaussian_pass.h"
 #include "s2gs/cpu/tile_lists.h"
 #include "s2gs/gaussians_ply.h"
+#include "s2gs/scene/scene_lengths.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/training/photos_at_level.h"
-#include "s2gs/training_scene.h"
 #include "tests/s2gs/usual_step.h"
 
 namespace s2gs {

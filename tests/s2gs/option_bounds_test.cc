@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "s2gs/initialise.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/train_options.h"
-#include "s2gs/training_scene.h"
 
 namespace s2gs {
 namespace {

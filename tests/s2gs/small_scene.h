@@ -2,7 +2,8 @@
 
 #include <algorithm>
 
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/scene_lengths.h"
+#include "s2gs/scene/training_scene.h"
 #include "tests/support/synthetic_render.h"
 #include "tests/support/synthetic_turntable.h"
 

@@ -4,7 +4,7 @@
 #include <functional>
 
 #include "s2gs/image/image_file.h"
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
 #include "tests/support/synthetic_turntable.h"

@@ -6,7 +6,7 @@
 #include <memory>
 #include <string>
 
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 #include "tests/s2gs/backend/backend_fixture.h"
 #include "tests/s2gs/backend/reference_render.h"
 #include "tests/support/measured_bound.h"

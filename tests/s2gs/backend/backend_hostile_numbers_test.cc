@@ -6,6 +6,7 @@
 #include <limits>
 #include <string>
 
+#include "s2gs/scene/scene_lengths.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/backend_fixture.h"
 #include "tests/s2gs/backend/reference_render.h"
@@ -135,7 +136,7 @@ TEST_P(BackendTest, DegenerateGaussiansAreFiniteOrCulled) {
 }
 
 // Training and photos of a scene whose unit is another, and of one that lies far from its frame's origin.
-// Lengths are normalised in double before anything else (s2gs/training_scene.h).
+// Lengths are normalised in double before anything else (s2gs/scene/training_scene.h).
 TEST_P(BackendTest, ScaleAndPlaceOfTheSceneDoNotMatter) {
   const auto scene = RandomScene(120, 3, -2);
   RenderRequest request;

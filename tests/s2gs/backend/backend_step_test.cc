@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 #include "tests/s2gs/backend/backend_fixture.h"
 #include "tests/s2gs/backend/reference_render.h"
 #include "tests/s2gs/usual_step.h"

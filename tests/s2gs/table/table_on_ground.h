@@ -11,9 +11,9 @@
 
 #include "s2gs/core/rotating_region.h"
 #include "s2gs/image/image_file.h"
+#include "s2gs/scene/training_scene.h"
 #include "s2gs/table/photo_table.h"
 #include "s2gs/table/plain_top.h"
-#include "s2gs/training_scene.h"
 
 namespace s2gs {
 

@@ -1,4 +1,4 @@
-#include "s2gs/photo_exposure.h"
+#include "s2gs/scene/photo_exposure.h"
 
 #include <gtest/gtest.h>
 

@@ -5,13 +5,11 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
 #include "s2gs/backend/backend.h"
-#include "s2gs/core/gaussians.h"
-#include "s2gs/training_size.h"
+#include "s2gs/scene/training_size.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/base/rigid3.h"
@@ -100,19 +98,5 @@ TrainingScene ReadTrainingScene(const TrainingScenePaths& paths, const TrainingS
 
 /// The same without photos: poses and points only. For rendering.
 TrainingScene ReadScenePoses(const TrainingScenePaths& paths, TrainMode mode, Reporter& reporter);
-
-/// The names in a list of photos, one a line; white space behind a name does not count, nor do empty lines.
-/// Throws UserError for names that are no photo's. \param option  that names the list, as "--test_list".
-std::set<std::string> ReadPhotoList(const std::filesystem::path& path, const std::vector<ScenePhoto>& photos,
-                                    const std::string& option);
-
-/// Moves a scene into normalised lengths. Called by the readers; poses, points and region change.
-void NormaliseScene(TrainingScene* scene);
-
-/// Poses between the workspace's frame and the normalised one.
-PinholeView NormaliseView(const PinholeView& view, const Eigen::Vector3d& origin, double size);
-/// The model in the workspace's lengths, and back.
-Gaussians DenormaliseGaussians(Gaussians gaussians, const Eigen::Vector3d& origin, double size);
-Gaussians NormaliseGaussians(Gaussians gaussians, const Eigen::Vector3d& origin, double size);
 
 }  // namespace s2gs

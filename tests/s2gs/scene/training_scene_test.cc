@@ -1,4 +1,4 @@
-#include "s2gs/training_scene.h"
+#include "s2gs/scene/training_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -10,6 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "s2gs/scene/photo_list.h"
+#include "s2gs/scene/scene_lengths.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/colmap_model.h"
 #include "sfm_split/scene/io/turntable_file.h"
