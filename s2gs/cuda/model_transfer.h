@@ -19,6 +19,15 @@ std::vector<T> DownloadArray(const T* data, size_t size, cudaStream_t stream) {
   return values;
 }
 
+/// Values to the GPU, in the stream's order: a plain cudaMemcpy goes to the default stream, returns when
+/// pageable memory is staged and not when it has arrived, and no other stream waits for it. `values` must
+/// live until the stream has come there.
+template <typename T>
+void UploadArray(const std::vector<T>& values, T* target, const char* what, cudaStream_t stream) {
+  CheckCuda(cudaMemcpyAsync(target, values.data(), values.size() * sizeof(T), cudaMemcpyHostToDevice, stream),
+            what);
+}
+
 /// `count` Gaussians, or as many rows of zeros where there are none, into planes. Waits for the GPU.
 void UploadGaussians(const Gaussians& gaussians, size_t count, const Planes& planes, cudaStream_t stream);
 
