@@ -35,7 +35,7 @@ struct StationChanges {
   std::vector<uint8_t> is_active;
   double active_share = 0;  ///< of the picture.
   /// height * width, 1 where more than half of the photos change close by, without holes: the table turns
-  /// from photo to photo, and who walks past does not. Empty when the station has too few photos to tell.
+  /// from photo to photo. Empty when the station has too few photos to tell.
   std::vector<uint8_t> is_busy;
 };
 
@@ -52,8 +52,7 @@ struct SceneChanges {
 SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const PictureStations& stations,
                          ChangeDetail detail = ChangeDetail::kNone);
 
-/// A photo's place [px] is one where its station's photos change again and again in most of them, or its
-/// station does not tell.
+/// A photo's place [px] is one where most photos of its station change, or the station does not tell.
 bool IsBusy(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
             const StationChanges& changes, const Eigen::Vector2f& xy);
 

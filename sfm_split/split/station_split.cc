@@ -12,6 +12,7 @@
 #include "sfm_split/matching/image_similarity.h"
 #include "sfm_split/matching/photo_order.h"
 #include "sfm_split/split/pair_evidence.h"
+#include "sfm_split/split/passers_by.h"
 #include "sfm_split/split/rotating_labels.h"
 #include "sfm_split/split/station_background.h"
 #include "sfm_split/split/station_turn.h"
@@ -46,7 +47,10 @@ std::vector<int> AllOf(const ImagePairMatches& pair) {
 class StationSplitter {
  public:
   StationSplitter(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* split)
-      : pictures_(pictures), matching_(*matching), options_(matching->settings().split), split_(*split) {}
+      : matching_(*matching),
+        options_(matching->settings().split),
+        split_(*split),
+        passers_by_(pictures, matching, &split->stations) {}
 
   void Run() {
     LabelStaticKeypoints();
@@ -456,10 +460,13 @@ class StationSplitter {
   // Matches, leaves out what follows the background, fits one motion. Returns the number of pairs with one.
   int AddObjectPairs(const std::vector<ImagePair>& pairs, const char* task) {
     auto matched = matching_.Match(pairs, packed_, task);
-    for (ImagePairMatches& pair : matched) LeaveOutPassersBy(&pair);
-    std::vector<std::vector<int>> subsets;
-    subsets.reserve(matched.size());
-    for (const ImagePairMatches& pair : matched) subsets.push_back(MovingMatches(pair));
+    std::vector<std::vector<int>> subsets(matched.size());
+    for (size_t p = 0; p < matched.size(); ++p) subsets[p] = MovingMatches(matched[p]);
+    passers_by_.Look(matched, subsets);
+    for (size_t p = 0; p < matched.size(); ++p) {
+      passers_by_.LeaveOut(&matched[p]);
+      subsets[p] = MovingMatches(matched[p]);
+    }
     int num_verified = 0;
     for (VerifiedPair& pair : matching_.VerifyAll(matched, &subsets, "fit motions")) {
       if (pair.matches.empty()) continue;
@@ -469,21 +476,6 @@ class StationSplitter {
     done_.insert(done_.end(), pairs.begin(), pairs.end());
     std::move(matched.begin(), matched.end(), std::back_inserter(split_.object_matches));
     return num_verified;
-  }
-
-  // Somebody who stands elsewhere in the next photo moves, too, and may do so more plainly than the table.
-  void LeaveOutPassersBy(ImagePairMatches* pair) const {
-    if (pictures_ == nullptr || !matching_.images()[pair->image1].given_labels.empty()) return;
-    const auto is_busy = [&](int image, uint32_t keypoint) {
-      const int station = pictures_->stations.station_of_image[image];
-      return IsBusy(pictures_->pictures[image], pictures_->stations.photo_from_first[image],
-                    pictures_->changes.stations[station], matching_.keypoints()[image][keypoint]);
-    };
-    FeatureMatches& matches = pair->matches;
-    const auto passes_by = [&](const FeatureMatch& match) {
-      return !is_busy(pair->image1, match.point2D_idx1) && !is_busy(pair->image2, match.point2D_idx2);
-    };
-    matches.erase(std::remove_if(matches.begin(), matches.end(), passes_by), matches.end());
   }
 
   std::vector<int> MovingMatches(const ImagePairMatches& pair) const {
@@ -539,10 +531,10 @@ class StationSplitter {
 
   int StationOf(int image) const { return split_.stations.station_of_image[image]; }
 
-  const ScanPictures* pictures_;
   SplitMatching& matching_;
   const MotionSplitOptions& options_;
   MotionSplit& split_;
+  PassersBy passers_by_;
   StillSupport still_;
   PackedImages packed_;                      // what may turn
   PackedImages packed_static_;               // what stands still

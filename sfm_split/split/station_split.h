@@ -7,8 +7,7 @@ namespace s2gs {
 
 /// The split of photos from stations. `split` comes with its stations, and leaves with labels,
 /// representatives and pairs. Images with given labels keep them.
-/// \param pictures  nullptr, or what tells the table from what passes by: matches neither end of which lies
-/// where its station's photos change in most of them are left out.
+/// \param pictures  nullptr, or what tells the table from who walks by (PassersBy).
 void SplitByStations(const ScanPictures* pictures, SplitMatching* matching, MotionSplit* split);
 
 }  // namespace s2gs
