@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "sfm_split/base/statistics.h"
+
 namespace s2gs {
 namespace {
 
@@ -59,14 +61,10 @@ UserError ExplainNoModel(const std::filesystem::path& path, const ScanFeatures& 
   num_features.reserve(features.images.size());
   for (const ScanImage& image : features.images) num_features.push_back(image.keypoints.size());
   const std::string finding = "colmap mapper found no model of the photos: ";
-  if (!num_features.empty()) {
-    const auto middle = num_features.begin() + static_cast<std::ptrdiff_t>(num_features.size() / 2);
-    std::nth_element(num_features.begin(), middle, num_features.end());
-    if (*middle < kFewestFeatures) {
-      return {
-          path, finding + fmt::format("they show too little texture, {} features a photo (median)", *middle),
-          "Sharper, brighter or larger photos help, and a speckled sheet or printed markers on the table"};
-    }
+  const size_t median = UpperMedian(num_features);
+  if (!num_features.empty() && median < kFewestFeatures) {
+    return {path, finding + fmt::format("they show too little texture, {} features a photo (median)", median),
+            "Sharper, brighter or larger photos help, and a speckled sheet or printed markers on the table"};
   }
   const MatchCounts counts = CountMatches(features);
   const size_t largest = LargestStation(features);

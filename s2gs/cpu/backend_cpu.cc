@@ -253,36 +253,39 @@ class CpuBackend : public Backend {
     }
   }
 
+  // One channel of one row, rendered and real, as it is compared.
+  void SetPhotoRow(const TrainStep& step, const TrainingPhoto& photo, int y, int c) {
+    const int width = photo.view.width;
+    const ViewPlanes& planes = view_.planes();
+    float* image = view_.image(c) + y * planes.stride;
+    float* real = view_.photo(c) + y * planes.stride;
+    const float* color = planes.color[c] + y * planes.stride;
+    const float* transmittance = planes.transmittance + y * planes.stride;
+    const uint8_t* bytes = photo.image.Pixel(0, y) + c;
+    for (int x = 0; x < width; ++x) {
+      image[x] = color[x] + transmittance[x] * step.background_color[c];
+      real[x] = static_cast<float>(bytes[3 * x]) * (1.0F / 255);
+    }
+    if (step.cut_out_mask && !photo.mask.empty()) {
+      const uint8_t* mask = photo.mask.data() + static_cast<size_t>(y) * width;
+      for (int x = 0; x < width; ++x) {
+        if (mask[x] < 128) real[x] = step.background_color[c];
+      }
+    }
+    if (!step.only_rotating_tiles) return;
+    for (int x = 0; x < width; ++x) {
+      if (!lists_.IsListed(y / kTileSize * lists_.tiles_x() + x / kTileSize)) image[x] = real[x];
+    }
+  }
+
   // L1 and D-SSIM, and the loss by the colour.
   void CompareToPhoto(const TrainStep& step, const TrainingPhoto& photo, LossTerms* terms) {
     const int width = photo.view.width;
     const int height = photo.view.height;
     const ViewPlanes& planes = view_.planes();
-    const bool cuts_out = step.cut_out_mask && !photo.mask.empty();
     threads_.For(3 * int64_t{height}, [&](int64_t begin, int64_t end) {
-      for (int64_t row = begin; row < end; ++row) {
-        const int y = static_cast<int>(row / 3);
-        const int c = static_cast<int>(row % 3);
-        float* image = view_.image(c) + y * planes.stride;
-        float* real = view_.photo(c) + y * planes.stride;
-        const float* color = planes.color[c] + y * planes.stride;
-        const float* transmittance = planes.transmittance + y * planes.stride;
-        const uint8_t* bytes = photo.image.Pixel(0, y) + c;
-        for (int x = 0; x < width; ++x) {
-          image[x] = color[x] + transmittance[x] * step.background_color[c];
-          real[x] = static_cast<float>(bytes[3 * x]) * (1.0F / 255);
-        }
-        if (cuts_out) {
-          const uint8_t* mask = photo.mask.data() + static_cast<size_t>(y) * width;
-          for (int x = 0; x < width; ++x) {
-            if (mask[x] < 128) real[x] = step.background_color[c];
-          }
-        }
-        if (!step.only_rotating_tiles) continue;
-        for (int x = 0; x < width; ++x) {
-          if (!lists_.IsListed(y / kTileSize * lists_.tiles_x() + x / kTileSize)) image[x] = real[x];
-        }
-      }
+      for (int64_t row = begin; row < end; ++row)
+        SetPhotoRow(step, photo, static_cast<int>(row / 3), static_cast<int>(row % 3));
     });
     const double num_values = 3.0 * width * height;
     std::vector<double> l1_rows(3 * static_cast<size_t>(height), 0);

@@ -1,4 +1,5 @@
 #define S2GS_TILE_NAMESPACE avx2
+#include "s2gs/cpu/photo_kernel_impl.h"
 #include "s2gs/cpu/tile_kernel_impl.h"
 
 namespace s2gs {

@@ -4,6 +4,7 @@
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wpsabi"
 #endif
+#include "s2gs/cpu/photo_kernel_impl.h"
 #include "s2gs/cpu/tile_kernel_impl.h"
 
 namespace s2gs {

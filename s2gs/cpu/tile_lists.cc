@@ -120,6 +120,21 @@ void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, 
   tiles_x_ = (width + kTileSize - 1) / kTileSize;
   const int tiles_y = (height + kTileSize - 1) / kTileSize;
   tiles_.resize(static_cast<size_t>(tiles_x_) * tiles_y);
+  CountTiles(rows, width, height, threads, wanted);
+  slot_begin_.resize(rows.size() + 1);
+  slot_begin_[0] = 0;
+  for (size_t i = 0; i < rows.size(); ++i) slot_begin_[i + 1] = slot_begin_[i] + tile_count_[i];
+  if (num_slots() > std::numeric_limits<uint32_t>::max()) {
+    throw UserError("the Gaussians cover more than 2^32 tiles of one image. Use fewer, or smaller images");
+  }
+  RefuseBeyondMemory(bytes_per_slot);
+  SortByDepth(rows);
+
+  threads->For(tiles_y, 1, [&](int64_t row, int64_t) { FillRow(rows, static_cast<int>(row)); });
+}
+
+void TileLists::CountTiles(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads,
+                           const std::vector<uint8_t>* wanted) {
   reached_.resize(rows.size());
   tile_count_.resize(rows.size());
   const auto for_drawn = [&](const auto& body) {
@@ -155,42 +170,32 @@ void TileLists::Build(const std::vector<SplatRow>& rows, int width, int height, 
       count_reached(i, tiles);
     });
   }
-  slot_begin_.resize(rows.size() + 1);
-  slot_begin_[0] = 0;
-  for (size_t i = 0; i < rows.size(); ++i) slot_begin_[i + 1] = slot_begin_[i] + tile_count_[i];
-  if (num_slots() > std::numeric_limits<uint32_t>::max()) {
-    throw UserError("the Gaussians cover more than 2^32 tiles of one image. Use fewer, or smaller images");
-  }
-  RefuseBeyondMemory(bytes_per_slot);
-  SortByDepth(rows);
+}
 
-  // Each row of tiles is filled by one thread, which goes through all splats in order.
-  threads->For(tiles_y, 1, [&](int64_t row, int64_t) {
-    const int tile_y = static_cast<int>(row);
-    for (int x = 0; x < tiles_x_; ++x) tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].clear();
-    for (const uint64_t key : keys_) {
-      const auto i = static_cast<uint32_t>(key);
-      const TileRect tiles = TilesOf(rows[i]);
-      if (tile_y < tiles.y_begin || tile_y >= tiles.y_end) continue;
-      const int across = tiles.x_end - tiles.x_begin;
-      const bool has_bits = tiles.Count() <= 64 && tiles.Count() > 1;
-      size_t in_rows_above = 0;
-      for (int y = tiles.y_begin; y < tile_y && !has_bits; ++y)
-        in_rows_above += CountListed(tiles.x_begin, tiles.x_end, y);
-      for (int x = tiles.x_begin; x < tiles.x_end; ++x) {
-        size_t slot = slot_begin_[i];
-        if (has_bits) {
-          const uint64_t bit = uint64_t{1} << ((tile_y - tiles.y_begin) * across + x - tiles.x_begin);
-          if ((reached_[i] & bit) == 0) continue;
-          slot += __builtin_popcountll(reached_[i] & (bit - 1));
-        } else {
-          if (!IsListed(tile_y * tiles_x_ + x)) continue;
-          slot += in_rows_above + CountListed(tiles.x_begin, x, tile_y);
-        }
-        tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].push_back({i, static_cast<uint32_t>(slot)});
+void TileLists::FillRow(const std::vector<SplatRow>& rows, int tile_y) {
+  for (int x = 0; x < tiles_x_; ++x) tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].clear();
+  for (const uint64_t key : keys_) {
+    const auto i = static_cast<uint32_t>(key);
+    const TileRect tiles = TilesOf(rows[i]);
+    if (tile_y < tiles.y_begin || tile_y >= tiles.y_end) continue;
+    const int across = tiles.x_end - tiles.x_begin;
+    const bool has_bits = tiles.Count() <= 64 && tiles.Count() > 1;
+    size_t in_rows_above = 0;
+    for (int y = tiles.y_begin; y < tile_y && !has_bits; ++y)
+      in_rows_above += CountListed(tiles.x_begin, tiles.x_end, y);
+    for (int x = tiles.x_begin; x < tiles.x_end; ++x) {
+      size_t slot = slot_begin_[i];
+      if (has_bits) {
+        const uint64_t bit = uint64_t{1} << ((tile_y - tiles.y_begin) * across + x - tiles.x_begin);
+        if ((reached_[i] & bit) == 0) continue;
+        slot += __builtin_popcountll(reached_[i] & (bit - 1));
+      } else {
+        if (!IsListed(tile_y * tiles_x_ + x)) continue;
+        slot += in_rows_above + CountListed(tiles.x_begin, x, tile_y);
       }
+      tiles_[static_cast<size_t>(tile_y) * tiles_x_ + x].push_back({i, static_cast<uint32_t>(slot)});
     }
-  });
+  }
 }
 
 }  // namespace s2gs

@@ -31,6 +31,11 @@ class TileLists {
   size_t SlotBegin(size_t i) const { return slot_begin_[i]; }
 
  private:
+  // How many tiles each splat reaches, and which; with `wanted`, of those that are listed.
+  void CountTiles(const std::vector<SplatRow>& rows, int width, int height, ThreadPool* threads,
+                  const std::vector<uint8_t>* wanted);
+  // By one thread, which goes through all splats in order.
+  void FillRow(const std::vector<SplatRow>& rows, int tile_y);
   void ListReached(const std::vector<SplatRow>& rows, const std::vector<uint8_t>& wanted);
   int CountListed(int x_begin, int x_end, int y) const;
   void SortByDepth(const std::vector<SplatRow>& rows);

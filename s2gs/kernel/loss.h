@@ -12,9 +12,13 @@ namespace s2gs {
 constexpr int kSsimWindow = 11;
 constexpr int kSsimRadius = kSsimWindow / 2;
 
+/// What keeps SSIM's quotients finite, (.01 L)^2 and (.03 L)^2 of Wang et al. with L = 1.
+constexpr double kSsimC1 = 0.01 * 0.01;
+constexpr double kSsimC2 = 0.03 * 0.03;
+
 /// The window along one axis; element i has offset i - 5. Sums to 1.
 template <typename T>
-S2GS_HD inline T SsimWeight(int i) {
+S2GS_HD constexpr T SsimWeight(int i) {
   constexpr double kWeights[kSsimRadius + 1] = {0.00102838008447911, 0.007598758135239185,
                                                 0.03600077212843083, 0.10936068950970002,
                                                 0.2130055377112537,  0.26601172486179436};
@@ -34,7 +38,7 @@ struct SsimPoint {
 /// \param xx, yy, xy  E[x^2], E[y^2], E[x y].
 template <typename T>
 S2GS_HD inline SsimPoint<T> ComputeSsimPoint(T x, T y, T xx, T yy, T xy) {
-  const T c1(0.01 * 0.01), c2(0.03 * 0.03), two(2);
+  const T c1(kSsimC1), c2(kSsimC2), two(2);
   // value = (a1 a2) / (b1 b2)
   const T a1 = two * x * y + c1;
   const T a2 = two * (xy - x * y) + c2;

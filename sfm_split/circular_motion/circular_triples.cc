@@ -4,10 +4,10 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <type_traits>
 
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/circular_motion/circular_lens.h"
 #include "sfm_split/scene/ray_meeting.h"
 
@@ -20,11 +20,12 @@ using Jet = ceres::Jet<double, 7>;
 template <typename T>
 using Vector = Eigen::Matrix<T, 3, 1>;
 
-constexpr int kLogFocal = 0;
-constexpr int kDistortion = 1;
-constexpr int kTurn = 2;
-constexpr int kFirstAngle = 5;
-constexpr int kSecondAngle = 6;
+// Where the unknowns stand in a TripleDerivative.
+constexpr int kLogFocal = 0;     // CircularLens's
+constexpr int kDistortion = 1;   // CircularLens's
+constexpr int kTurn = 2;         // of the axis's frame, three
+constexpr int kFirstAngle = 5;   // how far the table turned from the first photo to the middle one
+constexpr int kSecondAngle = 6;  // and from there to the last
 
 template <typename T>
 T Unknown(double value, int place) {
@@ -105,15 +106,15 @@ std::optional<T> ErrorOf(const CircularTriple& triple, const LensPoint& first, c
 
 double TripleError(const CircularTriple& triple, const CircularLens& lens, const CircularTurn& turn,
                    const std::array<int, 3>& photos, TripleDerivative* derivative) {
-  constexpr double kNone = std::numeric_limits<double>::infinity();
   if (derivative != nullptr) derivative->setZero();
   const double focal = std::exp(lens.log_focal);
   const LensPoint first = ThroughLens(lens, focal, triple.xy[0]);
   const LensPoint last = ThroughLens(lens, focal, triple.xy[2]);
-  if (!first.is_valid || !last.is_valid || triple.xy[0] == triple.xy[2]) return kNone;
-  if (derivative == nullptr) return ErrorOf<double>(triple, first, last, lens, turn, photos).value_or(kNone);
+  if (!first.is_valid || !last.is_valid || triple.xy[0] == triple.xy[2]) return kInfinity;
+  if (derivative == nullptr)
+    return ErrorOf<double>(triple, first, last, lens, turn, photos).value_or(kInfinity);
   const std::optional<Jet> error = ErrorOf<Jet>(triple, first, last, lens, turn, photos);
-  if (!error) return kNone;
+  if (!error) return kInfinity;
   *derivative = error->v;
   return error->a;
 }

@@ -6,6 +6,7 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "sfm_split/base/angles.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/keypoint_grid.h"
 #include "sfm_split/matching/picture_noise.h"
@@ -78,7 +79,7 @@ SiftFeatures FindWeakFeatures(const GreyRegion& photo, const Keypoints& known,
     features.keypoints.emplace_back(fresh[k].pt.x + static_cast<float>(box.x) + 0.5F - kDoublingPx,
                                     fresh[k].pt.y + static_cast<float>(box.y) + 0.5F - kDoublingPx);
     features.scales.push_back(0.5F * fresh[k].size);
-    features.orientations.push_back(fresh[k].angle * 3.14159265F / 180);
+    features.orientations.push_back(fresh[k].angle * static_cast<float>(kPi) / 180);
     AppendRoots(descriptors.ptr<float>(k), &features.descriptors);
   }
   return features;

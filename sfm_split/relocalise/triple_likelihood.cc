@@ -3,11 +3,11 @@
 #include <Eigen/Dense>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <vector>
 
 #include "sfm_split/adjust/posed_images.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 #include "sfm_split/scene/camera_model.h"
@@ -32,12 +32,11 @@ std::optional<Vector3d> Meet(const PosedImage& a, const Vector2d& xy_a, const Po
 // How far the middle keypoint lies along the outer ones' move from where they see it; infinite where they see
 // nothing.
 double ErrorOfMiddle(const std::array<const PosedImage*, 3>& posed, const std::array<Vector2d, 3>& xy) {
-  constexpr double kNone = std::numeric_limits<double>::infinity();
   const Vector2d move = xy[2] - xy[0];
   const std::optional<Vector3d> x = Meet(*posed[0], xy[0], *posed[2], xy[2]);
-  if (!x || !(move.norm() > 0)) return kNone;
+  if (!x || !(move.norm() > 0)) return kInfinity;
   const std::optional<Vector2d> seen = ProjectToImage(*posed[1]->camera, posed[1]->cam_from_body * *x);
-  return seen ? move.normalized().dot(*seen - xy[1]) : kNone;
+  return seen ? move.normalized().dot(*seen - xy[1]) : kInfinity;
 }
 
 }  // namespace

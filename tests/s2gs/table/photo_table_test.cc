@@ -53,6 +53,26 @@ TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
 }
 
 // Automatic exposure and white balance: where photos differ by it, a median is of none of them.
+// Twelve megapixels become 480 px on the longer side, and small photos stay as they are.
+TEST(PhotoTable, LargePhotosAreLookedAtReduced) {
+  ScenePhoto photo;
+  photo.view.width = 4000;
+  photo.view.height = 3000;
+  photo.view.fx = photo.view.fy = 5000;
+  photo.view.cx = 2000;
+  photo.view.cy = 1500;
+  const PinholeView reduced = StationView(photo);
+  EXPECT_EQ(reduced.width, 480);
+  EXPECT_EQ(reduced.height, 360);
+  EXPECT_NEAR(reduced.fx, 600, 1e-9);
+  EXPECT_NEAR(reduced.cx, 240, 1e-9);
+  EXPECT_NEAR(reduced.cy, 180, 1e-9);
+  photo.view.width = 320;
+  photo.view.height = 480;
+  EXPECT_EQ(StationView(photo).width, 320);
+  EXPECT_EQ(StationView(photo).height, 480);
+}
+
 TEST(PhotoTable, AStationsPhotosAreOfOneExposure) {
   TrainingScene scene = TableOnGround(12, TopLook::kPlain);
   const StationPhotos before = LoadStations(scene).front();
