@@ -113,5 +113,21 @@ TEST(TripleError, IsInfiniteWhereTheRaysMeetBehind) {
             std::numeric_limits<double>::infinity());
 }
 
+// Farther from the axis than the cameras, and half a turn on.
+TEST(TripleError, IsInfiniteWhereTheMiddlePhotoHasThePointBehindIt) {
+  Setting truth = Truth();
+  truth.turn.angles = {0, kPi, 20 * kDegree};
+  const CircularTriple triple = Seen(truth, 1.5 * truth.turn.frame.col(0));
+  TripleDerivative derivative = TripleDerivative::Ones();
+  for (TripleDerivative* asked : {static_cast<TripleDerivative*>(nullptr), &derivative}) {
+    EXPECT_EQ(TripleError(triple, truth.lens, truth.turn, kPhotos, asked),
+              std::numeric_limits<double>::infinity());
+  }
+  EXPECT_TRUE(derivative.isZero(0));
+  truth.turn.angles[1] = 10 * kDegree;
+  const CircularTriple before = Seen(truth, 1.5 * truth.turn.frame.col(0));
+  EXPECT_NEAR(TripleError(before, truth.lens, truth.turn, kPhotos, nullptr), 0, 1e-9);
+}
+
 }  // namespace
 }  // namespace s2gs
