@@ -6,6 +6,7 @@ import io
 import json
 import os
 import pathlib
+import re
 import stat
 import sys
 import tempfile
@@ -695,10 +696,31 @@ class Curves(unittest.TestCase):
         self.assertEqual((len(places(by_cpu)), len(places(by_wall))), (1, 3))
         self.assertIn('wall seconds', by_wall)
         lines = report.curves_part({'mesh_gpu': {**self.CURVE, 'time': 'wall'}})
-        self.assertIn('### Edge (mesh gpu)', lines)
+        self.assertIn('## Edge (mesh gpu)', lines)
         self.assertIn('a:', lines)
         self.assertIn('b:', lines)
         self.assertIn('wall [s]', '\n'.join(lines))
+
+    def test_files_that_newcomers_are_sent_to_are_there(self):
+        repository = scenes.REPOSITORY
+        for page in ('CONTRIBUTING.md', 'tests/bench/notes/house.md'):
+            folder, named = '', []
+            for row in re.findall(r'^\| [^|]+ \| (`[^|]+) \|', (repository / page).read_text(), re.M):
+                for path in re.findall(r'`([\w/]+\.(?:h|cc))`', row):
+                    folder = path.rpartition('/')[0] or folder  # as in "`a/b.h`, `c.h`"
+                    named.append(f'{folder}/{path.rpartition("/")[2]}')
+            self.assertGreater(len(named), 19, page)
+            self.assertEqual([path for path in named if not (repository / path).exists()], [], page)
+
+    def test_the_first_page_has_one_row_a_sweep(self):
+        beaten = {**self.CURVE, 'settings': [{**s, 'pareto': s['value'] != '4'} for s in self.CURVE['settings']]}
+        lines = report.curves_lines({'mesh_gpu': {**beaten, 'time': 'wall'}, 'forced': {'parts': []}})
+        rows = [line for line in lines if line.startswith('| Edge')]
+        self.assertEqual(len(rows), 1)
+        self.assertTrue(rows[0].endswith('| wall | a: 2, 8; b: 2, 8 |'), rows[0])
+        page = report.curves_page({'mesh_gpu': {**beaten, 'time': 'wall'}})
+        self.assertIn('(curves/mesh_gpu.csv)', page)
+        self.assertIn('(../plots/curve_mesh_gpu.svg)', page)
 
     def test_gains_of_parts(self):
         spread = lambda value: {'min': value, 'median': value, 'max': value}

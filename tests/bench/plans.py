@@ -51,7 +51,7 @@ def page(commit, scenes):
     lines = ['# What scans leave out', '',
              f'Made by `s2gs scan_planner` and `tests/bench/plans.py`; {commit}. Each part that some scenes do not need, with what was '
              'measured, the threshold, the reason, and what leaving it out saves; where there is nothing to force, why. What the others would have cost and gained: '
-             '[BENCHMARK.md](../../../BENCHMARK.md), "What was left out, and forced".', '']
+             '[curves](curves.md#what-was-left-out-and-forced).', '']
     parts = list(dict.fromkeys(one['part'] for found in scenes.values() for one in found))
     state = {(name, one['part']): STATES[one['state']] for name, found in scenes.items() for one in found}
     what = {one['part']: one['what'] for found in scenes.values() for one in found}

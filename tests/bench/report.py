@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes BENCHMARK.md, its plots and the figures of README.md from the result files.
+"""Writes BENCHMARK.md, its page of sweeps, its plots and the figures of README.md from the result files.
 
 usage: report.py [--check] [--results FOLDER] [--output FOLDER]
 
@@ -164,28 +164,28 @@ def safety_lines(r):
 
 
 def curves_part(written):
-    """Error against run time: a table and a diagram a sweep, then what was left out and forced."""
+    """Error against run time: a table and a diagram a sweep, then what was left out and forced. Links are those of CURVES_PAGE."""
     lines = []
     for name, curve in written.items():
         if 'settings' not in curve:
             continue
         clock = clock_of(curve)
-        lines += [f'### {curve["what"][0].upper()}{curve["what"][1:]} ({name.replace("_", " ")})', '',
+        lines += [f'## {curve_title(name, curve)}', '',
                   f'Knob `{curve["knob"]}`; error: {curve["error_text"]}, against {curve["reference"]}. Medians over seeds '
-                  f'(least to largest). [Page of diagrams](tests/bench/results/curves/{name}.html), '
-                  f'[CSV](tests/bench/results/curves/{name}.csv).', '', *made_lines(curve)]
+                  f'(least to largest). [Page of diagrams](curves/{name}.html), '
+                  f'[CSV](curves/{name}.csv).', '', *made_lines(curve)]
         for scene_index, scene in enumerate(curve['scenes']):
             rows = [[s['value'], spread_cell(s[f'{clock}_s']), spread_cell(s['error']), f'{s["reached"]} of {s["runs"]}',
                      'yes' if s['pareto'] else ''] for s in curve['settings'] if s['scene'] in (scene, scene_index)]
             if len(curve['scenes']) > 1:
                 lines += [f'{scene}:', '']
             lines += table(['value', f'{CLOCKS[clock]} [s]', 'error', 'reached', 'nothing beats it in both'], rows)
-        lines += [f'![error over {CLOCKS[clock]} seconds](tests/bench/plots/curve_{name}.svg)', '']
+        lines += [f'![error over {CLOCKS[clock]} seconds](../plots/curve_{name}.svg)', '']
     rows = [[p['scene'], p['what'], p['error_of'], spread_cell(p['planned_error']), spread_cell(p['forced_error']),
              gain_cell(p), sigmas_cell(p), spread_cell(p['planned_cpu_s']), spread_cell(p['forced_cpu_s']), name]
             for name, written_file in written.items() for p in written_file.get('parts', [])]
     if rows:
-        lines += ['### What was left out, and forced', '',
+        lines += ['## What was left out, and forced', '',
                   'Each part that the plan (`s2gs scan_planner`) leaves out, run all the same by `s2gs work_precision --forced 1`: '
                   'gain is by how much that lowers the error; CPU seconds are those of the stages from the part on. A rotation error of poses is '
                   'one number, the tilt that all photos of a station share: what gains less than its standard deviation may be chance. Elsewhere, '
@@ -223,6 +223,8 @@ def made_lines(written):
 
 
 CLOCKS = {'cpu': 'CPU', 'wall': 'wall'}
+CURVES_PAGE = 'tests/bench/results/curves.md'
+PLOTTED = ('training_gpu', 'mesh_voxel')  # on the first page
 
 
 def clock_of(curve):
@@ -287,13 +289,45 @@ def method_lines():
             'masks: [method](tests/bench/results/method.md),', 'made by `tests/bench/method_tables.py`.', '']
 
 
+def curve_title(name, curve):
+    return f'{curve["what"][0].upper()}{curve["what"][1:]} ({name.replace("_", " ")})'
+
+
+CLOCKS_TEXT = ('Made by `s2gs work_precision`; CPU seconds are those of the process with what it starts, user and system, because the machines '
+               'were shared: they are counts of work, not of waiting. Wall seconds are of runs on a GPU; the host had other work beside. '
+               'Which settings each sweep had: [time]({}tests/bench/notes/time.md).')
+
+
+def curves_page(written):
+    """CURVES_PAGE: every sweep."""
+    return '\n'.join(['# Error against run time', '', 'This page is made (`tests/bench/report.py`). ' + CLOCKS_TEXT.format('../../../'), '',
+                      *curves_part(written)]).rstrip('\n') + '\n'
+
+
+def best_values(curve, scene_index, scene):
+    """The values that nothing beats in both, the fastest first."""
+    own = [s for s in curve['settings'] if s['scene'] in (scene, scene_index) and s['pareto']]
+    clock = clock_of(curve)
+    return [s['value'] for s in sorted(own, key=lambda s: s[f'{clock}_s']['median'])]
+
+
 def curves_lines(written):
+    """One row a sweep, and the plots of PLOTTED."""
     if not written:
         return []
-    return ['## Error against run time', '', 'Made by `s2gs work_precision`; CPU seconds are those of the process with what it '
-            'starts, user and system, because the machines were shared: they are counts of work, not of waiting. Wall seconds are of runs '
-            'on a GPU; the host had other work beside. Which settings each sweep had: [time](tests/bench/notes/time.md).', '',
-            *curves_part(written), *plan_lines()]
+    rows = []
+    for name, curve in written.items():
+        if 'settings' not in curve:
+            continue
+        best = [f'{scene}: ' + ', '.join(str(v) for v in best_values(curve, i, scene)) for i, scene in enumerate(curve['scenes'])]
+        rows.append([curve_title(name, curve), f'`{curve["knob"]}`', curve['error_text'], CLOCKS[clock_of(curve)], '; '.join(best)])
+    lines = ['## Error against run time', '', CLOCKS_TEXT.format('') + f' Each sweep with its figures and its diagram: [curves]({CURVES_PAGE}); '
+             'and there, too, what the plan leaves out, run all the same.', '']
+    lines += table(['sweep', 'knob', 'error', 'time', 'what no other value beats in both, the fastest first'], rows) if rows else []
+    for name in PLOTTED:
+        if 'settings' in written.get(name, {}):
+            lines += [f'![error over {CLOCKS[clock_of(written[name])]} seconds, {name.replace("_", " ")}](tests/bench/plots/curve_{name}.svg)', '']
+    return [*lines, *plan_lines()]
 
 
 def plan_lines():
@@ -421,6 +455,8 @@ def files(all_results, output, written=None):
     """{path: text} of all that is written. `written`: results.read_curves()."""
     r = Results(all_results)
     out = {output / 'BENCHMARK.md': page(r, note_titles(output / 'tests/bench/notes'), written)}
+    if written:
+        out[output / CURVES_PAGE] = curves_page(written)
     for name, curve in (written or {}).items():
         if 'settings' in curve and (svg := curve_plot(curve)):
             out[output / f'tests/bench/plots/curve_{name}.svg'] = svg

@@ -205,10 +205,19 @@ TEST_F(TrainingSceneFiles, WithoutATableTheSceneIsStatic) {
   fs::remove(paths_.turntable);
   const TrainingScene scene = ReadTrainingScene(paths_, {}, silent_);
   EXPECT_EQ(scene.mode, TrainMode::kStatic);
+  EXPECT_EQ(scene.points.size(), 100U);  // of the object and its platter: sparse/static is not asked
   for (const ScenePoint& point : scene.points) EXPECT_FALSE(point.rotates);
   TrainingSceneOptions options;
   options.mode = TrainMode::kS2gs;
   ExpectUserError([&] { ReadTrainingScene(paths_, options, silent_); }, {"turntable.json", "missing"});
+}
+
+TEST_F(TrainingSceneFiles, ATableThatTurnsNeedsNoModelOfTheBackground) {
+  fs::remove_all(paths_.static_model);
+  const TrainingScene scene = ReadTrainingScene(paths_, {}, silent_);
+  EXPECT_EQ(scene.mode, TrainMode::kS2gs);
+  EXPECT_EQ(scene.points.size(), 100U);
+  for (const ScenePoint& point : scene.points) EXPECT_TRUE(point.rotates);
 }
 
 TEST_F(TrainingSceneFiles, MasksAreReadAndNeededInTheirMode) {
