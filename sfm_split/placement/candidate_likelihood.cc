@@ -12,17 +12,19 @@ namespace {
 constexpr double kCertain = 8;              // e^8 to one
 constexpr double kCertainDeviations = 3.4;  // of a normal distribution: chance goes beyond once in e^8
 
-// Half the logarithm of the matches for each unknown of the poses.
+// Half the logarithm of the matches that tell an unknown of the poses, for each (Schwarz): of a photo's own
+// those of a photo, each of which is of two, and of a station's all.
 double Charge(const ScanCandidate& candidate, double inliers) {
   const auto views = static_cast<double>(candidate.aligned.scene.views.size());
-  double angles = views;
+  double of_photos = views;  // its angle
   // Angles that lie about given steps are not unknown as far as these tell them.
   if (candidate.has_given_steps) {
-    for (const double share : candidate.refined.joint.angle_prior_share) angles -= share;
+    for (const double share : candidate.refined.joint.angle_prior_share) of_photos -= share;
   }
-  double unknowns = angles + 6.0 * candidate.aligned.scene.num_stations;
-  if (candidate.refined.model != JointModel::kSharedStations) unknowns += 6 * views;
-  return 0.5 * unknowns * std::log(std::max(2.0, inliers));
+  if (candidate.refined.model != JointModel::kSharedStations) of_photos += 6 * views;
+  const double of_stations = 6.0 * candidate.aligned.scene.num_stations;
+  return 0.5 * of_photos * std::log(std::max(2.0, 2 * inliers / std::max(1.0, views))) +
+         0.5 * of_stations * std::log(std::max(2.0, inliers));
 }
 
 // What poses gain over the true ones in the likelihood of matches that they alone were fitted to, but for a

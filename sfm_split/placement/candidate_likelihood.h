@@ -30,7 +30,7 @@ class CandidateLikelihood {
   const std::vector<PossiblePair>& pairs() const { return pairs_; }
 
   /// What all poses explain with lenses that there are, less what their unknowns cost: half the logarithm of
-  /// the matches each (the Bayesian information criterion).
+  /// the matches that tell each (the Bayesian information criterion), a photo's own or a station's.
   double LogLikelihood(const ScanCandidate& candidate) const;
 
   /// Whether poses that are not adjusted yet explain matches better than those of `best`, by more than their

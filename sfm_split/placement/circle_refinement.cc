@@ -4,6 +4,7 @@
 #include <cmath>
 #include <future>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -68,7 +69,7 @@ StepsFinding CircleRefinement::EqualSteps(const TurntableScene& scene) const {
 }
 
 // With the matches that agree with a circle alone: it needs no others, and where texture is poor most
-// verified pairs follow highlights. Twice, as the adjusted poses know better which agree.
+// verified pairs follow highlights. Adjusted poses know better which agree: once more by them.
 void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const {
   RefineOptions refine = refine_;
   refine.max_error_px = std::min(refine.max_error_px, told.bound_px);
@@ -80,16 +81,14 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
   JointOptions joint = joint_;
   joint.model = model;
   joint.max_reprojection_error_px = std::min(joint.max_reprojection_error_px, told.bound_px);
-  PrincipalPointTest cut;
-  for (int pass = 0; pass < 2; ++pass) {
-    ScanFeatures agreeing = features_;
-    agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, told.bound_px);
-    agreeing.raw_pairs.clear();
-    candidate->aligned.object.points3D.clear();
-    candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
-    if (candidate->refined.principal_point.accepted) cut = candidate->refined.principal_point;
-  }
-  if (cut.accepted) candidate->refined.principal_point = cut;
+  ScanFeatures agreeing = features_;
+  agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, told.bound_px);
+  agreeing.raw_pairs.clear();
+  candidate->aligned.object.points3D.clear();
+  const PrincipalPointTest before = candidate->refined.principal_point;
+  candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
+  if (before.accepted && !candidate->refined.principal_point.accepted)
+    candidate->refined.principal_point = before;
   candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
   candidate->log_likelihood = likelihood_.LogLikelihood(*candidate);
 }
@@ -99,17 +98,24 @@ ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, cons
   ScanCandidate candidate;
   candidate.aligned = aligned;
   RefineAgreeing(told, joint_.model, &candidate);
-  if (joint_.model != JointModel::kAuto || candidate.refined.model == JointModel::kSharedStations)
-    return candidate;
-  ScanCandidate shared;
-  shared.aligned = aligned;
-  RefineAgreeing(told, JointModel::kSharedStations, &shared);
-  reporter_.Debug("log-likelihood with poses of " + std::string(JointModelName(candidate.refined.model)) +
-                  " " + std::to_string(candidate.log_likelihood) + ", with those of stations " +
-                  std::to_string(shared.log_likelihood));
-  if (!shared.IsBetterThan(candidate)) return candidate;
-  WidenByDifference(candidate.aligned.scene, shared.aligned.scene, &shared.refined.joint);
-  return shared;
+  JointModel model = joint_.model;
+  std::optional<TurntableScene> of_their_own;
+  if (model == JointModel::kAuto && candidate.refined.model != JointModel::kSharedStations) {
+    ScanCandidate shared;
+    shared.aligned = aligned;
+    RefineAgreeing(told, JointModel::kSharedStations, &shared);
+    reporter_.Debug("log-likelihood with poses of " + std::string(JointModelName(candidate.refined.model)) +
+                    " " + std::to_string(candidate.log_likelihood) + ", with those of stations " +
+                    std::to_string(shared.log_likelihood));
+    if (shared.IsBetterThan(candidate)) {
+      of_their_own = candidate.aligned.scene;
+      candidate = std::move(shared);
+      model = JointModel::kSharedStations;
+    }
+  }
+  RefineAgreeing(told, model, &candidate);
+  if (of_their_own) WidenByDifference(*of_their_own, candidate.aligned.scene, &candidate.refined.joint);
+  return candidate;
 }
 
 // What poses that are rough lack passes for noise of matches, and a bound for that much takes in features
