@@ -9,6 +9,7 @@
 #include "s2gs/image/bilinear.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
+#include "s2gs/image/turned_picture.h"
 #include "s2gs/kernel/foreground.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
@@ -74,41 +75,6 @@ PinholeView ReducedView(const PinholeView& view) {
   const double scale = static_cast<double>(kMaxSide) / side;
   return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
                     std::max(1, static_cast<int>(view.height * scale)));
-}
-
-// A camera that has only turned, as on a tripod that was knocked, turned back to how another looks.
-PinholeView TurnedTo(const PinholeView& other, const PinholeView& view) {
-  const Rigid3 turn = {other.cam_from_world.rotation * view.cam_from_world.rotation.conjugate(),
-                       Eigen::Vector3d::Zero()};
-  PinholeView turned = view;
-  turned.cam_from_world = turn * view.cam_from_world;
-  turned.cam_from_object = turn * view.cam_from_object;
-  return turned;
-}
-
-// The picture of `view` as `turned` sees it, which stands in the same place. \param is_outside  1 where
-// `view` does not see it.
-Image8 TurnedPicture(const PinholeView& view, const PinholeView& turned, const Image8& picture,
-                     std::vector<uint8_t>* is_outside) {
-  const Eigen::Matrix3d from_turned =
-      (view.cam_from_world.rotation * turned.cam_from_world.rotation.conjugate()).toRotationMatrix();
-  Image8 result = picture;
-  is_outside->assign(static_cast<size_t>(picture.width) * picture.height, 0);
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) {
-      const Eigen::Vector3d ray = from_turned * Eigen::Vector3d((x + 0.5 - turned.cx) / turned.fx,
-                                                                (y + 0.5 - turned.cy) / turned.fy, 1);
-      const Eigen::Vector2d at(view.cx + view.fx * ray.x() / ray.z(), view.cy + view.fy * ray.y() / ray.z());
-      if (!(ray.z() > 0 && at.x() >= 0.5 && at.y() >= 0.5 && at.x() < picture.width - 0.5 &&
-            at.y() < picture.height - 0.5)) {
-        (*is_outside)[static_cast<size_t>(y) * picture.width + x] = 1;
-        continue;
-      }
-      const std::array<float, 3> color = BilinearColor(picture, at);
-      for (int c = 0; c < 3; ++c) result.Pixel(x, y)[c] = static_cast<uint8_t>(std::lround(color[c]));
-    }
-  }
-  return result;
 }
 
 // Sums over the patches about the pixels of one row of two grey pictures. Whole numbers: exact in any order.

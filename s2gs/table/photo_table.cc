@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <map>
 #include <utility>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "s2gs/image/median_picture.h"
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
+#include "s2gs/image/turned_picture.h"
 #include "s2gs/kernel/foreground.h"
 #include "s2gs/rotating_mask.h"
 #include "s2gs/scene/photo_exposure.h"
@@ -26,6 +28,7 @@ namespace {
 
 constexpr size_t kMaxPhotos = 36;  // evenly from all of a station's: ten degrees apart
 constexpr int kLongSide = 480;     // [px]: a pixel is some hundredth of a table.
+constexpr double kSameView = 0.5;  // [px]: as near as rims are found.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
 constexpr double kFew = 0.05;      // of the points: outliers.
 // The table lies where the rotating points begin, so many of their heights about it.
@@ -40,6 +43,32 @@ PinholeView Reduced(const PinholeView& view) {
   const double scale = std::min(1.0, static_cast<double>(kLongSide) / std::max(view.width, view.height));
   return ResizeView(view, std::max(1, static_cast<int>(view.width * scale)),
                     std::max(1, static_cast<int>(view.height * scale)));
+}
+
+// How far what is far away has moved in a picture, at the most, because its camera has turned [px].
+double TurnedBy(const PinholeView& from, const PinholeView& to) {
+  const Eigen::Matrix3d turn =
+      (to.cam_from_world.rotation * from.cam_from_world.rotation.conjugate()).toRotationMatrix();
+  double most = 0;
+  for (const double x : {0.0, static_cast<double>(from.width)}) {
+    for (const double y : {0.0, static_cast<double>(from.height)}) {
+      const Eigen::Vector3d ray = turn * Eigen::Vector3d((x - from.cx) / from.fx, (y - from.cy) / from.fy, 1);
+      if (!(ray.z() > 0)) return std::numeric_limits<double>::infinity();
+      const Eigen::Vector2d there(to.cx + to.fx * ray.x() / ray.z(), to.cy + to.fy * ray.y() / ray.z());
+      most = std::max(most, (there - Eigen::Vector2d(x, y)).norm());
+    }
+  }
+  return most;
+}
+
+// Turns the last photo back to how the first looks, if its camera has turned, as on a tripod that shakes:
+// what stands still lies in the same pixels then. What has hardly moved stays as it is, and as sharp.
+void TurnToFirst(StationPhotos* station) {
+  PinholeView& view = station->views.back();
+  const PinholeView turned = TurnedTo(station->views.front(), view);
+  if (!(TurnedBy(view, turned) > kSameView)) return;
+  station->images.back() = TurnedPicture(view, turned, station->images.back(), nullptr);
+  view = turned;
 }
 
 // Pixels that the model does not take to rotate.
@@ -136,6 +165,7 @@ std::vector<StationPhotos> LoadStationPhotos(const TrainingScene& scene, const L
       const PinholeView view = Reduced(photo.view);
       station.views.push_back(view);
       station.images.push_back(ResizeByArea(load(photo), view.width, view.height));
+      TurnToFirst(&station);
     }
     EqualiseExposure(&station.images);
     station.still = MedianPicture(station.images);

@@ -17,7 +17,8 @@ namespace s2gs {
 
 using LoadPhoto = std::function<Image8(const ScenePhoto&)>;
 
-/// What one station's camera sees: some of its photos, evenly chosen, of one size and reduced.
+/// What one station's camera sees: some of its photos, evenly chosen, of one size and reduced. Where it has
+/// turned, as a tripod that shakes does, they are turned back to how the first looks.
 struct StationPhotos {
   int number = 0;                  ///< ScenePhoto's station
   std::vector<PinholeView> views;  ///< of the images' size.

@@ -54,10 +54,12 @@ double GreyAlong(const Rigid3& object_from_cam, const Rigid3& world_from_cam, co
   return TileAt(1, 0.4, on_ground.x(), on_ground.y());
 }
 
-ScenePhoto PhotoAt(double angle, TopLook top, uint64_t seed) {
+// \param turn  of the camera, about its own place.
+ScenePhoto PhotoAt(double angle, TopLook top, const Eigen::Quaterniond& turn, uint64_t seed) {
   ScenePhoto photo;
   PinholeView& view = photo.view;
   view = ViewFromAbove(kTablePhotoWidth, kTablePhotoHeight, kFocal, 0.3, kDistance);
+  view.cam_from_world = Rigid3{turn, Eigen::Vector3d::Zero()} * view.cam_from_world;
   const Rigid3 world_from_object{Eigen::Quaterniond(Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ())),
                                  Eigen::Vector3d::Zero()};
   view.cam_from_object = view.cam_from_world * world_from_object;
@@ -77,12 +79,18 @@ ScenePhoto PhotoAt(double angle, TopLook top, uint64_t seed) {
 
 }  // namespace
 
-TrainingScene TableOnGround(int num_photos, TopLook top) {
+TrainingScene TableOnGround(int num_photos, TopLook top, double shake) {
   TrainingScene scene;
   scene.mode = TrainMode::kS2gs;
   scene.axis = TurntableAxis();
   scene.region = RotatingRegion{TurntableAxis(), 2, -0.5, 1};
-  for (int i = 0; i < num_photos; ++i) scene.photos.push_back(PhotoAt(2 * kPi * i / num_photos, top, 10 + i));
+  for (int i = 0; i < num_photos; ++i) {
+    const double about = UnitFloat(RandomBits(5, i, 0).words[0]);
+    const double as_far = i == 0 ? 1 : UnitFloat(RandomBits(5, i, 1).words[0]);
+    const Eigen::Vector3d axis(std::cos(2 * kPi * about), std::sin(2 * kPi * about), 0);
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(shake * as_far, axis));
+    scene.photos.push_back(PhotoAt(2 * kPi * i / num_photos, top, turn, 10 + i));
+  }
   for (int i = 0; i <= 10; ++i) {
     const double height = kTableTop + 0.05 * i;
     scene.points.push_back({{0.3, 0.1 * (i % 3), height}, {0, 0, 0}, true});

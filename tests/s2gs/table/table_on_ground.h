@@ -38,8 +38,9 @@ enum class TopLook : uint8_t {
 /// Its top and its side.
 inline RotatingRegion TableRegion() { return {TurntableAxis(), kTableRadius, kTableBottom, kTableTop}; }
 
-/// \param num_photos  of one station, over a full turn.
-TrainingScene TableOnGround(int num_photos, TopLook top);
+/// \param num_photos  of one station, over a full turn. \param shake  how far its camera turns from photo to
+/// photo, about its own place [rad]; as far in the first photo as in any.
+TrainingScene TableOnGround(int num_photos, TopLook top, double shake = 0);
 std::vector<StationPhotos> LoadStations(const TrainingScene& scene);
 
 /// Photos of a table whose top is plain but for what its parameter says, and what they tell of it.
