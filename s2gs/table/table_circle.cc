@@ -11,6 +11,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/binomial_tail.h"
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
@@ -30,7 +31,8 @@ constexpr double kClimb = 1;                                       // [px], betw
 constexpr int kSameEnd = 4;  // [steps], either way: a pixel where the side is seen from above
 constexpr int kMaxRings = 2000;
 constexpr int kMaxHeights = 1000;
-constexpr int kFiner = 4;  // parts of a pixel in which an edge is placed.
+constexpr int kFiner = 4;                     // parts of a pixel in which an edge is placed.
+constexpr double kLeastSigma = 1.0 / kFiner;  // [px]
 constexpr int kPlaceRounds = 5;
 constexpr double kLeastTold = 1e-6;  // of radius and height by themselves.
 
@@ -247,16 +249,22 @@ class CircleFinder {
     return found;
   }
 
-  // Where about a circle of the search the edges lie, to a part of a pixel: each direction tells one sum of
-  // radius and height, as far as they move the circle's picture along it.
+  // What a direction tells of where a circle lies, in its picture, at right angles to the circle there.
+  struct Told {
+    Eigen::Vector2d moved;  // [px] by a unit of radius and of height.
+    double offset = 0;      // [px], of the edge.
+  };
+
+  // Where about a circle of the search the edges lie, to a part of a pixel. Pictures tell places to a part of
+  // a pixel: from a low camera much more of the radius and of the height together beside the axis than before
+  // and behind it. Some edges are not the circle's, so that those count less that lie off the others'.
   void Place(double height, double radius, int num_ways, TableCircle* circle) const {
     circle->height = height;
     circle->radius = radius;
     const std::vector<PictureRings> rings = Look(TopLines(height));
     const int ring = std::min(num_steps_ - 1, static_cast<int>(radius / step_));
     for (int round = 0; round < kPlaceRounds; ++round) {
-      Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
-      Eigen::Vector2d right = Eigen::Vector2d::Zero();
+      std::vector<Told> told;
       for (size_t i = 0; i < pictures_.size(); ++i) {
         const StillPicture& picture = pictures_[i];
         const ColorChange thresholds = rings[i].Threshold(ring);
@@ -266,16 +274,37 @@ class CircleFinder {
           const std::optional<double> offset =
               EdgeOffset(picture, TopLine(d, circle->height, circle->radius), thresholds, num_ways);
           if (!offset) continue;
-          const Eigen::Vector2d row(1, RiseAlong(picture, x, outwards));
-          normal += row * row.transpose();
-          right += *offset * row;
+          const Eigen::Vector2d moved = MovesOfEdge(picture, x, outwards);
+          told.push_back({moved, *offset * moved[0]});
         }
       }
-      if (!(normal.determinant() > kLeastTold * normal(0, 0) * normal(1, 1))) return;
-      const Eigen::Vector2d change = normal.ldlt().solve(right);
-      circle->radius += change[0];
-      circle->height += change[1];
+      const std::optional<Eigen::Vector2d> change = MostTold(told);
+      if (!change) return;
+      circle->radius += (*change)[0];
+      circle->height += (*change)[1];
     }
+  }
+
+  // The change of radius and height that edges tell; nothing where they do not tell both.
+  static std::optional<Eigen::Vector2d> MostTold(const std::vector<Told>& told) {
+    Eigen::Vector2d change = Eigen::Vector2d::Zero();
+    for (int round = 0; round < kPlaceRounds; ++round) {
+      std::vector<double> left;
+      left.reserve(told.size());
+      for (const Told& of : told) left.push_back(std::abs(of.offset - of.moved.dot(change)));
+      if (left.empty()) return std::nullopt;
+      const double sigma = std::max(kLeastSigma, kSigmaOfMad * UpperMedian(left));
+      Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+      Eigen::Vector2d right = Eigen::Vector2d::Zero();
+      for (size_t i = 0; i < told.size(); ++i) {
+        const double weight = 1 / (1 + std::pow(left[i] / sigma, 2));
+        normal += weight * told[i].moved * told[i].moved.transpose();
+        right += weight * told[i].offset * told[i].moved;
+      }
+      if (!(normal.determinant() > kLeastTold * normal(0, 0) * normal(1, 1))) return std::nullopt;
+      change = normal.ldlt().solve(right);
+    }
+    return change;
   }
 
   // How far outwards the edge next to a place lies: the middle between where it falls to half on either side.
@@ -310,9 +339,10 @@ class CircleFinder {
     return ((first + last) / 2.0 - reach) * unit * step_;
   }
 
-  // How far outwards the circle's picture moves for a unit of height.
-  double RiseAlong(const StillPicture& picture, const Eigen::Vector3d& x,
-                   const Eigen::Vector3d& outwards) const {
+  // How far the circle's picture moves across itself for a unit of radius and of height [px]: edges show
+  // movements across them alone.
+  Eigen::Vector2d MovesOfEdge(const StillPicture& picture, const Eigen::Vector3d& x,
+                              const Eigen::Vector3d& outwards) const {
     const auto pixel = [&](const Eigen::Vector3d& place) -> Eigen::Vector2d {
       const Eigen::Vector3d in_camera = picture.view.cam_from_world * place;
       return {picture.view.fx * in_camera.x() / in_camera.z(),
@@ -320,11 +350,10 @@ class CircleFinder {
     };
     const Eigen::Vector2d along = pixel(x + step_ * outwards) - pixel(x);
     const Eigen::Vector2d up = pixel(x + step_ * frame_.up) - pixel(x);
-    // Edges show movements across them alone: that is the picture's direction at right angles to the circle.
     const Eigen::Vector3d around = frame_.up.cross(outwards);
     const Eigen::Vector2d tangent = pixel(x + step_ * around) - pixel(x);
-    const Eigen::Vector2d across(-tangent.y(), tangent.x());
-    return up.dot(across) / along.dot(across);
+    const Eigen::Vector2d across = Eigen::Vector2d(-tangent.y(), tangent.x()).normalized();
+    return {along.dot(across) / step_, up.dot(across) / step_};
   }
 
   std::optional<double> SideEnd(const TableCircle& circle) const {
