@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 
 #include "s2gs/image/bilinear.h"
 #include "sfm_split/base/statistics.h"
@@ -14,9 +15,10 @@ constexpr double kApart = 1.5;        // [px], to either side of an edge: lenses
 constexpr double kNear = 1.01;        // [px], to an edge that is the circle's.
 constexpr double kLeastPitch = 0.05;  // [px] of a step: a direction along the ray of sight shows no edge.
 constexpr double kDeviations = 3;     // of a surface's own changes of colour: an edge.
-constexpr double kBeyond = 1.25;  // in radii of a ring: where it is looked at what edges there are anyway,
-constexpr int kFarthest = 8;      // from so many steps beyond the ring on.
-constexpr int kLevels = 1024;     // of changes of colour, a quarter of a grey level each.
+constexpr double kBeyond = 1.25;   // in radii of a ring: where it is looked at what edges there are anyway,
+constexpr int kFarthest = 8;       // from so many steps beyond the ring on.
+constexpr size_t kLinesAbout = 9;  // one: a quarter of the turn.
+constexpr int kLevels = 1024;      // of changes of colour, a quarter of a grey level each.
 constexpr float kLevelsPerGrey = 4;
 
 ColorChange ChangeOf(const std::array<float, 3>& rgb) {
@@ -92,13 +94,29 @@ void PictureRings::OneWay::AddLine(const std::vector<float>& changes, const std:
   edges_.insert(edges_.end(), edges.begin(), edges.end());
 }
 
-// Most of what lies just within a circle is even, whatever stands further in: half of its changes are its
-// own.
 void PictureRings::OneWay::FindThresholds() {
+  std::vector<size_t> all(num_lines_);
+  std::iota(all.begin(), all.end(), size_t{0});
+  thresholds_ = ThresholdsOf(all);
+  // The last line is the first's neighbour.
+  const size_t count = std::min(kLinesAbout, num_lines_);
+  for (size_t line = 0; line < num_lines_; ++line) {
+    std::vector<size_t> about;
+    for (size_t i = 0; i < count; ++i) about.push_back((line + num_lines_ + i - count / 2) % num_lines_);
+    const std::vector<float> of_line = ThresholdsOf(about);
+    local_thresholds_.insert(local_thresholds_.end(), of_line.begin(), of_line.end());
+  }
+}
+
+// Most of what lies just within a circle on these lines is even, whatever stands further in: half of its
+// changes are its own.
+std::vector<float> PictureRings::OneWay::ThresholdsOf(const std::vector<size_t>& lines) const {
+  std::vector<float> thresholds;
+  thresholds.reserve(num_steps_);
   std::vector<int64_t> within(kLevels, 0);
   int64_t num_within = 0;
   const auto count = [&](int s, int sign) {
-    for (size_t d = 0; d < num_lines_; ++d) {
+    for (const size_t d : lines) {
       const float change = changes_[d * num_steps_ + s];
       if (!(change >= 0)) continue;
       within[LevelOf(change)] += sign;
@@ -111,10 +129,11 @@ void PictureRings::OneWay::FindThresholds() {
     for (int64_t below = within[0]; median + 1 < kLevels && 2 * below < num_within;)
       below += within[++median];
     const double threshold = kDeviations * kSigmaOfMad * (median + 1) / kLevelsPerGrey;
-    thresholds_.push_back(static_cast<float>(threshold));
+    thresholds.push_back(static_cast<float>(threshold));
     count(s, 1);
     for (; kBeyond * (first + 1) < s; ++first) count(first, -1);
   }
+  return thresholds;
 }
 
 PictureRings::PictureRings(const StillPicture& picture, const std::vector<ArcLines>& lines, int num_steps)
@@ -125,22 +144,21 @@ PictureRings::PictureRings(const StillPicture& picture, const std::vector<ArcLin
 
 int PictureRings::NumSteps(int num_rings) { return static_cast<int>(kBeyond * (num_rings + kFarthest)); }
 
-PictureRings::Ring PictureRings::At(int s, int num_ways) const {
+PictureRings::Ring PictureRings::At(int s, const EdgeKind& kind) const {
   Ring ring;
-  const ColorChange thresholds = Threshold(s);
-  for (size_t d = 0; d < num_lines_; ++d) Count(d, s, thresholds, num_ways, &ring);
+  for (size_t d = 0; d < num_lines_; ++d) Count(d, s, Threshold(d, s, kind), kind.num_ways, &ring);
   return ring;
 }
 
-PictureRings::Ring PictureRings::OfLine(size_t line, int s, int num_ways) const {
+PictureRings::Ring PictureRings::OfLine(size_t line, int s, const EdgeKind& kind) const {
   Ring ring;
-  Count(line, s, Threshold(s), num_ways, &ring);
+  Count(line, s, Threshold(line, s, kind), kind.num_ways, &ring);
   return ring;
 }
 
-ColorChange PictureRings::Threshold(int s) const {
+ColorChange PictureRings::Threshold(size_t line, int s, const EdgeKind& kind) const {
   ColorChange thresholds;
-  for (int k = 0; k < kColorWays; ++k) thresholds[k] = ways_[k].Threshold(s);
+  for (int k = 0; k < kColorWays; ++k) thresholds[k] = ways_[k].Threshold(line, s, kind.is_local);
   return thresholds;
 }
 
@@ -160,12 +178,12 @@ std::vector<int> PictureRings::FirstEdges(int first, const ColorChange& threshol
   return places;
 }
 
-double PictureRings::ChanceBeyond(int s, int num_ways) const {
+double PictureRings::ChanceBeyond(int s, const EdgeKind& kind) const {
   Ring beyond{1, 1};
-  const ColorChange thresholds = Threshold(s);
   const int last = std::min(num_steps_, NumSteps(s));
   for (size_t d = 0; d < num_lines_; ++d) {
-    for (int t = s + kFarthest; t < last; ++t) Count(d, t, thresholds, num_ways, &beyond);
+    const ColorChange thresholds = Threshold(d, s, kind);
+    for (int t = s + kFarthest; t < last; ++t) Count(d, t, thresholds, kind.num_ways, &beyond);
   }
   return static_cast<double>(beyond.edges) / beyond.seen;
 }

@@ -65,8 +65,15 @@ class SeenArc {
   std::array<SeenLine, kLinesOfArc> lines_;
 };
 
+/// What counts as an edge.
+struct EdgeKind {
+  int num_ways = kColorWays;  ///< in which it is looked for, the first: in the first alone by light.
+  /// It is more than the surface just within the ring changes about its line; else about all lines, since of
+  /// ground of many colours only the clearest edges are rare.
+  bool is_local = false;
+};
+
 /// What a picture shows along lines that lead across circles about an axis, one step on each line a circle.
-/// In the first `num_ways` ways: in the first alone by light.
 class PictureRings {
  public:
   PictureRings(const StillPicture& picture, const std::vector<ArcLines>& lines, int num_steps);
@@ -79,19 +86,20 @@ class PictureRings {
     int seen = 0;
     int edges = 0;
   };
-  Ring At(int s, int num_ways) const;
+  Ring At(int s, const EdgeKind& kind) const;
   /// The same on one line.
-  Ring OfLine(size_t line, int s, int num_ways) const;
+  Ring OfLine(size_t line, int s, const EdgeKind& kind) const;
 
-  /// What is more than the changes of the surface just within a ring.
-  ColorChange Threshold(int s) const;
+  /// What is more than the changes of the surface just within a ring. \param line  about which, if it is
+  /// local.
+  ColorChange Threshold(size_t line, int s, const EdgeKind& kind) const;
 
   /// The first edge on each line, in the first so many ways, from step `first` on; the number of steps where
   /// there is none.
   std::vector<int> FirstEdges(int first, const ColorChange& thresholds, int num_ways) const;
 
   /// That there is an edge of this ring's kind, from what lies beyond: what lies within may be plain.
-  double ChanceBeyond(int s, int num_ways) const;
+  double ChanceBeyond(int s, const EdgeKind& kind) const;
 
  private:
   class OneWay {
@@ -109,15 +117,20 @@ class PictureRings {
     bool IsEdge(size_t line, int s, float threshold) const {
       return edges_[line * num_steps_ + s] > threshold;
     }
-    float Threshold(int s) const { return thresholds_[s]; }
+    float Threshold(size_t line, int s, bool is_local) const {
+      return is_local ? local_thresholds_[line * num_steps_ + s] : thresholds_[s];
+    }
 
    private:
+    std::vector<float> ThresholdsOf(const std::vector<size_t>& lines) const;
+
     size_t num_lines_ = 0;
     int num_steps_ = 0;
     std::vector<float> changes_;  // by line and step; negative: not seen
     std::vector<float> edges_;    // by line and step: the changes that are the clearest within kEdgeApartPx
     std::vector<float> nearest_;  // the clearest edge there, by line and step; negative: not seen
-    std::vector<float> thresholds_;  // by step: what is no change of the surface within
+    std::vector<float> thresholds_;        // by step: what is no change of the surface within
+    std::vector<float> local_thresholds_;  // by line and step: the same about the line
   };
 
   void AddLine(const StillPicture& picture, const ArcLines& lines);

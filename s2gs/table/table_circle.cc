@@ -42,7 +42,7 @@ struct FoundRing {
   int step = 0;
   double share = 0;
   double false_alarms = 1;
-  int num_ways = 0;  // in which it was found, the first
+  EdgeKind kind;  // of which it was found
 };
 
 // Of a side.
@@ -62,14 +62,14 @@ using PlaceOf = std::function<RingPlace(size_t, size_t, int)>;
 // lines tell it, or of those on the far side, or where these do not mostly have edges, as on the lower end of
 // a side.
 std::optional<double> ShareNotHidden(const std::vector<PictureRings>& rings, int num_lines, int s,
-                                     int num_ways, const PlaceOf& place_of) {
+                                     const EdgeKind& kind, const PlaceOf& place_of) {
   PictureRings::Ring told;
   PictureRings::Ring far;
   int far_lines = 0;
   for (size_t i = 0; i < rings.size(); ++i) {
     const size_t of_picture = static_cast<size_t>(num_lines) / rings.size();
     for (size_t d = 0; d < of_picture; ++d) {
-      const PictureRings::Ring line = rings[i].OfLine(d, s, num_ways);
+      const PictureRings::Ring line = rings[i].OfLine(d, s, kind);
       const RingPlace place = place_of(i, d, s);
       far_lines += place.is_far ? 1 : 0;
       if (line.seen == 0 || (line.edges == 0 && place.is_hidden)) continue;
@@ -84,13 +84,13 @@ std::optional<double> ShareNotHidden(const std::vector<PictureRings>& rings, int
   return static_cast<double>(told.edges) / told.seen;
 }
 
-// The ring of a step, looked at in the first so many ways. Nothing where it is no circle's.
+// The ring of a step, by edges of this kind. Nothing where it is no circle's.
 // \param rings  of each picture. \param num_lines  of all. \param num_tried  circles, of which this is one.
-std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_lines, int s, int num_ways,
-                                double num_tried, const PlaceOf& place_of) {
+std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_lines, int s,
+                                const EdgeKind& kind, double num_tried, const PlaceOf& place_of) {
   PictureRings::Ring sum;
   for (const PictureRings& of_picture : rings) {
-    const PictureRings::Ring ring = of_picture.At(s, num_ways);
+    const PictureRings::Ring ring = of_picture.At(s, kind);
     sum.seen += ring.seen;
     sum.edges += ring.edges;
   }
@@ -99,13 +99,13 @@ std::optional<FoundRing> RingAt(const std::vector<PictureRings>& rings, int num_
   if (2 * sum.seen < num_lines || !(2 * share > kMinShare)) return std::nullopt;
   double expected = 0;
   for (const PictureRings& of_picture : rings)
-    expected += of_picture.At(s, num_ways).seen * of_picture.ChanceBeyond(s, num_ways);
+    expected += of_picture.At(s, kind).seen * of_picture.ChanceBeyond(s, kind);
   const double false_alarms = num_tried * BinomialTail(sum.edges, sum.seen, expected / sum.seen);
   if (!(false_alarms < kMaxFalseAlarms)) return std::nullopt;
   // Chance counts what is hidden, too: an edge there, of the thing, lies as likely on any other circle.
-  if (!(share > kMinShare)) share = ShareNotHidden(rings, num_lines, s, num_ways, place_of).value_or(0);
+  if (!(share > kMinShare)) share = ShareNotHidden(rings, num_lines, s, kind, place_of).value_or(0);
   if (!(share > kMinShare)) return std::nullopt;
-  return FoundRing{s, share, false_alarms, num_ways};
+  return FoundRing{s, share, false_alarms, kind};
 }
 
 // \param rings      of each picture.
@@ -116,10 +116,10 @@ std::vector<FoundRing> FindRings(const std::vector<PictureRings>& rings, int num
   std::vector<FoundRing> found;
   for (int s = first; s < num_rings; ++s) {
     // By light alone, too: ground of many colours has edges of tint anywhere.
-    const std::array<int, 2> families = {1, kColorWays};
-    for (const int num_ways : families) {
+    const std::array<EdgeKind, 4> kinds = {{{1, false}, {1, true}, {kColorWays, false}, {kColorWays, true}}};
+    for (const EdgeKind& kind : kinds) {
       const std::optional<FoundRing> ring =
-          RingAt(rings, num_lines, s, num_ways, static_cast<double>(families.size()) * num_tried, place_of);
+          RingAt(rings, num_lines, s, kind, static_cast<double>(kinds.size()) * num_tried, place_of);
       if (ring) found.push_back(*ring);
     }
   }
@@ -194,7 +194,7 @@ class CircleFinder {
     TableCircle circle;
     circle.share = best->share;
     circle.false_alarms = best->false_alarms;
-    Place(HeightAt(best_height), (best->step + 0.5) * step_, best->num_ways, &circle);
+    Place(HeightAt(best_height), (best->step + 0.5) * step_, best->kind, &circle);
     circle.side_end = SideEnd(circle);
     return circle;
   }
@@ -258,7 +258,7 @@ class CircleFinder {
   // Where about a circle of the search the edges lie, to a part of a pixel. Pictures tell places to a part of
   // a pixel: from a low camera much more of the radius and of the height together beside the axis than before
   // and behind it. Some edges are not the circle's, so that those count less that lie off the others'.
-  void Place(double height, double radius, int num_ways, TableCircle* circle) const {
+  void Place(double height, double radius, const EdgeKind& kind, TableCircle* circle) const {
     circle->height = height;
     circle->radius = radius;
     const std::vector<PictureRings> rings = Look(TopLines(height));
@@ -267,12 +267,12 @@ class CircleFinder {
       std::vector<Told> told;
       for (size_t i = 0; i < pictures_.size(); ++i) {
         const StillPicture& picture = pictures_[i];
-        const ColorChange thresholds = rings[i].Threshold(ring);
         for (int d = 0; d < kDirections; ++d) {
           const Eigen::Vector3d outwards = frame_.Outwards(d);
           const Eigen::Vector3d x = frame_.point + circle->height * frame_.up + circle->radius * outwards;
           const std::optional<double> offset =
-              EdgeOffset(picture, TopLine(d, circle->height, circle->radius), thresholds, num_ways);
+              EdgeOffset(picture, TopLine(d, circle->height, circle->radius),
+                         rings[i].Threshold(static_cast<size_t>(d), ring, kind), kind.num_ways);
           if (!offset) continue;
           const Eigen::Vector2d moved = MovesOfEdge(picture, x, outwards);
           told.push_back({moved, *offset * moved[0]});
@@ -390,7 +390,8 @@ class CircleFinder {
         if (end && (!clearest || end->false_alarms < clearest->false_alarms)) clearest = end;
       };
       for (size_t i = 0; i < rings.size(); ++i) {
-        std::vector<int> ends = rings[i].FirstEdges(kFirstOfSide, top[i].Threshold(rim), num_ways);
+        std::vector<int> ends =
+            rings[i].FirstEdges(kFirstOfSide, top[i].Threshold(0, rim, {num_ways, false}), num_ways);
         of_all.insert(of_all.end(), ends.begin(), ends.end());
         if (num_groups > 1) look_at(std::move(ends));
       }

@@ -134,6 +134,30 @@ TEST(TableCircle, OfAPaleTableUnderABusyThing) {
   EXPECT_LT(circle->false_alarms, 1e-6);
 }
 
+// A busy thing lies on the near half, nearly to the rim, and more than half of the surface just within the
+// rim is its. Beyond the far half, where the top is even, seven grey levels are an edge all the same.
+TEST(TableCircle, OfAPaleTableThatAThingHalfCovers) {
+  const PinholeView view = ViewFrom(0.3);
+  Image8 picture = PictureOf(view, IsInCircle, 150, 60, [](const Eigen::Vector3d&) { return 157; });
+  PixelMask thing{view.width, view.height, std::vector<uint8_t>(picture.pixels.size() / 3, 0)};
+  AddRegion({TurntableAxis(), 0.94 * kRadius, kTop, kTop}, view, &thing);
+  const Eigen::Vector3d middle = view.cam_from_world * (kTop * Eigen::Vector3d::UnitZ());
+  const double row = view.cy + view.fy * middle.y() / middle.z();
+  for (size_t i = 0; i < thing.inside.size(); ++i) {
+    const size_t y = i / kWidth;
+    if (thing.inside[i] == 0 || static_cast<double>(y) < row - 4) continue;
+    const float random = UnitFloat(RandomBits(11, i % kWidth / 4, y / 4).words[0]);
+    std::fill_n(&picture.pixels[3 * i], 3, static_cast<uint8_t>(130 + 40 * random));
+  }
+  CircleSearch search = SearchAboutTop();
+  search.low = 0;  // over the end of its side, which is as clear
+  const std::optional<TableCircle> circle = FindTableCircle({{view, picture}}, search);
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->height, kTop, kPixel);
+  EXPECT_NEAR(circle->radius, kRadius, kPixel);
+  EXPECT_LT(circle->false_alarms, 1e-6);
+}
+
 // A plain table, and above its top a dark round thing, as a station's photos show them all.
 Image8 PictureBehindThing(const PinholeView& view, double radius, CircleSearch* search) {
   constexpr double kFrom = 0.25;  // over the top
