@@ -222,7 +222,7 @@ cv::Mat BusyPart(const std::vector<cv::Mat>& deviations, const cv::Mat& close) {
     cv::dilate(changed, changed, close);
     cv::add(count, cv::Scalar(1), count, changed);
   }
-  const cv::Mat in_most = count > static_cast<double>(deviations.size() / 2);
+  const cv::Mat in_most = count > 0.5 * static_cast<double>(deviations.size());
   std::vector<std::vector<cv::Point>> contours;
   cv::findContours(in_most, contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
   cv::Mat filled = cv::Mat::zeros(count.size(), CV_8UC1);
