@@ -29,6 +29,7 @@ namespace {
 constexpr size_t kMaxPhotos = 36;  // evenly from all of a station's: ten degrees apart
 constexpr int kLongSide = 480;     // [px]: a pixel is some hundredth of a table.
 constexpr double kSameView = 0.5;  // [px]: as near as rims are found.
+constexpr int kShadesOfOne = 4;    // photos that one outweighs in which the ground is lit: a judgement.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
 constexpr double kFew = 0.05;      // of the points: outliers.
 // The table lies where the rotating points begin, so many of their heights about it.
@@ -69,6 +70,13 @@ void TurnToFirst(StationPhotos* station) {
   if (!(TurnedBy(view, turned) > kSameView)) return;
   station->images.back() = TurnedPicture(view, turned, station->images.back(), nullptr);
   view = turned;
+}
+
+// Whether photos show the ground where something would hang down from the table. A shadow that a thing throws
+// comes and goes on the ground as the thing turns; but what turns may look so, too, where hardly any photo
+// shows the ground itself.
+bool IsGround(const StillVotes& votes) {
+  return votes.same >= votes.changes - votes.shades && kShadesOfOne * votes.same >= votes.shades;
 }
 
 // Pixels that the model does not take to rotate.
@@ -278,7 +286,7 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
     const StillVotes votes =
         AskWitnesses(witnesses, Eigen::Vector3d(centre[0], centre[1], centre[2]),
                      [](size_t, size_t, const Eigen::Vector2d&, double) { return false; });
-    of.stands = of.is_high ? votes.told > votes.changes : votes.same >= votes.changes;
+    of.stands = of.is_high ? votes.told > votes.changes : IsGround(votes);
   });
   std::vector<uint32_t> standing;
   for (const Around& of : around) {

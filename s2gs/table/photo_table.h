@@ -52,10 +52,10 @@ TableRim RimOfCircle(const TrainingScene& scene, const TableCircle& circle,
 double TexturedShareOfTop(const std::vector<StationPhotos>& stations, const RotatingRegion& table);
 
 /// Which rotating Gaussians around the table stand still by the photos. Lower than its top those where no
-/// more photos than not show a change: next to a table training lets plain ground and shadows turn; what
-/// hangs down from the table changes the photos as it turns. Higher, where a thing may reach beyond the rim,
-/// those where more photos show the same texture than a change: what is plain and round looks alike as it
-/// turns. \param table  from photos, to a pixel.
+/// more photos than not show a change, but for shadows: next to a table training lets plain ground and
+/// shadows turn; what hangs down from the table changes the photos as it turns. Higher, where a thing may
+/// reach beyond the rim, those where more photos show the same texture than a change: what is plain and round
+/// looks alike as it turns. \param table  from photos, to a pixel.
 std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& stations,
                                               const RotatingRegion& table, const Placement& gaussians);
 

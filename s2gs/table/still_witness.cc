@@ -1,13 +1,17 @@
 #include "s2gs/table/still_witness.h"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 #include "sfm_split/base/statistics.h"
 
 namespace s2gs {
 namespace {
 
+constexpr int kAboutShade = 2;      // [px]: as far as a rim's edge reaches.
 constexpr double kSamePlace = 0.5;  // how far the room's picture may move [px], and poses err
 
 // The pixel of a point that is not at the picture's border.
@@ -16,6 +20,23 @@ std::optional<Eigen::Vector2d> InnerPixelOf(const PinholeView& view, const Eigen
   const bool is_inner = pixel && pixel->x() >= 1 && pixel->y() >= 1 && pixel->x() < view.width - 1 &&
                         pixel->y() < view.height - 1;
   return is_inner ? pixel : std::nullopt;
+}
+
+// Whether a picture shows about a pixel what another does in less light: weaker by one factor in all channels
+// and in the neighbours, too, as shadows are but at their borders. \param most  that values may differ by.
+bool IsInLessLight(const Image8& image, const Image8& lit, int x, int y, float most) {
+  const auto sum_of = [](const uint8_t* rgb) { return static_cast<float>(rgb[0]) + rgb[1] + rgb[2]; };
+  const float sum = sum_of(lit.Pixel(x, y));
+  const float gain = sum > 0 ? sum_of(image.Pixel(x, y)) / sum : 1;
+  if (!(gain < 1)) return false;
+  for (int v = std::max(0, y - kAboutShade); v <= std::min(image.height - 1, y + kAboutShade); ++v) {
+    for (int u = std::max(0, x - kAboutShade); u <= std::min(image.width - 1, x + kAboutShade); ++u) {
+      for (int c = 0; c < 3; ++c) {
+        if (std::abs(image.Pixel(u, v)[c] - gain * lit.Pixel(u, v)[c]) > most) return false;
+      }
+    }
+  }
+  return true;
 }
 
 }  // namespace
@@ -42,7 +63,9 @@ std::optional<StillSight> StillWitness::Look(size_t photo, const Eigen::Vector3d
   StillSight sight;
   sight.pixel = *pixel;
   sight.depth = in_camera.z();
-  sight.is_same = !(MostDifferentChannel(rgb, station_.still.Pixel(x, y)) > most);
+  const uint8_t* still = station_.still.Pixel(x, y);
+  sight.is_same = !(MostDifferentChannel(rgb, still) > most);
+  sight.is_shade = !sight.is_same && IsInLessLight(station_.images[photo], station_.still, x, y, most);
   sight.has_texture = HasTexture(x, y);
   sight.color = Eigen::Vector3d(rgb[0], rgb[1], rgb[2]);
   sight.tolerance = noise_.tolerance;
@@ -76,6 +99,7 @@ StillVotes AskWitnesses(
       if (!sight || is_hidden(w, i, sight->pixel, sight->depth)) continue;
       if (!sight->is_same) {
         ++votes.changes;
+        votes.shades += sight->is_shade ? 1 : 0;
         continue;
       }
       ++votes.same;

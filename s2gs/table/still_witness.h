@@ -17,6 +17,7 @@ struct StillSight {
   Eigen::Vector2d pixel;
   double depth = 0;          ///< of the point, in the camera.
   bool is_same = false;      ///< as most photos of the station do, as far as noise tells.
+  bool is_shade = false;     ///< not so, but of that colour in less light.
   bool has_texture = false;  ///< in what most show.
   Eigen::Vector3d color;     ///< RGB [grey values]
   float tolerance = 0;       ///< of a colour, from the photos' noise.
@@ -47,6 +48,7 @@ class StillWitness {
 struct StillVotes {
   int changes = 0;  ///< that show something else than most of their station do.
   int same = 0;     ///< that show the same.
+  int shades = 0;   ///< of the changes those that show the same in less light.
   /// Of the same those with another tint than the point has in most of them: what turns keeps its tint, in
   /// whatever light, and a plain round thing looks alike as it turns.
   int tinted = 0;

@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -170,6 +171,33 @@ TEST(PhotoTable, TextureIsWhatMostPhotosShowBesideNoise) {
 }
 
 // Gaussians around the table, lower than its top: on the leaf, and on ground that stands still.
+// A place of the ground next to the table, which training lets turn where a shadow passes: in most of the
+// photos that show it it lies in the shadow. Where what passes is of another tint, it may hang down from the
+// table; and where all photos show less light.
+TEST(PhotoTable, GroundInShadowsThatComeAndGoStands) {
+  const Eigen::Vector3d place(1.15 * std::cos(0.45), 1.15 * std::sin(0.45), -0.15);
+  const auto stand_where = [&](const std::array<double, 3>& factors, size_t one_in_light) {
+    TrainingScene scene = TableOnGround(12, TopLook::kPlain);
+    size_t seen = 0;
+    for (ScenePhoto& photo : scene.photos) {
+      const Eigen::Vector3d in_cam = photo.view.cam_from_object * place;
+      const Eigen::Vector2d pixel = PixelOf(photo.view, in_cam).value();
+      if (one_in_light > 0 && seen++ % one_in_light == 0) continue;
+      for (int y = static_cast<int>(pixel.y()) - 3; y <= pixel.y() + 3; ++y) {
+        for (int x = static_cast<int>(pixel.x()) - 3; x <= pixel.x() + 3; ++x) {
+          uint8_t* rgb = photo.image.Pixel(x, y);
+          for (int c = 0; c < 3; ++c) rgb[c] = static_cast<uint8_t>(std::lround(rgb[c] * factors[c]));
+        }
+      }
+    }
+    return FindStandingAroundTable(LoadStations(scene), TableRegion(), Rotating({place})).size() == 1;
+  };
+  EXPECT_TRUE(stand_where({1, 1, 1}, 3));
+  EXPECT_TRUE(stand_where({0.6, 0.6, 0.6}, 3));
+  EXPECT_FALSE(stand_where({0.6, 0.6, 0.3}, 3));
+  EXPECT_FALSE(stand_where({0.3, 0.3, 0.3}, 0));
+}
+
 TEST(PhotoTable, GroundAroundItStandsAndALeafThatHangsDownTurns) {
   std::vector<Eigen::Vector3d> places;
   for (int i = -2; i <= 2; ++i) places.emplace_back(kTableLeafAt, 0.08 * i, -0.09);
