@@ -154,6 +154,7 @@ class Refiner {
                                                [](const OffsetObservation& o) { return o.weight > 0; });
     // The first pass decides for all: it moves the surface to where the others can see it.
     if (!is_clear_) {
+      num_clear_ = num_accepted;
       is_clear_ =
           100 * static_cast<double>(num_accepted) >= options_.least_clear_pct * static_cast<double>(count);
     }
@@ -199,6 +200,7 @@ class Refiner {
     }
     const auto count = static_cast<double>(std::max<size_t>(1, moved_px_.size()));
     summary->num_vertices = static_cast<int64_t>(moved_px_.size());
+    summary->num_clear = num_clear_;
     summary->num_accepted = num_accepted_;
     summary->num_carved = num_carved_;
     summary->mean_offset_px = sum / count;
@@ -315,6 +317,7 @@ class Refiner {
   std::vector<uint8_t> is_open_;    // the others are held where they are
   std::vector<float> moved_;        // outwards since the start
   std::vector<float> moved_px_;     // the same [px]
+  int64_t num_clear_ = 0;
   int64_t num_accepted_ = 0;
   int64_t num_carved_ = 0;
   std::optional<bool> is_clear_;  // whether enough vertices have a peak

@@ -70,7 +70,8 @@ struct RefinementMoment {
 struct MeshRefinementSummary {
   int num_photos = 0;                 ///< that show the mesh.
   int64_t num_vertices = 0;           ///< after what nobody sees is gone.
-  int64_t num_accepted = 0;           ///< of these, with a clear peak in the last pass.
+  int64_t num_clear = 0;              ///< of these, with a clear peak in the first pass, which decides.
+  int64_t num_accepted = 0;           ///< and in the last; 0 where none moves.
   int64_t num_carved = 0;             ///< of the vertices, taken from the front of a hollow into it.
   int64_t num_unseen_triangles = 0;   ///< dropped.
   int64_t num_refuted_triangles = 0;  ///< dropped.

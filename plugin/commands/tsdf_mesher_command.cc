@@ -195,6 +195,7 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"enabled", mesher.refinement.enabled},
        {"photos", refinement.num_photos},
        {"vertices", refinement.num_vertices},
+       {"clear", refinement.num_clear},
        {"accepted", refinement.num_accepted},
        {"moved", refinement.has_moved},
        {"carved", refinement.num_carved},

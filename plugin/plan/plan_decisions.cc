@@ -334,7 +334,7 @@ void DecideRefinement(const PlanRequest& /*request*/, const Evidence& e, PlanDec
   if (!e.mesh.is_object()) return;
   const double photos = Number(e.mesh, "photos");
   const double vertices = Number(e.mesh, "vertices");
-  const double share = vertices > 0 ? Number(e.mesh, "accepted") / vertices : 0;
+  const double share = vertices > 0 ? Number(e.mesh, "clear") / vertices : 0;
   d->measured = fmt::format("{:.0f} photos show the mesh, {:.1f} % of its vertices have a clear peak", photos,
                             100 * share);
   d->threshold =

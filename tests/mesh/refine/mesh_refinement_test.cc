@@ -90,7 +90,7 @@ TEST(MeshRefinement, LeavesPlainSurfacesAlone) {
   TriangleMesh mesh = start;
   const SpherePhotos plain(12, kThreeRings, Plain);
   const MeshRefinementSummary of_plain = Refine(plain, &mesh);
-  EXPECT_EQ(of_plain.num_accepted, 0);
+  EXPECT_EQ(of_plain.num_clear, 0);
   EXPECT_FALSE(of_plain.has_moved);
   EXPECT_EQ(mesh.vertices, start.vertices);
   // Noise alone correlates now and then, but never well.
@@ -109,6 +109,9 @@ TEST(MeshRefinement, MovesByFewPeaksOnlyWhenTold) {
   const MeshRefinementSummary planned = Refine(photos, &mesh);
   EXPECT_FALSE(planned.has_moved);
   EXPECT_EQ(planned.rms_offset_px, 0);
+  EXPECT_EQ(planned.num_accepted, 0);
+  EXPECT_GT(planned.num_clear, 0) << "what too few is, is said";
+  EXPECT_LT(static_cast<double>(planned.num_clear), 0.05 * static_cast<double>(planned.num_vertices));
   mesh = start;
   MeshRefinementOptions options;
   options.least_clear_pct = 0;

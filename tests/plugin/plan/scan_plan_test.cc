@@ -242,21 +242,21 @@ TEST_F(ScanPlanTest, SaysWhatEachKindOfScanNeeds) {
       R"({"event": "decision", "part": "end_of_training", "left_out": false, "measured": "n", "threshold": "u", )"
       R"("reason": "q"})"
       "\n");
-  write_mesh(R"({"event": "refined", "photos": 4, "vertices": 200, "accepted": 50, "moved": true})");
+  write_mesh(R"({"event": "refined", "photos": 4, "vertices": 200, "clear": 50, "moved": true})");
   say("two stations");
 
   WriteSplit("single_station", 6, 1);
   write_mapping(R"({"registered": 3, "verdict": {"verdict": "doubtful", "poses_hold": true}, "joint_model": )"
                 R"({"chosen": "free cameras", "tests": []}, "circle_alone": "why not"})",
                 1, false, 30);
-  write_mesh(R"({"event": "refined", "photos": 2, "vertices": 200, "accepted": 50, "moved": false})");
+  write_mesh(R"({"event": "refined", "photos": 2, "vertices": 200, "clear": 50, "moved": false})");
   request_.has_masks = true;
   say("one station, with masks");
 
   WriteSplit("one_body", 6, 0);
   write_mapping(R"({"path": "one body", "registered": 4, "verdict": {"verdict": "failed"}})", 4, false, 0);
   WriteTraining("");
-  write_mesh(R"({"event": "refined", "photos": 9, "vertices": 200, "accepted": 1, "moved": false})");
+  write_mesh(R"({"event": "refined", "photos": 9, "vertices": 200, "clear": 1, "moved": false})");
   request_.has_masks = false;
   request_.forced = {"doubtful_poses", "distortion_channel"};
   say("one body, forced");
