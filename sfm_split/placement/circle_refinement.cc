@@ -89,6 +89,9 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
   candidate->refined = RefineScan(agreeing, nullptr, joint, refine, reporter_, &candidate->aligned);
   if (before.accepted && !candidate->refined.principal_point.accepted)
     candidate->refined.principal_point = before;
+}
+
+void CircleRefinement::Judge(ScanCandidate* candidate) const {
   candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
   candidate->log_likelihood = likelihood_.LogLikelihood(*candidate);
 }
@@ -104,6 +107,8 @@ ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, cons
     ScanCandidate shared;
     shared.aligned = aligned;
     RefineAgreeing(told, JointModel::kSharedStations, &shared);
+    Judge(&candidate);
+    Judge(&shared);
     reporter_.Debug("log-likelihood with poses of " + std::string(JointModelName(candidate.refined.model)) +
                     " " + std::to_string(candidate.log_likelihood) + ", with those of stations " +
                     std::to_string(shared.log_likelihood));
@@ -114,6 +119,7 @@ ScanCandidate CircleRefinement::RefineSimplest(const AlignedScene& aligned, cons
     }
   }
   RefineAgreeing(told, model, &candidate);
+  Judge(&candidate);
   if (of_their_own) WidenByDifference(*of_their_own, candidate.aligned.scene, &candidate.refined.joint);
   return candidate;
 }

@@ -45,6 +45,8 @@ class CircleRefinement {
     const std::vector<StationTurnPrior>& turns;
   };
   void RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const;
+  // Whether it can be used, and what all matches say of it.
+  void Judge(ScanCandidate* candidate) const;
   ScanCandidate RefineSimplest(const AlignedScene& aligned, const Told& told) const;
   ScanCandidate RefineWithin(const AlignedScene& aligned, const Told& told) const;
   // About equal steps, then with free angles: side by side where there are cores for both.

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
@@ -52,6 +53,16 @@ cv::Matx33d IndexMap(const GreyPicture& picture, const Eigen::Matrix3d& photo_fr
 Eigen::Matrix3d FirstFromPhoto(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first) {
   const Eigen::Vector2d scale = picture.Scale();
   return Eigen::Vector3d(1 / scale.x(), 1 / scale.y(), 1).asDiagonal() * photo_from_first.inverse();
+}
+
+// Which pixel of that picture shows a photo's place [px]; nothing where it shows none.
+std::optional<size_t> PixelOfFirst(const GreyPicture& picture, const Eigen::Matrix3d& first_from_photo,
+                                   const Eigen::Vector2d& xy) {
+  const Eigen::Vector3d at = first_from_photo * xy.homogeneous();
+  const int column = static_cast<int>(std::floor(at.x() / at.z()));
+  const int row = static_cast<int>(std::floor(at.y() / at.z()));
+  if (column < 0 || row < 0 || column >= picture.width || row >= picture.height) return std::nullopt;
+  return static_cast<size_t>(row) * picture.width + column;
 }
 
 // What the first photo's pixels show in another; NaN outside, and where light saturates.
@@ -214,6 +225,18 @@ cv::Mat Shades(const cv::Mat& photo, const Still& still) {
   return is_shade;
 }
 
+// 1 within the outer contours of what is set, without those of a smaller area [px].
+cv::Mat Filled(const cv::Mat& mask, double least_area) {
+  std::vector<std::vector<cv::Point>> contours;
+  cv::findContours(mask, contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
+  cv::Mat filled = cv::Mat::zeros(mask.size(), CV_8UC1);
+  for (size_t c = 0; c < contours.size(); ++c) {
+    if (cv::contourArea(contours[c]) < least_area) continue;
+    cv::drawContours(filled, contours, static_cast<int>(c), cv::Scalar(1), cv::FILLED);
+  }
+  return filled;
+}
+
 // Where more than half of the photos change within `close` of a pixel, filled.
 cv::Mat BusyPart(const std::vector<cv::Mat>& deviations, const cv::Mat& close) {
   cv::Mat count = cv::Mat::zeros(deviations.front().size(), CV_16UC1);
@@ -222,12 +245,7 @@ cv::Mat BusyPart(const std::vector<cv::Mat>& deviations, const cv::Mat& close) {
     cv::dilate(changed, changed, close);
     cv::add(count, cv::Scalar(1), count, changed);
   }
-  const cv::Mat in_most = count > 0.5 * static_cast<double>(deviations.size());
-  std::vector<std::vector<cv::Point>> contours;
-  cv::findContours(in_most, contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
-  cv::Mat filled = cv::Mat::zeros(count.size(), CV_8UC1);
-  cv::drawContours(filled, contours, -1, cv::Scalar(1), cv::FILLED);
-  return filled;
+  return Filled(count > 0.5 * static_cast<double>(deviations.size()), 0);
 }
 
 StationChanges Activity(const std::vector<cv::Mat>& deviations) {
@@ -245,14 +263,7 @@ StationChanges Activity(const std::vector<cv::Mat>& deviations) {
   cv::copyMakeBorder(active, active, radius, radius, radius, radius, cv::BORDER_CONSTANT, cv::Scalar(0));
   cv::morphologyEx(active, active, cv::MORPH_CLOSE, disc);
   active = active(cv::Rect(radius, radius, size.width, size.height)).clone();
-  // Contours, filled: without holes and without small patches.
-  std::vector<std::vector<cv::Point>> contours;
-  cv::findContours(active, contours, cv::RETR_EXTERNAL, cv::CHAIN_APPROX_NONE);
-  cv::Mat filled = cv::Mat::zeros(size, CV_8UC1);
-  for (size_t c = 0; c < contours.size(); ++c) {
-    if (cv::contourArea(contours[c]) < kLeastAreaShare * static_cast<double>(active.total())) continue;
-    cv::drawContours(filled, contours, static_cast<int>(c), cv::Scalar(1), cv::FILLED);
-  }
+  const cv::Mat filled = Filled(active, kLeastAreaShare * static_cast<double>(active.total()));
   StationChanges changes;
   changes.is_active.assign(filled.datastart, filled.dataend);
   changes.active_share = cv::countNonZero(filled) / static_cast<double>(filled.total());
@@ -318,11 +329,8 @@ SceneChanges FindChanges(const std::vector<GreyPicture>& pictures, const Picture
 bool IsBusy(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
             const StationChanges& changes, const Eigen::Vector2f& xy) {
   if (changes.is_busy.empty()) return true;
-  const Eigen::Vector3d at = FirstFromPhoto(picture, photo_from_first) * xy.cast<double>().homogeneous();
-  const int column = static_cast<int>(std::floor(at.x() / at.z()));
-  const int row = static_cast<int>(std::floor(at.y() / at.z()));
-  if (column < 0 || row < 0 || column >= picture.width || row >= picture.height) return true;
-  return changes.is_busy[static_cast<size_t>(row) * picture.width + column] != 0;
+  const auto pixel = PixelOfFirst(picture, FirstFromPhoto(picture, photo_from_first), xy.cast<double>());
+  return !pixel || changes.is_busy[*pixel] != 0;
 }
 
 std::vector<uint8_t> ActivePart(const GreyPicture& picture, const Eigen::Matrix3d& photo_from_first,
@@ -333,12 +341,8 @@ std::vector<uint8_t> ActivePart(const GreyPicture& picture, const Eigen::Matrix3
   part.assign(static_cast<size_t>(picture.photo_size.x()) * picture.photo_size.y(), 0);
   ParallelFor(picture.photo_size.y(), 0, [&](int64_t y) {
     for (int x = 0; x < picture.photo_size.x(); ++x) {
-      const Eigen::Vector3d at = first_from_photo * Eigen::Vector3d(x + 0.5, static_cast<double>(y) + 0.5, 1);
-      const int column = static_cast<int>(std::floor(at.x() / at.z()));
-      const int row = static_cast<int>(std::floor(at.y() / at.z()));
-      if (column < 0 || row < 0 || column >= picture.width || row >= picture.height) continue;
-      part[static_cast<size_t>(y) * picture.photo_size.x() + x] =
-          changes.is_active[static_cast<size_t>(row) * picture.width + column];
+      const auto pixel = PixelOfFirst(picture, first_from_photo, {x + 0.5, static_cast<double>(y) + 0.5});
+      if (pixel) part[static_cast<size_t>(y) * picture.photo_size.x() + x] = changes.is_active[*pixel];
     }
   });
   return part;

@@ -61,7 +61,7 @@ std::vector<VerifiedPair> FindMotions(const SplitMatching& matching, const Image
   }
   while (static_cast<int>(motions.size()) < max_motions) {
     VerifiedPair motion = matching.Verify(pair, left);
-    if (motion.matches.empty() || (!motions.empty() && motion.log_false_alarms > -2)) break;
+    if (motion.matches.empty() || (!motions.empty() && motion.log_false_alarms > kMaxLogFalseAlarms)) break;
     const double band = kOwnBand * matching.settings().motion.max_error_px;
     std::vector<int> rest;
     for (const int m : left) {

@@ -11,12 +11,11 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMinimalSample = 7;     // matches that fix a fundamental matrix
-constexpr int kPasses = 3;            // of removal; two were enough on every scene tried
-constexpr float kSamePlacePx = 2.5F;  // SIFT gives one place several keypoints, of several orientations
-constexpr double kMaxLogFalseAlarms = -2.0;  // a fit this much better than chance needs no witness
-constexpr double kMinConfirmedShare = 0.6;   // of the matches that third images judge
-constexpr int kMinWitnessed = 8;             // confirmed matches that make up for a fit that chance explains
+constexpr int kMinimalSample = 7;           // matches that fix a fundamental matrix
+constexpr int kPasses = 3;                  // of removal; two were enough on every scene tried
+constexpr float kSamePlacePx = 2.5F;        // SIFT gives one place several keypoints, of several orientations
+constexpr double kMinConfirmedShare = 0.6;  // of the matches that third images judge
+constexpr int kMinWitnessed = 8;            // confirmed matches that make up for a fit that chance explains
 
 double LogChoose(int n, int k) {
   return (std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0)) / std::log(10.0);

@@ -8,9 +8,12 @@ namespace s2gs {
 
 /// How much better than chance an epipolar fit is: log10 of the number of fundamental matrices that this many
 /// matches of random places would be expected to agree with as well (a contrario; Moisan and Stival 2004).
-/// Below about -2 a fit is no accident, however few its inliers.
+/// Below kMaxLogFalseAlarms a fit is no accident, however few its inliers.
 /// \param inlier_probability  of a random match: the share of its image's area that lies near a line.
 double LogFalseAlarms(int num_inliers, int num_matches, double inlier_probability);
+
+/// A fit that is so much better than chance is no accident: by chance there is one in a hundred pairs.
+constexpr double kMaxLogFalseAlarms = -2;
 
 /// The probability that LogFalseAlarms asks for: a band of `max_error_px` on both sides of a line through the
 /// box that the matches fill, over the box.

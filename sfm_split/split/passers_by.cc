@@ -3,13 +3,9 @@
 #include <algorithm>
 
 #include "sfm_split/split/change_maps.h"
+#include "sfm_split/split/pair_evidence.h"
 
 namespace s2gs {
-namespace {
-
-constexpr double kNoAccident = -2;  // log10 of false alarms: as any other motion is judged
-
-}  // namespace
 
 PassersBy::PassersBy(const ScanPictures* pictures, SplitMatching* matching, const Stations* stations)
     : pictures_(pictures),
@@ -47,7 +43,7 @@ void PassersBy::Look(const std::vector<ImagePairMatches>& pairs,
     moves_beside_[image] = true;
   };
   for (const VerifiedPair& pair : matching_.VerifyAll(beside, nullptr, "look for passers-by")) {
-    if (pair.matches.empty() || pair.log_false_alarms > kNoAccident) continue;
+    if (pair.matches.empty() || pair.log_false_alarms > kMaxLogFalseAlarms) continue;
     note(pair.image1);
     note(pair.image2);
   }
@@ -59,11 +55,14 @@ bool PassersBy::WalksBy(int image) const {
   return moves_beside_[image] && 2 * num_moving_beside_[station] <= num_photos;
 }
 
-void PassersBy::LeaveOut(ImagePairMatches* pair) const {
-  if (!WalksBy(pair->image1) || !WalksBy(pair->image2)) return;
+bool PassersBy::LeaveOut(ImagePairMatches* pair) const {
+  if (!WalksBy(pair->image1) || !WalksBy(pair->image2)) return false;
   FeatureMatches& matches = pair->matches;
   const auto is_beside = [&](const FeatureMatch& match) { return IsBeside(*pair, match); };
-  matches.erase(std::remove_if(matches.begin(), matches.end(), is_beside), matches.end());
+  const auto beside = std::remove_if(matches.begin(), matches.end(), is_beside);
+  const bool has_any = beside != matches.end();
+  matches.erase(beside, matches.end());
+  return has_any;
 }
 
 }  // namespace s2gs

@@ -20,13 +20,13 @@ class PassersBy {
   /// motion that is no accident.
   /// \param moving  per pair: the matches that do not follow the background.
   void Look(const std::vector<ImagePairMatches>& pairs, const std::vector<std::vector<int>>& moving);
-  /// Somebody walks by in this photo, as far as pairs that were looked at tell.
-  bool WalksBy(int image) const;
   /// Takes out of a pair of photos in both of which somebody walks by the matches neither end of which lies
-  /// at a place of the table.
-  void LeaveOut(ImagePairMatches* pair) const;
+  /// at a place of the table. \return  whether there were any.
+  bool LeaveOut(ImagePairMatches* pair) const;
 
  private:
+  // Somebody does in this photo, as far as pairs that were looked at tell.
+  bool WalksBy(int image) const;
   bool IsBeside(const ImagePairMatches& pair, const FeatureMatch& match) const;
 
   const ScanPictures* pictures_;

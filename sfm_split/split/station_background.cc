@@ -16,9 +16,8 @@ using Descriptor = Eigen::Matrix<float, kDescriptorSize, 1>;
 
 // Cosine of the largest angle between descriptors of one still point, as for still keypoints.
 constexpr float kMinCosine = 0.88F;
-constexpr float kDescriptorNorm = 512;     // COLMAP's, of 128 bytes
-constexpr double kMaxLogFalseAlarms = -2;  // powers of ten: a geometry by chance in one of a hundred pairs
-constexpr int kGuidedPasses = 2;           // of matches along the epipolar lines, and of fitting to them
+constexpr float kDescriptorNorm = 512;  // COLMAP's, of 128 bytes
+constexpr int kGuidedPasses = 2;        // of matches along the epipolar lines, and of fitting to them
 
 Descriptor UnitDescriptor(const SplitImage& image, uint32_t keypoint) {
   const Eigen::Map<const Eigen::Matrix<uint8_t, kDescriptorSize, 1>> bytes(

@@ -111,7 +111,7 @@ class StationSplitter {
     }
     const auto matched = matching_.Match(pairs, packed, "match single photos");
     for (const VerifiedPair& pair : matching_.VerifyAll(matched, nullptr, "fit single photos")) {
-      if (pair.matches.empty() || pair.log_false_alarms > -2) continue;
+      if (pair.matches.empty() || pair.log_false_alarms > kMaxLogFalseAlarms) continue;
       const bool first = stations[split_.stations.station_of_image[pair.image1]].size() < 2;
       for (const FeatureMatch& match : pair.matches) {
         Label(first ? pair.image1 : pair.image2, first ? match.point2D_idx1 : match.point2D_idx2) =
@@ -464,13 +464,12 @@ class StationSplitter {
     for (size_t p = 0; p < matched.size(); ++p) subsets[p] = MovingMatches(matched[p]);
     passers_by_.Look(matched, subsets);
     for (size_t p = 0; p < matched.size(); ++p) {
-      passers_by_.LeaveOut(&matched[p]);
-      subsets[p] = MovingMatches(matched[p]);
+      if (passers_by_.LeaveOut(&matched[p])) subsets[p] = MovingMatches(matched[p]);
     }
     int num_verified = 0;
     for (VerifiedPair& pair : matching_.VerifyAll(matched, &subsets, "fit motions")) {
       if (pair.matches.empty()) continue;
-      if (pair.log_false_alarms <= -2) ++num_verified;
+      if (pair.log_false_alarms <= kMaxLogFalseAlarms) ++num_verified;
       split_.object_pairs.push_back(std::move(pair));
     }
     done_.insert(done_.end(), pairs.begin(), pairs.end());

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -23,6 +22,20 @@
 
 namespace s2gs {
 namespace {
+
+// A turn of 24 photos, of which near ones match.
+SyntheticTurntableOptions OneTurn(double elevation_deg, int num_points, double noise_px) {
+  SyntheticTurntableOptions options;
+  options.stations = 1;
+  options.min_elevation_deg = options.max_elevation_deg = elevation_deg;
+  options.steps = 24;
+  options.step_deg = 15;
+  options.num_object_points = num_points;
+  options.num_platter_points = 0;
+  options.max_view_change_deg = 50;
+  options.pixel_noise = noise_px;
+  return options;
+}
 
 // Of the table's angle from photo to photo, against the true one.
 double WorstStepErrorDeg(const TurntableScene& scene, const TurntableScene& truth) {
@@ -87,18 +100,13 @@ void Wobble(double degrees, SyntheticTurntable* turntable, ScanFeatures* feature
 double MedianRotationErrorDeg(const TurntableScene& scene, const TurntableScene& truth) {
   std::map<std::string, Rigid3> true_pose;
   for (const View& view : truth.views) true_pose[view.name] = view.CamFromObject();
-  std::vector<Eigen::Matrix3d> errors;
+  std::vector<Eigen::Quaterniond> errors;
   for (const View& view : scene.views)
-    errors.emplace_back(
-        (true_pose.at(view.name).rotation.conjugate() * view.CamFromObject().rotation).toRotationMatrix());
-  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-  for (const Eigen::Matrix3d& error : errors) sum += error;
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(sum, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Matrix3d common = svd.matrixU() * svd.matrixV().transpose();
+    errors.emplace_back(true_pose.at(view.name).rotation.conjugate() * view.CamFromObject().rotation);
+  const Eigen::Quaterniond common = MeanRotation(errors);
   std::vector<double> degrees;
   degrees.reserve(errors.size());
-  for (const Eigen::Matrix3d& error : errors)
-    degrees.push_back(LogRotation<double>(common.transpose() * error).norm() / kDegree);
+  for (const Eigen::Quaterniond& error : errors) degrees.push_back(AngleBetween(common, error) / kDegree);
   return UpperMedian(std::move(degrees));
 }
 
@@ -108,15 +116,7 @@ struct Wobbling {
 };
 
 Wobbling RefineWobbling(double degrees) {
-  SyntheticTurntableOptions options;
-  options.stations = 1;
-  options.min_elevation_deg = options.max_elevation_deg = 25;
-  options.steps = 24;
-  options.step_deg = 15;
-  options.num_object_points = 500;
-  options.num_platter_points = 0;
-  options.max_view_change_deg = 50;
-  options.pixel_noise = 0.3;
+  const SyntheticTurntableOptions options = OneTurn(25, 500, 0.3);
   SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   ScanFeatures features = SyntheticScanFeatures(turntable);
   const AlignedScene start = SyntheticAlignedObject(turntable);
@@ -161,16 +161,8 @@ TEST(CandidateLikelihood, PosesOfPhotosCostByWhatTellsThem) {
 }
 
 TEST(CircleRefinement, FeaturesThatSlideDoNotHoldThePoses) {
-  SyntheticTurntableOptions options;
-  options.stations = 1;
-  options.min_elevation_deg = options.max_elevation_deg = 15;
-  options.steps = 24;
-  options.step_deg = 15;
+  SyntheticTurntableOptions options = OneTurn(15, 400, 0.15);
   options.step_jitter = 0.3;
-  options.num_object_points = 400;
-  options.num_platter_points = 0;
-  options.max_view_change_deg = 50;
-  options.pixel_noise = 0.15;
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   ScanFeatures features = SyntheticScanFeatures(turntable);
   LetSlide(2, turntable, &features);
