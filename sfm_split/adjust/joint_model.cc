@@ -34,7 +34,7 @@ std::vector<double> PoseScores(const JointProblem& problem, const JointOptions& 
     std::array<double*, 5> jacobians{};
     jacobians[0] = by_pose.data();
     Vector2d residual;
-    term.cost->Evaluate(term.values.data(), residual.data(), jacobians.data());
+    term.cost.Evaluate(term.values.data(), residual.data(), jacobians.data());
     double rho[3] = {0, 1, 0};
     if (loss) loss->Evaluate(residual.squaredNorm(), rho);
     const Vector2d weighted = rho[1] * residual;

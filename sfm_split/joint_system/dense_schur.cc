@@ -17,19 +17,13 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::MatrixXd;
-using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-using PointRows = Eigen::Matrix<double, Eigen::Dynamic, 3>;  // of columns, by the point's coordinates
-using Row = LinearisedSystem::Row;
-using PriorRow = LinearisedSystem::PriorRow;
+using PointRows = LinearisedSystem::PointRows;
 
 // A pass over so many observations takes about a millisecond, far longer than to wake a thread and wait for
 // it.
 constexpr size_t kTermsOfAThread = 1000;
-// Of a point's columns, from where on the matrix' memory is what its elimination waits for: cameras that are
-// free.
-constexpr size_t kManyColumns = 100;
 // Of a matrix' columns, which a thread sums over the parts: some 100 us where there are 600.
 constexpr int kColumnsAtOnce = 64;
 
@@ -71,10 +65,11 @@ class Solver {
   // Damped by the radius. False when the matrix is not positive definite.
   bool FindStep(double radius);
   void EliminatePart(size_t part, double radius);
-  static void SubtractPoint(const std::vector<int>& columns, const PointRows& times_inverse,
-                            const PointRows& by_both, MatrixXd* sum);
+  static void SubtractPoint(const int* columns, const PointRows& times_inverse,
+                            const Eigen::Map<const PointRows>& by_both, std::vector<double>* products,
+                            MatrixXd* sum);
   void SumComplements();
-  double ModelDecrease();
+  double ModelDecrease(double radius);
 
   int num_threads_;
   LinearisedSystem system_;
@@ -88,33 +83,31 @@ double Damping(double square, double radius) {
   return std::clamp(square, kMinDiagonal, kMaxDiagonal) / radius;
 }
 
-// What eliminating a point of many columns takes from the cameras' matrix: each of its columns' rows times
-// those of the columns before it, down a column of the matrix, as it lies in memory. The same bits.
-void Solver::SubtractPoint(const std::vector<int>& columns, const PointRows& times_inverse,
-                           const PointRows& by_both, MatrixXd* sum) {
-  const size_t count = columns.size();
+// s D s - g s of some unknowns.
+template <typename Step, typename Gradient, typename Squares>
+double SumOf(const Step& step, const Gradient& gradient, const Squares& squares, double radius) {
+  double sum = 0;
+  for (Eigen::Index k = 0; k < step.size(); ++k)
+    sum += step(k) * (Damping(squares(k), radius) * step(k) - gradient(k));
+  return sum;
+}
+
+// What eliminating a point takes from the cameras' matrix: each of its columns' rows times those of the
+// columns before it.
+void Solver::SubtractPoint(const int* columns, const PointRows& times_inverse,
+                           const Eigen::Map<const PointRows>& by_both, std::vector<double>* products,
+                           MatrixXd* sum) {
+  const Eigen::Index count = by_both.rows();
   const double* const x = times_inverse.col(0).data();
   const double* const y = times_inverse.col(1).data();
   const double* const z = times_inverse.col(2).data();
-  for (size_t l = 0; l < count; ++l) {
-    const auto at = static_cast<Eigen::Index>(l);
-    const double by_x = by_both(at, 0), by_y = by_both(at, 1), by_z = by_both(at, 2);
-    const int other = columns[l];
-    for (size_t k = l; k < count;) {
-      // Columns that follow each other: a block's.
-      size_t end = k + 1;
-      while (end < count && columns[end] == columns[end - 1] + 1) ++end;
-      if (columns[k] >= other) {
-        double* const to = &(*sum)(columns[k], other);
-        for (size_t i = k; i < end; ++i) to[i - k] -= x[i] * by_x + (y[i] * by_y + z[i] * by_z);
-        k = end;
-      } else {
-        for (; k < end; ++k) {
-          (*sum)(std::max(columns[k], other), std::min(columns[k], other)) -=
-              x[k] * by_x + (y[k] * by_y + z[k] * by_z);
-        }
-      }
-    }
+  products->resize(static_cast<size_t>(count));
+  double* const product = products->data();
+  for (Eigen::Index l = 0; l < count; ++l) {
+    const double by_x = by_both(l, 0), by_y = by_both(l, 1), by_z = by_both(l, 2);
+    for (Eigen::Index k = l; k < count; ++k) product[k] = x[k] * by_x + (y[k] * by_y + z[k] * by_z);
+    double* const to = sum->col(columns[l]).data();
+    for (Eigen::Index k = l; k < count; ++k) to[columns[k]] -= product[k];
   }
 }
 
@@ -122,51 +115,19 @@ void Solver::EliminatePart(size_t part, double radius) {
   Complement& sum = complements_[part];
   sum.matrix.setZero(system_.num_columns(), system_.num_columns());
   sum.right.setZero(system_.num_columns());
-  std::vector<int> columns;
-  std::vector<int> place_of(static_cast<size_t>(system_.num_columns()), -1);
-  PointRows by_both, times_inverse;
+  PointRows times_inverse;
+  std::vector<double> products;
   for (size_t p = system_.PartBegin(part); p < system_.PartEnd(part); ++p) {
     const LinearisedSystem::Point& point = system_.points()[p];
-    Matrix3d block = Matrix3d::Zero();
-    columns.clear();
-    for (size_t at = point.begin; at < point.end; ++at) {
-      const Row& row = system_.rows()[at];
-      block += row.by_point.transpose() * row.by_point;
-      for (int k = 0; k < row.size; ++k) {
-        const int column = row.columns[static_cast<size_t>(k)];
-        int& place = place_of[static_cast<size_t>(column)];
-        if (place >= 0) continue;
-        place = static_cast<int>(columns.size());
-        columns.push_back(column);
-      }
-    }
-    for (int k = 0; k < 3; ++k) block(k, k) += Damping(point.squares(k), radius);
+    Matrix3d block = point.square;
+    for (int k = 0; k < 3; ++k) block(k, k) += Damping(point.square(k, k), radius);
     inverses_[p] = block.inverse();
-    by_both.setZero(static_cast<Eigen::Index>(columns.size()), 3);
-    for (size_t at = point.begin; at < point.end; ++at) {
-      const Row& row = system_.rows()[at];
-      for (int k = 0; k < row.size; ++k) {
-        const int column = row.columns[static_cast<size_t>(k)];
-        by_both.row(place_of[static_cast<size_t>(column)]) += row.by_camera.col(k).transpose() * row.by_point;
-        for (int l = 0; l <= k; ++l) {
-          const int other = row.columns[static_cast<size_t>(l)];
-          sum.matrix(std::max(column, other), std::min(column, other)) +=
-              row.by_camera.col(k).dot(row.by_camera.col(l));
-        }
-      }
-    }
+    const int* const columns = point.columns;
+    const Eigen::Map<const PointRows> by_both(point.by_both, point.num_columns, 3);
     times_inverse.noalias() = by_both * inverses_[p];
-    const bool is_long = columns.size() >= kManyColumns;
-    for (size_t k = 0; k < columns.size(); ++k) {
-      const auto at = static_cast<Eigen::Index>(k);
-      sum.right(columns[k]) += times_inverse.row(at).dot(point.gradient);
-      for (size_t l = 0; l <= k && !is_long; ++l) {
-        sum.matrix(std::max(columns[k], columns[l]), std::min(columns[k], columns[l])) -=
-            times_inverse.row(at).dot(by_both.row(static_cast<Eigen::Index>(l)));
-      }
-    }
-    if (is_long) SubtractPoint(columns, times_inverse, by_both, &sum.matrix);
-    for (const int column : columns) place_of[static_cast<size_t>(column)] = -1;
+    for (Eigen::Index k = 0; k < by_both.rows(); ++k)
+      sum.right(columns[k]) += times_inverse.row(k).dot(point.gradient);
+    SubtractPoint(columns, times_inverse, by_both, &products, &sum.matrix);
   }
 }
 
@@ -175,6 +136,7 @@ void Solver::SumComplements() {
   MatrixXd& matrix = complements_[0].matrix;
   ParallelFor(matrix.cols(), num_threads_, kColumnsAtOnce, [&](int64_t j) {
     const Eigen::Index below = matrix.rows() - j;
+    matrix.col(j).tail(below) += system_.square().col(j).tail(below);
     for (size_t part = 1; part < complements_.size(); ++part)
       matrix.col(j).tail(below) += complements_[part].matrix.col(j).tail(below);
   });
@@ -186,14 +148,7 @@ bool Solver::FindStep(double radius) {
   VectorXd right = complements_[0].right - system_.gradient();
   for (size_t part = 1; part < complements_.size(); ++part) right += complements_[part].right;
   SumComplements();
-  for (const PriorRow& row : system_.prior_rows()) {
-    for (const auto& [a, by_a] : row.columns) {
-      for (const auto& [b, by_b] : row.columns) {
-        if (b <= a) matrix(a, b) += by_a * by_b;
-      }
-    }
-  }
-  for (Eigen::Index j = 0; j < matrix.rows(); ++j) matrix(j, j) += Damping(system_.squares()(j), radius);
+  for (Eigen::Index j = 0; j < matrix.rows(); ++j) matrix(j, j) += Damping(system_.square()(j, j), radius);
   const Eigen::LLT<MatrixXd, Eigen::Lower> factor(matrix);
   if (factor.info() != Eigen::Success) return false;
   step_ = factor.solve(right);
@@ -201,41 +156,28 @@ bool Solver::FindStep(double radius) {
   system_.ForParts([&](size_t part) {
     for (size_t p = system_.PartBegin(part); p < system_.PartEnd(part); ++p) {
       const LinearisedSystem::Point& point = system_.points()[p];
+      const Eigen::Map<const PointRows> by_both(point.by_both, point.num_columns, 3);
       Vector3d rest = -point.gradient;
-      for (size_t at = point.begin; at < point.end; ++at) {
-        const Row& row = system_.rows()[at];
-        Vector2d moved = Vector2d::Zero();
-        for (int k = 0; k < row.size; ++k)
-          moved += row.by_camera.col(k) * step_(row.columns[static_cast<size_t>(k)]);
-        rest -= row.by_point.transpose() * moved;
-      }
+      for (Eigen::Index k = 0; k < by_both.rows(); ++k)
+        rest -= by_both.row(k).transpose() * step_(point.columns[k]);
       point_steps_[p] = inverses_[p] * rest;
     }
   });
   return true;
 }
 
-// By how much the linearised cost falls.
-double Solver::ModelDecrease() {
-  double decrease = system_.SumParts([&](size_t part) {
+// By how much the linearised cost falls: with (H + D) s = -g it is -g s - s H s / 2 = (s D s - g s) / 2.
+double Solver::ModelDecrease(double radius) {
+  double twice = SumOf(step_, system_.gradient(), system_.square().diagonal(), radius);
+  twice += system_.SumParts([&](size_t part) {
     double sum = 0;
     for (size_t p = system_.PartBegin(part); p < system_.PartEnd(part); ++p) {
-      for (size_t at = system_.points()[p].begin; at < system_.points()[p].end; ++at) {
-        const Row& row = system_.rows()[at];
-        Vector2d moved = row.by_point * point_steps_[p];
-        for (int k = 0; k < row.size; ++k)
-          moved += row.by_camera.col(k) * step_(row.columns[static_cast<size_t>(k)]);
-        sum -= moved.dot(row.residual + 0.5 * moved);
-      }
+      const LinearisedSystem::Point& point = system_.points()[p];
+      sum += SumOf(point_steps_[p], point.gradient, point.square.diagonal(), radius);
     }
     return sum;
   });
-  for (const PriorRow& row : system_.prior_rows()) {
-    double moved = 0;
-    for (const auto& [column, derivative] : row.columns) moved += derivative * step_(column);
-    decrease -= moved * (row.residual + 0.5 * moved);
-  }
-  return decrease;
+  return twice / 2;
 }
 
 DenseSchurSummary Solver::Solve(const DenseSchurOptions& options, Reporter& reporter) {
@@ -249,7 +191,7 @@ DenseSchurSummary Solver::Solve(const DenseSchurOptions& options, Reporter& repo
     reporter.Progress("joint adjustment", summary.iterations, options.max_iterations);
     if (reporter.StopRequested()) throw Interrupted();
     ++summary.iterations;
-    const double predicted = FindStep(radius) ? ModelDecrease() : -1;
+    const double predicted = FindStep(radius) ? ModelDecrease(radius) : -1;
     if (!(predicted > 0)) {
       if (++num_invalid >= kMaxInvalidSteps) break;
       radius /= shrink;

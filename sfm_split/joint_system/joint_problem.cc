@@ -43,17 +43,28 @@ JointBody GatherBody(const ColmapModel& model, const std::map<std::string, int>&
   return body;
 }
 
+// A model's image where the problem has one; null where it has not.
+std::vector<ColmapImage*> ImagesOf(const JointProblem& problem, ColmapModel* model) {
+  std::map<std::string, ColmapImage*> image_of_name;
+  for (auto& [id, image] : model->images) image_of_name[image.name] = &image;
+  std::vector<ColmapImage*> images;
+  images.reserve(problem.images.size());
+  for (const JointImage& image : problem.images) {
+    const auto found = image_of_name.find(image.name);
+    images.push_back(found == image_of_name.end() ? nullptr : found->second);
+  }
+  return images;
+}
+
 // Points, tracks and reprojection errors back into a model whose poses are in place already.
 void ScatterBody(const JointProblem& problem, const JointBody& body, ColmapModel* model) {
-  std::map<std::string, uint32_t> id_of_name;
-  for (const auto& [id, image] : model->images) id_of_name[image.name] = id;
+  const std::vector<ColmapImage*> images = ImagesOf(problem, model);
   std::vector<std::vector<const JointObservation*>> tracks(body.points.size());
   for (const JointObservation& observation : body.observations) {
     if (observation.active) {
       tracks[observation.point].push_back(&observation);
     } else {
-      ColmapImage& image = model->images.at(id_of_name.at(problem.images[observation.image].name));
-      image.points2D[observation.point2D_idx].point3D_id = kInvalidPoint3DId;
+      images[observation.image]->points2D[observation.point2D_idx].point3D_id = kInvalidPoint3DId;
     }
   }
   for (size_t p = 0; p < body.points.size(); ++p) {
@@ -62,12 +73,11 @@ void ScatterBody(const JointProblem& problem, const JointBody& body, ColmapModel
     point.track.clear();
     double sum = 0;
     for (const JointObservation* observation : tracks[p]) {
-      const uint32_t id = id_of_name.at(problem.images[observation->image].name);
-      ColmapImage& image = model->images.at(id);
+      ColmapImage& image = *images[observation->image];
       const Camera& camera = model->cameras.at(image.camera_id);
       Eigen::Vector2d xy;
       if (tracks[p].size() >= 2) {
-        point.track.push_back({id, observation->point2D_idx});
+        point.track.push_back({image.image_id, observation->point2D_idx});
         if (ProjectWithJacobians(camera.model, camera.params.data(), image.cam_from_world * point.xyz, &xy,
                                  nullptr, nullptr)) {
           sum += (xy - observation->xy).norm();
@@ -103,6 +113,13 @@ Rigid3 JointProblem::WorldFromObject(int image) const {
   if (free_object) return images[image].world_from_object;
   const Matrix3d turn = RotationAbout<double>(AxisDirection(), images[image].angle_rad);
   return {Eigen::Quaterniond(turn), AxisPoint() - turn * AxisPoint()};
+}
+
+std::vector<Rigid3> JointProblem::WorldFromObjects() const {
+  std::vector<Rigid3> poses;
+  poses.reserve(images.size());
+  for (size_t i = 0; i < images.size(); ++i) poses.push_back(WorldFromObject(static_cast<int>(i)));
+  return poses;
 }
 
 bool AreOnePose(const Rigid3& a, const Rigid3& b) {

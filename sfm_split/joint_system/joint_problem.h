@@ -57,6 +57,8 @@ struct JointProblem {
   Eigen::Vector3d AxisPoint() const { return {axis(2), axis(3), 0}; }
   /// The object's place at an image.
   Rigid3 WorldFromObject(int image) const;
+  /// At every image.
+  std::vector<Rigid3> WorldFromObjects() const;
 };
 
 /// Whether two poses are one but for rounding: those of a station's photos, which share it, are.

@@ -1,7 +1,9 @@
 #include "sfm_split/joint_system/joint_residuals.h"
 
+#include <cstdint>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/joint_system/reprojection_cost.h"
 #include "sfm_split/scene/projection_jacobians.h"
@@ -12,17 +14,22 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+constexpr int64_t kAtOnce = 4096;  // observations: some .2 ms
+
 }  // namespace
 
 JointResiduals MeasureJointResiduals(const JointProblem& problem) {
   JointResiduals all;
+  const std::vector<Rigid3> world_from_object = problem.WorldFromObjects();
   for (const bool of_object : {true, false}) {
     const JointBody& body = of_object ? problem.object : problem.background;
-    for (const JointObservation& observation : body.observations) {
-      if (!observation.active) continue;
+    std::vector<Vector2d> residuals(body.observations.size());
+    ParallelFor(static_cast<int64_t>(residuals.size()), 0, kAtOnce, [&](int64_t k) {
+      const JointObservation& observation = body.observations[static_cast<size_t>(k)];
+      if (!observation.active) return;
       const JointImage& image = problem.images[observation.image];
       Vector3d x = body.points[observation.point];
-      if (of_object) x = problem.WorldFromObject(observation.image) * x;
+      if (of_object) x = world_from_object[observation.image] * x;
       Vector2d xy;
       Vector2d residual = Vector2d::Constant(ReprojectionCost::kBehindCameraError);
       const Camera& camera = problem.cameras[image.camera];
@@ -30,10 +37,15 @@ JointResiduals MeasureJointResiduals(const JointProblem& problem) {
                                &xy, nullptr, nullptr)) {
         residual = xy - observation.xy;
       }
-      (of_object ? all.object_squares : all.background_squares) += residual.squaredNorm();
+      residuals[static_cast<size_t>(k)] = residual;
+    });
+    for (size_t k = 0; k < residuals.size(); ++k) {
+      const JointObservation& observation = body.observations[k];
+      if (!observation.active) continue;
+      (of_object ? all.object_squares : all.background_squares) += residuals[k].squaredNorm();
       ++(of_object ? all.object : all.background);
-      all.coordinates.push_back(residual.x() / observation.spread);
-      all.coordinates.push_back(residual.y() / observation.spread);
+      all.coordinates.push_back(residuals[k].x() / observation.spread);
+      all.coordinates.push_back(residuals[k].y() / observation.spread);
     }
   }
   return all;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <deque>
 #include <map>
 #include <memory>
 #include <unordered_map>
@@ -124,6 +125,7 @@ void SolveByCeres(const JointSystem& system, int camera_parameters, const JointO
   OrderedParameters parameters(system);
   const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
   std::map<double, std::unique_ptr<ceres::LossFunction>> scaled_losses;  // by weight
+  std::deque<CeresReprojection> costs;
   std::vector<std::unique_ptr<PriorCost>> priors;
   ceres::Problem::Options problem_options;
   problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
@@ -162,7 +164,8 @@ void SolveByCeres(const JointSystem& system, int camera_parameters, const JointO
       }
       term_loss = scaled.get();
     }
-    ceres_problem.AddResidualBlock(term.cost.get(), term_loss, values.data(), term.num_blocks + 1);
+    costs.emplace_back(term.cost);
+    ceres_problem.AddResidualBlock(&costs.back(), term_loss, values.data(), term.num_blocks + 1);
   }
   for (const PriorTerm& term : system.priors()) {
     priors.push_back(std::make_unique<PriorCost>(term, system));

@@ -119,7 +119,12 @@ void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, b
   for (const JointObservation& observation : body.observations) {
     if (!observation.active) continue;
     const JointImage& image = problem.images[observation.image];
-    Term term;
+    const auto kind = !of_object     ? ReprojectionCost::Kind::kBackground
+                      : free_object_ ? ReprojectionCost::Kind::kFreeObject
+                                     : ReprojectionCost::Kind::kTurntable;
+    Term term{
+        ReprojectionCost(kind, problem.cameras[image.camera], observation.xy, &pose_rotations_[image.pose],
+                         free_object_ ? &object_rotations_[observation.image] : nullptr, observation.spread)};
     term.weight = observation.weight;
     term.image = observation.image;
     term.point = observation.point;
@@ -130,22 +135,15 @@ void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, b
       blocks_[block].used = true;
     };
     add(PoseBlock(image.pose));
-    auto kind = ReprojectionCost::Kind::kBackground;
-    if (of_object && free_object_) {
-      kind = ReprojectionCost::Kind::kFreeObject;
-      add(ObjectPoseBlock(observation.image));
-    } else if (of_object) {
-      kind = ReprojectionCost::Kind::kTurntable;
+    if (kind == ReprojectionCost::Kind::kFreeObject) add(ObjectPoseBlock(observation.image));
+    if (kind == ReprojectionCost::Kind::kTurntable) {
       add(AxisBlock());
       add(AngleBlock(observation.image));
     }
     add(IntrinsicsBlock(image.camera));
     std::vector<Vector3d>& points = of_object ? object_points_ : background_points_;
     term.values[term.num_blocks] = points[observation.point].data();
-    term.cost = std::make_unique<ReprojectionCost>(
-        kind, problem.cameras[image.camera], observation.xy, &pose_rotations_[image.pose],
-        free_object_ ? &object_rotations_[observation.image] : nullptr, observation.spread);
-    terms_.push_back(std::move(term));
+    terms_.push_back(term);
   }
 }
 

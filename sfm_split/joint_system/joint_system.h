@@ -36,7 +36,7 @@ class JointSystem {
     bool used = false;      ///< by at least one active observation.
   };
   struct Term {
-    std::unique_ptr<ReprojectionCost> cost;
+    ReprojectionCost cost;
     std::array<double*, 5> values{};  ///< parameter blocks in the cost's order; the last is the point.
     std::array<int, 4> blocks{};      ///< indices into blocks() of all but the point.
     int num_blocks = 0;               ///< without the point.

@@ -14,9 +14,11 @@
 
 namespace s2gs {
 
-/// A joint system's residuals and their derivatives where its parameters stand, weighed as the robust loss
-/// says, point by point, its columns scaled to a length of about 1 by the first linearisation. Sums are taken
-/// over parts of the points, in the parts' order: the same bits for any number of threads.
+/// The normal equations of a joint system where its parameters stand, weighed as the robust loss says, its
+/// columns scaled to a length of about 1 by the first linearisation. What observations of a photo see of one
+/// body they see by the same columns, so that products of derivatives are summed photo by photo, and by point
+/// for the points' part; no derivative is kept. Sums are taken over parts of the points, in the parts' order:
+/// the same bits for any number of threads.
 class LinearisedSystem {
  public:
   /// Parts of the points: as many threads at most can work.
@@ -24,24 +26,18 @@ class LinearisedSystem {
   /// Two poses and COLMAP's largest camera model.
   static constexpr int kMaxColumns = 6 + 6 + 12;
 
-  /// An observation: residual and derivatives with the loss' weight, columns scaled.
-  struct Row {
-    Eigen::Vector2d residual;
-    Eigen::Matrix<double, 2, 3> by_point;
-    Eigen::Matrix<double, 2, kMaxColumns> by_camera;  ///< its first `size` columns.
-    std::array<int, kMaxColumns> columns;             ///< of the system, each of these.
-    int size = 0;
-  };
+  /// Columns by the point's coordinates.
+  using PointRows = Eigen::Matrix<double, Eigen::Dynamic, 3>;
+
   struct Point {
     double* values;
-    size_t begin, end;  ///< its rows.
+    size_t begin, end;             ///< its observations.
+    const int* columns = nullptr;  ///< that its observations depend on, ascending.
+    double* by_both = nullptr;     ///< second derivatives by these and by itself: three columns.
+    int num_columns = 0;
     Eigen::Vector3d scale = Eigen::Vector3d::Ones();
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
-    Eigen::Vector3d squares = Eigen::Vector3d::Zero();  ///< of its columns.
-  };
-  struct PriorRow {
-    double residual = 0;
-    std::vector<std::pair<int, double>> columns;  ///< scaled derivatives.
+    Eigen::Matrix3d square = Eigen::Matrix3d::Zero();  ///< second derivatives by itself.
   };
 
   /// \param loss  null for squares.
@@ -67,14 +63,13 @@ class LinearisedSystem {
   size_t PartEnd(size_t part) const { return part_begin_[part + 1]; }
 
   const std::vector<Point>& points() const { return points_; }
-  const std::vector<Row>& rows() const { return rows_; }
-  const std::vector<PriorRow>& prior_rows() const { return prior_rows_; }
-  /// By the columns, scaled: of half the sum of squares, and the columns' squared lengths.
+  /// Second derivatives by the columns, priors included: the lower triangle.
+  const Eigen::MatrixXd& square() const { return square_; }
+  /// By the columns, of half the sum of squares.
   const Eigen::VectorXd& gradient() const { return gradient_; }
-  const Eigen::VectorXd& squares() const { return squares_; }
 
   /// Where the parameters stand: half the sum of the loss, priors included.
-  double Cost() const;
+  double Cost();
   void Linearise();
   /// The largest derivative by a parameter, unscaled.
   double GradientNorm() const;
@@ -89,25 +84,57 @@ class LinearisedSystem {
     double* value;
     double scale = 1;  // of the column
   };
+  struct PriorRow {
+    double residual = 0;
+    std::vector<std::pair<int, double>> columns;  // derivatives
+  };
+  // What a photo sees of one body.
+  struct Sight {
+    size_t term = 0;  // any of its own, which stands for all
+    int size = 0;     // columns
+    std::array<int, kMaxColumns> columns;
+    std::array<std::pair<int, int>, kMaxColumns>
+        values;                     // of each column: block among the term's, and place in it
+    size_t first_sum = 0;           // in a part's sums
+    ReprojectionCost::Frame frame;  // where the parameters stand
+    int NumSums() const { return size * (size + 1) / 2 + size; }
+  };
+
+  // What its points have.
+  struct Part {
+    std::vector<int> columns;  // point by point
+    std::vector<double> by_both;
+    std::vector<int> places;   // of a sight's columns among the point's, observation by observation
+    std::vector<double> sums;  // of all sights: lower triangles, and gradients
+  };
 
   void ListColumns();
   void SortByPoint();
+  void ListSights();
+  void ListColumnsOfPoints(size_t part);
   void EvaluatePrior(const PriorTerm& prior, PriorRow* row) const;
-  void LineariseTerm(size_t at);
+  void TakeFrames(bool with_derivatives);
+  void LinearisePart(size_t part);
+  void AddTerm(size_t at, Part* part, Point* point);
+  void ScalePoint(const Eigen::Vector3d& scale, Point* point);
+  void SumSights();
+  void AddPriors();
   void ScaleColumns();
-  void SumColumns();
 
   const JointSystem& system_;
   const ceres::LossFunction* loss_;
   int num_threads_ = 1;
+  std::array<Part, kParts> parts_;
   std::vector<Place> columns_;
   std::vector<std::vector<int>> column_of_;  // by block and value; -1: held
   std::vector<size_t> terms_;                // by point
   std::vector<Point> points_;
   std::array<size_t, kParts + 1> part_begin_{};  // in points_
-  std::vector<Row> rows_;                        // in the order of terms_
-  std::vector<PriorRow> prior_rows_;
-  Eigen::VectorXd gradient_, squares_;
+  std::vector<Sight> sights_;
+  std::vector<int> sight_of_;        // in the order of terms_
+  std::vector<size_t> first_place_;  // likewise: in its part's places
+  Eigen::MatrixXd square_;
+  Eigen::VectorXd gradient_;
   std::vector<double> kept_columns_;
   std::vector<Eigen::Vector3d> kept_points_;
   bool is_scaled_ = false;

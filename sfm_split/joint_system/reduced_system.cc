@@ -34,7 +34,7 @@ struct EliminatedPoint {
 int CellOf(const JointProblem& problem, const JointSystem::Term& term) {
   const int camera = problem.images[static_cast<size_t>(term.image)].camera;
   const Camera& size = problem.cameras[static_cast<size_t>(camera)];
-  const Eigen::Vector2d xy = term.cost->xy();
+  const Eigen::Vector2d xy = term.cost.xy();
   const auto place = [](double x, double side) {
     return std::clamp(static_cast<int>(kCells * x / std::max(1.0, side)), 0, kCells - 1);
   };
@@ -87,7 +87,7 @@ EliminatedPoint EliminatePoint(const JointProblem& problem, const JointSystem& s
   for (const JointSystem::Term* term : terms) {
     score.cells.push_back(CellOf(problem, *term));
     double residual[2];
-    term->cost->Evaluate(term->values.data(), residual, jacobians.data());
+    term->cost.Evaluate(term->values.data(), residual, jacobians.data());
     // Reweighted as at the robust cost's minimum.
     double rho[3] = {0, 1, 0};
     const double squared = residual[0] * residual[0] + residual[1] * residual[1];

@@ -1,5 +1,8 @@
 #include "sfm_split/joint_system/reprojection_cost.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/scene/camera_projection.h"
@@ -19,107 +22,112 @@ ReprojectionCost::ReprojectionCost(Kind kind, const Camera& camera, const Vector
                                    const Matrix3d* camera_r0, const Matrix3d* object_r0, double spread)
     : kind_(kind),
       model_(camera.model),
+      num_intrinsics_(static_cast<int>(camera.params.size())),
       xy_(xy),
       camera_r0_(camera_r0),
       object_r0_(object_r0),
-      spread_(spread) {
-  set_num_residuals(2);
-  std::vector<int32_t>& sizes = *mutable_parameter_block_sizes();
-  sizes.reserve(5);
-  sizes.push_back(6);
-  if (kind == Kind::kTurntable) {
-    sizes.push_back(4);
-    sizes.push_back(1);
-  } else if (kind == Kind::kFreeObject) {
-    sizes.push_back(6);
-  }
-  sizes.push_back(static_cast<int32_t>(camera.params.size()));
-  sizes.push_back(3);
+      spread_(spread) {}
+
+int ReprojectionCost::SizeOf(int block) const {
+  if (block == 0) return 6;
+  if (block == Intrinsics()) return num_intrinsics_;
+  if (block > Intrinsics()) return 3;
+  if (kind_ == Kind::kFreeObject) return 6;
+  return block == 1 ? 4 : 1;
 }
 
-bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
-                                double** jacobians) const {
-  const Eigen::Map<const Vector3d> camera_w(parameters[0]);
-  const Eigen::Map<const Vector3d> centre(parameters[0] + 3);
-  const int intrinsics = kind_ == Kind::kBackground ? 1 : (kind_ == Kind::kTurntable ? 3 : 2);
+ReprojectionCost::Frame ReprojectionCost::FrameAt(double const* const* parameters,
+                                                  bool with_derivatives) const {
+  Frame frame;
+  const Vector3d camera_w = Eigen::Map<const Vector3d>(parameters[0]);
+  frame.centre = Eigen::Map<const Vector3d>(parameters[0] + 3);
+  frame.camera_rotation = ExpRotation<double>(camera_w) * *camera_r0_;
+  if (with_derivatives) frame.camera_left = LeftJacobian<double>(camera_w);
+  if (kind_ == Kind::kTurntable) {
+    const double* axis = parameters[1];
+    const double angle = parameters[2][0];
+    frame.direction << axis[0], axis[1], 1;
+    const double length = frame.direction.norm();
+    frame.direction /= length;
+    frame.on_axis << axis[2], axis[3], 0;
+    frame.turn = RotationAbout<double>(frame.direction, angle);
+    const double half_sine = std::sin(0.5 * angle);
+    frame.sine = std::sin(angle);
+    frame.versine = 2 * half_sine * half_sine;
+    frame.by_unnormalised = (Matrix3d::Identity() - frame.direction * frame.direction.transpose()) / length;
+  } else if (kind_ == Kind::kFreeObject) {
+    const Vector3d object_w = Eigen::Map<const Vector3d>(parameters[1]);
+    frame.turn = ExpRotation<double>(object_w) * *object_r0_;
+    frame.translation = Eigen::Map<const Vector3d>(parameters[1] + 3);
+    if (with_derivatives) frame.object_left = LeftJacobian<double>(object_w);
+  }
+  return frame;
+}
+
+void ReprojectionCost::EvaluateIn(const Frame& frame, double const* const* parameters, double* residuals,
+                                  double** jacobians) const {
+  const int intrinsics = Intrinsics();
   const Eigen::Map<const Vector3d> point(parameters[intrinsics + 1]);
 
   // The point in the world, with what is needed again for its derivatives.
   Vector3d in_world = point;
-  Matrix3d turn = Matrix3d::Identity();    // d in_world / d point
-  Vector3d direction = Vector3d::UnitZ();  // of the axis, unit
-  Vector3d from_axis = Vector3d::Zero();   // the point relative to the axis' point, before the turn
-  Vector3d turned = Vector3d::Zero();      // the same after the turn
-  double axis_length = 1;
+  Vector3d from_axis = Vector3d::Zero();  // the point relative to the axis' point, before the turn
+  Vector3d turned = Vector3d::Zero();     // the same after the turn
   if (kind_ == Kind::kTurntable) {
-    const double* axis = parameters[1];
-    direction << axis[0], axis[1], 1;
-    axis_length = direction.norm();
-    direction /= axis_length;
-    const Vector3d on_axis(axis[2], axis[3], 0);
-    turn = RotationAbout<double>(direction, parameters[2][0]);
-    from_axis = point - on_axis;
-    turned = turn * from_axis;
-    in_world = on_axis + turned;
+    from_axis = point - frame.on_axis;
+    turned = frame.turn * from_axis;
+    in_world = frame.on_axis + turned;
   } else if (kind_ == Kind::kFreeObject) {
-    turn = ExpRotation<double>(Vector3d(Eigen::Map<const Vector3d>(parameters[1]))) * *object_r0_;
-    turned = turn * point;
-    in_world = turned + Eigen::Map<const Vector3d>(parameters[1] + 3);
+    turned = frame.turn * point;
+    in_world = turned + frame.translation;
   }
-  const Matrix3d rotation = ExpRotation<double>(Vector3d(camera_w)) * *camera_r0_;
-  const Vector3d in_cam = rotation * (in_world - centre);
+  const Vector3d in_cam = frame.camera_rotation * (in_world - frame.centre);
 
   Vector2d xy;
   Matrix23 by_cam;
-  Eigen::Matrix<double, 2, Eigen::Dynamic> by_intrinsics;
+  IntrinsicsJacobian by_intrinsics;
   const bool want = jacobians != nullptr;
   Eigen::Map<Vector2d> residual(residuals);
   if (!ProjectWithJacobians(model_, parameters[intrinsics], in_cam, &xy, want ? &by_cam : nullptr,
                             want && jacobians[intrinsics] != nullptr ? &by_intrinsics : nullptr)) {
     residual.setConstant(kBehindCameraError);
     if (want) {
-      for (size_t block = 0; block < parameter_block_sizes().size(); ++block) {
-        if (jacobians[block] != nullptr)
-          std::fill_n(jacobians[block], 2 * parameter_block_sizes()[block], 0.0);
+      for (int block = 0; block < NumBlocks(); ++block) {
+        if (jacobians[block] != nullptr) std::fill_n(jacobians[block], 2 * SizeOf(block), 0.0);
       }
     }
-    return true;
+    return;
   }
   residual = (xy - xy_) / spread_;
-  if (!want) return true;
+  if (!want) return;
   by_cam /= spread_;
   if (jacobians[intrinsics] != nullptr) by_intrinsics /= spread_;
 
   using Rows3 = Eigen::Matrix<double, 2, 3, Eigen::RowMajor>;
   using Rows4 = Eigen::Matrix<double, 2, 4, Eigen::RowMajor>;
   using Rows6 = Eigen::Matrix<double, 2, 6, Eigen::RowMajor>;
-  const Matrix23 by_world = by_cam * rotation;
+  const Matrix23 by_world = by_cam * frame.camera_rotation;
   if (jacobians[0] != nullptr) {
     Eigen::Map<Rows6> by_pose(jacobians[0]);
-    by_pose.leftCols<3>() = -by_cam * CrossMatrix<double>(in_cam) * LeftJacobian<double>(Vector3d(camera_w));
+    by_pose.leftCols<3>() = -by_cam * CrossMatrix<double>(in_cam) * frame.camera_left;
     by_pose.rightCols<3>() = -by_world;
   }
   if (kind_ == Kind::kTurntable && jacobians[1] != nullptr) {
     // d (R(n, t) u) / d n = -sin t [u]x + (1 - cos t) (n u^T + (n . u) I)
-    const double angle = parameters[2][0];
-    const double half_sine = std::sin(0.5 * angle);
-    const Matrix3d by_direction =
-        -std::sin(angle) * CrossMatrix<double>(from_axis) +
-        2 * half_sine * half_sine *
-            (direction * from_axis.transpose() + direction.dot(from_axis) * Matrix3d::Identity());
-    const Matrix3d of_unit = (Matrix3d::Identity() - direction * direction.transpose()) / axis_length;
+    const Matrix3d by_direction = -frame.sine * CrossMatrix<double>(from_axis) +
+                                  frame.versine * (frame.direction * from_axis.transpose() +
+                                                   frame.direction.dot(from_axis) * Matrix3d::Identity());
     Eigen::Map<Rows4> by_axis(jacobians[1]);
-    by_axis.leftCols<2>() = by_world * (by_direction * of_unit.leftCols<2>());
-    by_axis.rightCols<2>() = by_world * (Matrix3d::Identity() - turn).leftCols<2>();
+    by_axis.leftCols<2>() = by_world * (by_direction * frame.by_unnormalised.leftCols<2>());
+    by_axis.rightCols<2>() = by_world * (Matrix3d::Identity() - frame.turn).leftCols<2>();
   }
   if (kind_ == Kind::kTurntable && jacobians[2] != nullptr) {
     Eigen::Map<Vector2d> by_angle(jacobians[2]);
-    by_angle = by_world * direction.cross(turned);
+    by_angle = by_world * frame.direction.cross(turned);
   }
   if (kind_ == Kind::kFreeObject && jacobians[1] != nullptr) {
     Eigen::Map<Rows6> by_pose(jacobians[1]);
-    by_pose.leftCols<3>() = -by_world * CrossMatrix<double>(turned) *
-                            LeftJacobian<double>(Vector3d(Eigen::Map<const Vector3d>(parameters[1])));
+    by_pose.leftCols<3>() = -by_world * CrossMatrix<double>(turned) * frame.object_left;
     by_pose.rightCols<3>() = by_world;
   }
   if (jacobians[intrinsics] != nullptr) {
@@ -131,10 +139,9 @@ bool ReprojectionCost::Evaluate(double const* const* parameters, double* residua
     if (kind_ == Kind::kBackground) {
       by_point = by_world;
     } else {
-      by_point = by_world * turn;
+      by_point = by_world * frame.turn;
     }
   }
-  return true;
 }
 
 }  // namespace s2gs

@@ -33,7 +33,7 @@ std::vector<Matrix6> InformationOfPoses(const JointProblem& problem, const Joint
     std::array<double*, 5> jacobians{};
     jacobians[1] = by_pose.data();
     Eigen::Vector2d residual;
-    term.cost->Evaluate(term.values.data(), residual.data(), jacobians.data());
+    term.cost.Evaluate(term.values.data(), residual.data(), jacobians.data());
     double rho[3] = {0, 1, 0};
     if (loss) loss->Evaluate(residual.squaredNorm(), rho);
     information[static_cast<size_t>(term.image)] +=

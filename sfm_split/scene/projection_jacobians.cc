@@ -16,10 +16,9 @@ using Matrix23 = Eigen::Matrix<double, 2, 3>;
 
 // Flatter rays than this are behind the camera, as far as numbers go.
 constexpr double kMinDepthOverDistance = 1e-6;
-constexpr int kMaxIntrinsics = 12;
 
 bool ProjectRadial(bool one_focal, int num_radial, const double* params, const Vector3d& x, Vector2d* xy,
-                   Matrix23* jacobian_x, Eigen::Matrix<double, 2, Eigen::Dynamic>* jacobian_params) {
+                   Matrix23* jacobian_x, IntrinsicsJacobian* jacobian_params) {
   const double fx = params[0];
   const double fy = params[one_focal ? 0 : 1];
   const int principal = one_focal ? 1 : 2;
@@ -55,7 +54,7 @@ bool ProjectRadial(bool one_focal, int num_radial, const double* params, const V
 }
 
 bool ProjectByJets(CameraModelId model, const double* params, const Vector3d& x, Vector2d* xy,
-                   Matrix23* jacobian_x, Eigen::Matrix<double, 2, Eigen::Dynamic>* jacobian_params) {
+                   Matrix23* jacobian_x, IntrinsicsJacobian* jacobian_params) {
   using Jet = ceres::Jet<double, 3 + kMaxIntrinsics>;
   const int num_params = static_cast<int>(InfoOf(model).NumParams());
   S2GS_INVARIANT(num_params <= kMaxIntrinsics);
@@ -78,7 +77,7 @@ bool ProjectByJets(CameraModelId model, const double* params, const Vector3d& x,
 }  // namespace
 
 bool ProjectWithJacobians(CameraModelId model, const double* params, const Vector3d& x_in_cam, Vector2d* xy,
-                          Matrix23* jacobian_x, Eigen::Matrix<double, 2, Eigen::Dynamic>* jacobian_params) {
+                          Matrix23* jacobian_x, IntrinsicsJacobian* jacobian_params) {
   if (!(x_in_cam.z() > kMinDepthOverDistance * x_in_cam.norm())) return false;
   switch (model) {
     case CameraModelId::kSimplePinhole:

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <deque>
 #include <functional>
 #include <map>
 #include <memory>
@@ -263,6 +264,7 @@ Solved Solve(const JointProblem& start, const JointOptions& options, const Choic
   ceres::Problem::Options keep;
   keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   keep.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  std::deque<CeresReprojection> costs;
   ceres::Problem problem(keep);
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   std::map<double, std::unique_ptr<ceres::LossFunction>> scaled;  // by weight
@@ -271,7 +273,8 @@ Solved Solve(const JointProblem& start, const JointOptions& options, const Choic
     if (!own_loss) {
       own_loss = std::make_unique<ceres::ScaledLoss>(loss.get(), term.weight, ceres::DO_NOT_TAKE_OWNERSHIP);
     }
-    problem.AddResidualBlock(term.cost.get(), own_loss.get(), const_cast<double* const*>(term.values.data()),
+    costs.emplace_back(term.cost);
+    problem.AddResidualBlock(&costs.back(), own_loss.get(), const_cast<double* const*>(term.values.data()),
                              term.num_blocks + 1);
     ordering->AddElementToGroup(term.values[static_cast<size_t>(term.num_blocks)], 0);
   }

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <memory>
 #include <vector>
 
@@ -17,11 +18,12 @@ namespace {
 
 // Terms, losses and what is held of a system as a problem of Ceres, which moves the system's own values.
 void FillCeres(const JointSystem& system, ceres::LossFunction* loss, ceres::Problem* problem,
-               std::vector<const double*>* free_blocks) {
+               std::deque<CeresReprojection>* costs, std::vector<const double*>* free_blocks) {
   for (const JointSystem::Term& term : system.terms()) {
     ceres::LossFunction* scaled = nullptr;  // the problem's own
     if (loss != nullptr) scaled = new ceres::ScaledLoss(loss, term.weight, ceres::DO_NOT_TAKE_OWNERSHIP);
-    problem->AddResidualBlock(term.cost.get(), scaled, term.values.data(), term.num_blocks + 1);
+    costs->emplace_back(term.cost);
+    problem->AddResidualBlock(&costs->back(), scaled, term.values.data(), term.num_blocks + 1);
   }
   for (const JointSystem::Block& block : system.blocks()) {
     if (!block.used) continue;
@@ -63,9 +65,10 @@ TEST(JointBa, DenseSchurEndsWhereCeresDoes) {
     const JointSystem theirs(scene.start, options, true);
     ceres::Problem::Options keep;
     keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    std::deque<CeresReprojection> costs;
     ceres::Problem problem(keep);
     std::vector<const double*> free_blocks;
-    FillCeres(theirs, loss.get(), &problem, &free_blocks);
+    FillCeres(theirs, loss.get(), &problem, &costs, &free_blocks);
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::DENSE_QR;
     solver.function_tolerance = 1e-14;
@@ -117,9 +120,10 @@ TEST(JointBa, CovarianceEqualsCeres) {
   const JointSystem system(scene.truth, options, true);
   ceres::Problem::Options keep;
   keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  std::deque<CeresReprojection> costs;
   ceres::Problem problem(keep);
   std::vector<const double*> blocks;
-  FillCeres(system, nullptr, &problem, &blocks);
+  FillCeres(system, nullptr, &problem, &costs, &blocks);
   ceres::Covariance::Options covariance_options;
   covariance_options.algorithm_type = ceres::DENSE_SVD;
   covariance_options.null_space_rank = 0;

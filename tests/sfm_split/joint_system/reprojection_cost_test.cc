@@ -122,8 +122,8 @@ Evaluated Evaluate(const ceres::CostFunction& cost, const std::vector<std::vecto
 TEST(ReprojectionCost, SpreadDividesErrorAndDerivatives) {
   for (const Kind kind : {Kind::kBackground, Kind::kTurntable, Kind::kFreeObject}) {
     const Setting s = RandomSetting(kind, CameraModelId::kSimpleRadial, 0.7, 4);
-    const ReprojectionCost plain(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0);
-    const ReprojectionCost spread(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0, 4);
+    const CeresReprojection plain(ReprojectionCost(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0));
+    const CeresReprojection spread(ReprojectionCost(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0, 4));
     const Evaluated a = Evaluate(plain, s.blocks);
     const Evaluated b = Evaluate(spread, s.blocks);
     EXPECT_LT((a.residual - 4 * b.residual).norm(), 1e-12 * a.residual.norm());
@@ -145,7 +145,7 @@ TEST(ReprojectionCost, AnalyticDerivativesEqualJets) {
         for (uint32_t seed = 0; seed < 10; ++seed) {
           for (const double focal : {0.3, 1.2, 10.0}) {
             const Setting s = RandomSetting(kind, model, angle, seed, focal);
-            const ReprojectionCost cost(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0);
+            const CeresReprojection cost(ReprojectionCost(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0));
             ceres::DynamicAutoDiffCostFunction<JetCost, 4> jets(
                 new JetCost{kind, s.camera, s.xy, s.camera_r0, s.object_r0});
             for (const int size : cost.parameter_block_sizes()) jets.AddParameterBlock(size);
@@ -172,7 +172,7 @@ TEST(ReprojectionCost, AnalyticDerivativesEqualFiniteDifferences) {
   for (const Kind kind : {Kind::kBackground, Kind::kTurntable, Kind::kFreeObject}) {
     for (uint32_t seed = 0; seed < 5; ++seed) {
       Setting s = RandomSetting(kind, CameraModelId::kSimpleRadial, 1.1, seed);
-      const ReprojectionCost cost(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0);
+      const CeresReprojection cost(ReprojectionCost(kind, s.camera, s.xy, &s.camera_r0, &s.object_r0));
       const Evaluated at = Evaluate(cost, s.blocks);
       for (size_t block = 0; block < s.blocks.size(); ++block) {
         for (size_t k = 0; k < s.blocks[block].size(); ++k) {
@@ -196,7 +196,7 @@ TEST(ReprojectionCost, AnalyticDerivativesEqualFiniteDifferences) {
 
 TEST(ReprojectionCost, PointsAtAndBehindTheCameraAreFiniteAndWithoutDerivative) {
   Setting s = RandomSetting(Kind::kBackground, CameraModelId::kPinhole, 0, 1);
-  const ReprojectionCost cost(Kind::kBackground, s.camera, s.xy, &s.camera_r0, nullptr);
+  const CeresReprojection cost(ReprojectionCost(Kind::kBackground, s.camera, s.xy, &s.camera_r0, nullptr));
   for (const double along : {1.0, 1.5, 3.0}) {  // at the centre, behind, far behind
     for (int k = 0; k < 3; ++k) s.blocks[2][k] = along * s.blocks[0][3 + k];
     const Evaluated e = Evaluate(cost, s.blocks);

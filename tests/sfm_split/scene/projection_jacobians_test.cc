@@ -15,7 +15,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Id = CameraModelId;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
-using Matrix2X = Eigen::Matrix<double, 2, Eigen::Dynamic>;
+using Matrix2X = IntrinsicsJacobian;
 
 struct Lens {
   Id model;
