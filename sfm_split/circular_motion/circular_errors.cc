@@ -96,10 +96,9 @@ void ErrorsOf(const CircularMatches::Row& row, const CircularLens& lens, const C
   const size_t num = row.triples.size();
   result->errors.resize(num);
   if (with_derivatives) result->derivatives.resize(num);
-  for (size_t m = 0; m < num; ++m) {
-    result->errors[m] = TripleError(row.triples[m], lens, turn, row.photos,
-                                    with_derivatives ? &result->derivatives[m] : nullptr);
-  }
+  const TripleErrors errors(lens, turn, row.photos);
+  for (size_t m = 0; m < num; ++m)
+    result->errors[m] = errors.Of(row.triples[m], with_derivatives ? &result->derivatives[m] : nullptr);
 }
 
 }  // namespace s2gs

@@ -29,7 +29,7 @@ struct RowErrors {
 void ErrorsOf(const CircularMatches::Pair& pair, double reach_px, const CircularLens& lens,
               const CircularTurn& turn, bool with_derivatives, PairErrors* result);
 
-/// TripleError() of each.
+/// TripleErrors() of each.
 void ErrorsOf(const CircularMatches::Row& row, const CircularLens& lens, const CircularTurn& turn,
               bool with_derivatives, RowErrors* result);
 

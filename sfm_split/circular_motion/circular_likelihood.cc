@@ -41,7 +41,7 @@ Mixture MixtureOf(const std::vector<Match>& matches, const std::vector<double>& 
   const double peak = 1 / (sigma_px * kRootTwoPi);
   for (size_t m = 0; m < errors.size(); ++m) {
     const double ratio = errors[m] / sigma_px;
-    over.push_back(std::isfinite(errors[m]) ? peak / matches[m].chance * std::exp(-0.5 * ratio * ratio) : 0);
+    over.push_back(std::isfinite(errors[m]) ? OverChance(peak / matches[m].chance, -0.5 * ratio * ratio) : 0);
   }
   const double share = RightShare(over);
   return {MixtureGain(over, share), RightProbabilities(over, share)};

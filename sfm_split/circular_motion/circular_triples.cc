@@ -54,20 +54,30 @@ Vector<T> RayInFrame(const LensPoint& point, const CircularTurn& turn) {
   return result;
 }
 
+// An angle about the axis, by its cosine and sine.
 template <typename T>
-Vector<T> AboutAxis(const T& angle, const Vector<T>& v) {
-  using std::cos;
-  using std::sin;
-  const T c = cos(angle);
-  const T s = sin(angle);
-  return Vector<T>(c * v.x() - s * v.y(), s * v.x() + c * v.y(), v.z());
+struct Turned {
+  T cosine, sine;
+  Vector<T> operator()(const Vector<T>& v) const {
+    return Vector<T>(cosine * v.x() - sine * v.y(), sine * v.x() + cosine * v.y(), v.z());
+  }
+};
+
+// \param sign  of the unknown against the angle, which is the `place`th.
+template <typename T>
+Turned<T> TurnedBy(double cosine, double sine, double sign, int place) {
+  Turned<T> turned{T(cosine), T(sine)};
+  if constexpr (std::is_same_v<T, Jet>) {
+    turned.cosine.v(place) = -sine * sign;
+    turned.sine.v(place) = cosine * sign;
+  }
+  return turned;
 }
 
 // The point, at the middle photo and in the camera's frame, as a pixel about the principal point.
 template <typename T>
 std::optional<Eigen::Matrix<T, 2, 1>> Project(const Vector<T>& in_frame, const CircularLens& lens,
-                                              const CircularTurn& turn) {
-  using std::exp;
+                                              double focal_px, const CircularTurn& turn) {
   const Vector<T> unturned = turn.frame.template cast<T>() * in_frame;
   Vector<T> x = unturned;
   if constexpr (std::is_same_v<T, Jet>) {
@@ -78,24 +88,21 @@ std::optional<Eigen::Matrix<T, 2, 1>> Project(const Vector<T>& in_frame, const C
   if (!(x.z() > T(0))) return std::nullopt;
   const Eigen::Matrix<T, 2, 1> u = x.template head<2>() / x.z();
   const T k = Unknown<T>(lens.distortion, kDistortion);
-  const T focal = exp(Unknown<T>(lens.log_focal, kLogFocal));
+  T focal(focal_px);
+  if constexpr (std::is_same_v<T, Jet>) focal.v(kLogFocal) = focal_px;
   return Eigen::Matrix<T, 2, 1>(focal * (T(1) + k * u.squaredNorm()) * u);
 }
 
 template <typename T>
 std::optional<T> ErrorOf(const CircularTriple& triple, const LensPoint& first, const LensPoint& last,
-                         const CircularLens& lens, const CircularTurn& turn,
-                         const std::array<int, 3>& photos) {
-  const auto angle = [&](size_t k) { return turn.angles[static_cast<size_t>(photos[k])]; };
+                         const CircularLens& lens, double focal, const CircularTurn& turn,
+                         const Turned<T>& to_first, const Turned<T>& to_last) {
   // From the axis, as the table stands in the middle photo.
   const Vector<T> centre(T(-1), T(0), T(0));
-  const T to_first = Unknown<T>(angle(1) - angle(0), kFirstAngle);
-  const T to_last = -Unknown<T>(angle(2) - angle(1), kSecondAngle);
-  const std::optional<Vector<T>> x =
-      MeetingOfRays<T>(AboutAxis<T>(to_first, centre), AboutAxis<T>(to_first, RayInFrame<T>(first, turn)),
-                       AboutAxis<T>(to_last, centre), AboutAxis<T>(to_last, RayInFrame<T>(last, turn)));
+  const std::optional<Vector<T>> x = MeetingOfRays<T>(to_first(centre), to_first(RayInFrame<T>(first, turn)),
+                                                      to_last(centre), to_last(RayInFrame<T>(last, turn)));
   if (!x) return std::nullopt;
-  const auto seen = Project<T>(*x - centre, lens, turn);
+  const auto seen = Project<T>(*x - centre, lens, focal, turn);
   if (!seen) return std::nullopt;
   const Vector2d along = (triple.xy[2] - triple.xy[0]).normalized();
   return T(along.x()) * ((*seen)(0) - T(triple.xy[1].x())) +
@@ -104,19 +111,37 @@ std::optional<T> ErrorOf(const CircularTriple& triple, const LensPoint& first, c
 
 }  // namespace
 
-double TripleError(const CircularTriple& triple, const CircularLens& lens, const CircularTurn& turn,
-                   const std::array<int, 3>& photos, TripleDerivative* derivative) {
+TripleErrors::TripleErrors(const CircularLens& lens, const CircularTurn& turn,
+                           const std::array<int, 3>& photos)
+    : lens_(lens), turn_(turn), focal_(std::exp(lens.log_focal)) {
+  const auto angle = [&](size_t k) { return turn.angles[static_cast<size_t>(photos[k])]; };
+  const double to_first = angle(1) - angle(0);
+  const double to_last = -(angle(2) - angle(1));
+  cosines_ << std::cos(to_first), std::cos(to_last);
+  sines_ << std::sin(to_first), std::sin(to_last);
+}
+
+double TripleErrors::Of(const CircularTriple& triple, TripleDerivative* derivative) const {
   if (derivative != nullptr) derivative->setZero();
-  const double focal = std::exp(lens.log_focal);
-  const LensPoint first = ThroughLens(lens, focal, triple.xy[0]);
-  const LensPoint last = ThroughLens(lens, focal, triple.xy[2]);
+  const LensPoint first = ThroughLens(lens_, focal_, triple.xy[0]);
+  const LensPoint last = ThroughLens(lens_, focal_, triple.xy[2]);
   if (!first.is_valid || !last.is_valid || triple.xy[0] == triple.xy[2]) return kInfinity;
-  if (derivative == nullptr)
-    return ErrorOf<double>(triple, first, last, lens, turn, photos).value_or(kInfinity);
-  const std::optional<Jet> error = ErrorOf<Jet>(triple, first, last, lens, turn, photos);
+  const auto error_of = [&](auto zero) {
+    using T = decltype(zero);
+    return ErrorOf<T>(triple, first, last, lens_, focal_, turn_,
+                      TurnedBy<T>(cosines_(0), sines_(0), 1, kFirstAngle),
+                      TurnedBy<T>(cosines_(1), sines_(1), -1, kSecondAngle));
+  };
+  if (derivative == nullptr) return error_of(0.0).value_or(kInfinity);
+  const std::optional<Jet> error = error_of(Jet(0));
   if (!error) return kInfinity;
   *derivative = error->v;
   return error->a;
+}
+
+double TripleError(const CircularTriple& triple, const CircularLens& lens, const CircularTurn& turn,
+                   const std::array<int, 3>& photos, TripleDerivative* derivative) {
+  return TripleErrors(lens, turn, photos).Of(triple, derivative);
 }
 
 }  // namespace s2gs

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 
 #include "sfm_split/circular_motion/circular_likelihood.h"
 
@@ -13,8 +14,25 @@ namespace s2gs {
 /// from there to the last.
 using TripleDerivative = Eigen::Matrix<double, 7, 1>;
 
-/// [px]; infinite where the outer rays do not meet before all three cameras.
-/// \param derivative  filled in unless null.
+/// Of the triples of three photos.
+class TripleErrors {
+ public:
+  /// \param lens, turn  must outlive it.
+  TripleErrors(const CircularLens& lens, const CircularTurn& turn, const std::array<int, 3>& photos);
+
+  /// [px]; infinite where the outer rays do not meet before all three cameras.
+  /// \param derivative  filled in unless null.
+  double Of(const CircularTriple& triple, TripleDerivative* derivative) const;
+
+ private:
+  const CircularLens& lens_;
+  const CircularTurn& turn_;
+  double focal_;
+  // Of how far the table turned from the middle photo to the first and to the last.
+  Eigen::Vector2d cosines_, sines_;
+};
+
+/// Of one of them.
 double TripleError(const CircularTriple& triple, const CircularLens& lens, const CircularTurn& turn,
                    const std::array<int, 3>& photos, TripleDerivative* derivative);
 

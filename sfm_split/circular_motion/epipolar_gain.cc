@@ -1,7 +1,5 @@
 #include "sfm_split/circular_motion/epipolar_gain.h"
 
-#include <cmath>
-
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 
@@ -24,7 +22,7 @@ double EpipolarGain(const std::vector<RayMatch>& matches, const Rigid3& second_f
                            line1.head<2>().squaredNorm() / (focal1_px * focal1_px);
     const double error = second.dot(line2);
     over.push_back(squared > 1e-30
-                       ? peak / chance * std::exp(-0.5 * error * error / (squared * sigma_px * sigma_px))
+                       ? OverChance(peak / chance, -0.5 * error * error / (squared * sigma_px * sigma_px))
                        : 0);
   }
   return MixtureGain(over, RightShare(over));

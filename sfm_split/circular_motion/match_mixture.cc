@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace s2gs {
 namespace {
@@ -20,11 +21,14 @@ void FindProbabilities(const std::vector<double>& over, double share, std::vecto
 }  // namespace
 
 double RightShare(const std::vector<double>& over) {
+  std::vector<double> possible;  // the others are wrong whatever the share
+  possible.reserve(over.size());
+  std::copy_if(over.begin(), over.end(), std::back_inserter(possible), [](double o) { return o != 0; });
   std::vector<double> right;
   // As if one match more were right and one more wrong: the share stays inside (0, 1).
   double share = 0.5;
   for (int k = 0; k < kShareRounds; ++k) {
-    FindProbabilities(over, share, &right);
+    FindProbabilities(possible, share, &right);
     double sum = 1;
     for (const double probability : right) sum += probability;
     share = sum / (static_cast<double>(over.size()) + 2);
@@ -39,8 +43,9 @@ std::vector<double> RightProbabilities(const std::vector<double>& over, double s
 }
 
 double MixtureGain(const std::vector<double>& over, double share) {
+  const double wrong = std::log(1 - share);
   double gain = 0;
-  for (const double o : over) gain += std::log(1 - share + share * o);
+  for (const double o : over) gain += o == 0 ? wrong : std::log(1 - share + share * o);
   return gain;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <vector>
 
 namespace s2gs {
@@ -17,6 +18,15 @@ inline constexpr double kRootTwoPi = 2.50662827463100050;
 /// are found worse that are any use.
 inline constexpr double kLeastSigmaPx = 0.3;
 inline constexpr double kMostSigmaPx = 2;
+
+/// Density of a right match's error over that of a wrong one's, where this is `over` without any error. Zero
+/// without the exponential where what is left is less than the rounding of what it is added to, a wrong one's
+/// share: with e^20 for `over`, of e^9 matches or fewer.
+/// \param exponent  of the normal density: 0 or less.
+inline double OverChance(double over, double exponent) {
+  constexpr double kHopeless = -66;  // 20 + 9 + 37, the logarithm of a double's rounding
+  return exponent > kHopeless ? over * std::exp(exponent) : 0;
+}
 
 /// The share of right ones among one pair's matches, in (0, 1), at which their errors are likeliest.
 /// \param over  density of a right match's error over that of a wrong one's.

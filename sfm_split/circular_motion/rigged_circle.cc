@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <map>
+#include <numeric>
 #include <utility>
 
 #include "sfm_split/base/angles.h"
@@ -69,13 +70,8 @@ class Rig {
   template <typename Counts>
   double Sum(bool is_coarse, const Circle& circle, double sigma_px, const Counts& counts) const {
     std::vector<double> gains(pairs_.size(), 0);
-    ParallelFor(static_cast<int64_t>(pairs_.size()), 0, kPairsAtOnce, [&](int64_t i) {
-      const auto p = static_cast<size_t>(i);
-      if ((!is_coarse || is_coarse_[p]) && counts(pairs_[p])) gains[p] = GainOf(pairs_[p], circle, sigma_px);
-    });
-    double gain = 0;
-    for (const double one : gains) gain += one;
-    return gain;
+    Measure(circle, sigma_px, is_coarse, counts, &gains);
+    return std::accumulate(gains.begin(), gains.end(), 0.0);
   }
 
   // Of the matches inside one station, or between it and those before it.
@@ -176,11 +172,56 @@ class Rig {
       }
       return there;
     };
-    const auto value = [&](const Circle& there) { return Gain(there, sigma_px, is_coarse); };
-    circle->gain = Climb(3 + stations_.size(), first_step, last_step, moved, value, circle);
+    Measured here{*circle, GainsOf(*circle, sigma_px, is_coarse)};
+    const auto measured = [&](const Measured& from, size_t number, double step) {
+      Measured there{moved(from.circle, number, step), {}};
+      if (number < 4) {
+        there.gains = GainsOf(there.circle, sigma_px, is_coarse);
+      } else {
+        there.gains = from.gains;
+        MeasureWithOthers(static_cast<int>(number - 3), there.circle, sigma_px, is_coarse, &there.gains);
+      }
+      return there;
+    };
+    const auto value = [](const Measured& there) {
+      return std::accumulate(there.gains.begin(), there.gains.end(), 0.0);
+    };
+    const double gain = Climb(3 + stations_.size(), first_step, last_step, measured, value, &here);
+    *circle = std::move(here.circle);
+    circle->gain = gain;
   }
 
  private:
+  // With what each pair says of it.
+  struct Measured {
+    Circle circle;
+    std::vector<double> gains;
+  };
+
+  std::vector<double> GainsOf(const Circle& circle, double sigma_px, bool is_coarse) const {
+    std::vector<double> gains(pairs_.size(), 0);
+    Measure(
+        circle, sigma_px, is_coarse, [](const RiggedPair& /*pair*/) { return true; }, &gains);
+    return gains;
+  }
+  // Of all that a turn of one station changes: what is inside it turns with it.
+  void MeasureWithOthers(int station, const Circle& circle, double sigma_px, bool is_coarse,
+                         std::vector<double>* gains) const {
+    const auto changes = [&](const RiggedPair& pair) {
+      return (pair.station1 == station) != (pair.station2 == station);
+    };
+    Measure(circle, sigma_px, is_coarse, changes, gains);
+  }
+  template <typename Counts>
+  void Measure(const Circle& circle, double sigma_px, bool is_coarse, const Counts& counts,
+               std::vector<double>* gains) const {
+    ParallelFor(static_cast<int64_t>(pairs_.size()), 0, kPairsAtOnce, [&](int64_t i) {
+      const auto p = static_cast<size_t>(i);
+      if ((!is_coarse || is_coarse_[p]) && counts(pairs_[p]))
+        (*gains)[p] = GainOf(pairs_[p], circle, sigma_px);
+    });
+  }
+
   const std::vector<RiggedStation>& stations_;
   const std::vector<RiggedPair>& pairs_;
   size_t num_matches_ = 0;
