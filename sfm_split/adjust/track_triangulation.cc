@@ -28,20 +28,20 @@ constexpr int kMaxPointsOfTrack =
     4;  // that one track is taken apart into, where wrong matches joined several
 // Keypoints that are looked at: chains of wrong matches join thousands.
 constexpr size_t kMaxTrackLength = 2000;
-constexpr int kSetsAtOnce = 64;  // that a thread makes points of: about a millisecond
+constexpr int kSetsAtOnce = 64;         // that a thread makes points of: about a millisecond
+constexpr int64_t kEdgesAtOnce = 4096;  // whose support a thread counts: likewise
 
 struct Ray {
-  bool is_valid = false;
-  Vector3d in_cam;   // z = 1
+  bool is_wanted = false;
+  Vector3d in_cam;   // z = 1; zero where there is none
   Vector3d in_body;  // unit
 };
 
 // Disjoint sets of keypoints, at most one an image.
 class Tracks {
  public:
-  explicit Tracks(const std::vector<int>& image_of) : sets_(image_of.size()), images_(image_of.size()) {
-    for (size_t k = 0; k < image_of.size(); ++k) images_[k] = {image_of[k]};
-  }
+  explicit Tracks(const std::vector<int>& image_of)
+      : image_of_(image_of), sets_(image_of.size()), images_(image_of.size()) {}
   /// The first of its keypoints.
   uint32_t Root(uint32_t k) { return sets_.Root(k); }
   // Unless both have a keypoint of one image: then a match is wrong.
@@ -49,6 +49,9 @@ class Tracks {
     a = sets_.Root(a);
     b = sets_.Root(b);
     if (a == b) return;
+    for (const uint32_t k : {a, b}) {
+      if (images_[k].empty()) images_[k] = {image_of_[k]};
+    }
     std::vector<int> all;
     all.reserve(images_[a].size() + images_[b].size());
     std::merge(images_[a].begin(), images_[a].end(), images_[b].begin(), images_[b].end(),
@@ -60,8 +63,9 @@ class Tracks {
   }
 
  private:
+  const std::vector<int>& image_of_;
   UnionFind sets_;
-  std::vector<std::vector<int>> images_;  // of a root's set, ascending
+  std::vector<std::vector<int>> images_;  // of a root's set, ascending; none: its own
 };
 
 class Triangulator {
@@ -80,26 +84,12 @@ class Triangulator {
   }
 
   std::vector<TrackPoint> Run(const std::vector<ImagePairMatches>& pairs) {
-    std::vector<Edge> edges;
-    for (const ImagePairMatches& pair : pairs) AddEdges(pair, &edges);
+    FindRays(pairs);
+    std::vector<Edge> edges = EdgesOf(pairs);
     std::sort(edges.begin(), edges.end());
     edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
     // Matches that a third keypoint confirms come first.
-    std::vector<std::vector<uint32_t>> neighbours(first_.back());
-    for (const auto& [a, b] : edges) {
-      neighbours[a].push_back(b);
-      neighbours[b].push_back(a);
-    }
-    for (std::vector<uint32_t>& all : neighbours) std::sort(all.begin(), all.end());
-    std::vector<std::pair<int, Edge>> by_support;
-    by_support.reserve(edges.size());
-    for (const Edge& edge : edges) {
-      int support = 0;
-      const std::vector<uint32_t>& others = neighbours[edge.second];
-      for (const uint32_t k : neighbours[edge.first])
-        support += std::binary_search(others.begin(), others.end(), k);
-      by_support.emplace_back(-support, edge);
-    }
+    std::vector<std::pair<int, Edge>> by_support = SupportOf(edges);
     std::sort(by_support.begin(), by_support.end());
     std::vector<int> image_of;
     image_of.reserve(first_.back());
@@ -130,23 +120,53 @@ class Triangulator {
   Vector2d Pixel(const TrackElement& element) const {
     return keypoints_[static_cast<size_t>(element.image)][element.keypoint].cast<double>();
   }
-  const Ray& RayOf(const TrackElement& element) {
-    const auto i = static_cast<size_t>(element.image);
-    Ray& ray = rays_[i][element.keypoint];
-    if (ray.is_valid) return ray;
-    const std::optional<Vector3d> in_cam = UnprojectFromImage(*images_[i].camera, Pixel(element));
-    ray.is_valid = true;
-    ray.in_cam = in_cam.value_or(Vector3d::Zero());
-    ray.in_body = images_[i].cam_from_body.rotation.conjugate() * ray.in_cam;
-    if (in_cam) ray.in_body.normalize();
-    return ray;
+  const Ray& RayOf(const TrackElement& element) const {
+    return rays_[static_cast<size_t>(element.image)][element.keypoint];
+  }
+  bool ArePosed(const ImagePairMatches& pair) const {
+    return pair.image1 != pair.image2 && images_[static_cast<size_t>(pair.image1)].is_posed &&
+           images_[static_cast<size_t>(pair.image2)].is_posed;
+  }
+
+  // Of all keypoints that are matched.
+  void FindRays(const std::vector<ImagePairMatches>& pairs) {
+    for (const ImagePairMatches& pair : pairs) {
+      if (!ArePosed(pair)) continue;
+      for (const FeatureMatch& match : pair.matches) {
+        rays_[static_cast<size_t>(pair.image1)][match.point2D_idx1].is_wanted = true;
+        rays_[static_cast<size_t>(pair.image2)][match.point2D_idx2].is_wanted = true;
+      }
+    }
+    ParallelFor(static_cast<int64_t>(images_.size()), 0, [&](int64_t image) {
+      const auto i = static_cast<size_t>(image);
+      for (size_t k = 0; k < rays_[i].size(); ++k) {
+        Ray& ray = rays_[i][k];
+        if (!ray.is_wanted) continue;
+        const std::optional<Vector3d> in_cam =
+            UnprojectFromImage(*images_[i].camera, keypoints_[i][k].cast<double>());
+        ray.in_cam = in_cam.value_or(Vector3d::Zero());
+        ray.in_body = images_[i].cam_from_body.rotation.conjugate() * ray.in_cam;
+        if (in_cam) ray.in_body.normalize();
+      }
+    });
+  }
+
+  std::vector<Edge> EdgesOf(const std::vector<ImagePairMatches>& pairs) const {
+    std::vector<std::vector<Edge>> of_pairs(pairs.size());
+    ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
+      const auto at = static_cast<size_t>(p);
+      if (ArePosed(pairs[at])) AddEdges(pairs[at], &of_pairs[at]);
+    });
+    std::vector<Edge> edges;
+    for (const std::vector<Edge>& of_pair : of_pairs)
+      edges.insert(edges.end(), of_pair.begin(), of_pair.end());
+    return edges;
   }
 
   // Matches on their epipolar lines.
-  void AddEdges(const ImagePairMatches& pair, std::vector<Edge>* edges) {
+  void AddEdges(const ImagePairMatches& pair, std::vector<Edge>* edges) const {
     const PosedImage& image1 = images_[static_cast<size_t>(pair.image1)];
     const PosedImage& image2 = images_[static_cast<size_t>(pair.image2)];
-    if (!image1.is_posed || !image2.is_posed || pair.image1 == pair.image2) return;
     const Rigid3 second_from_first = image2.cam_from_body * image1.cam_from_body.Inverse();
     const Matrix3d essential =
         CrossMatrix<double>(second_from_first.translation) * second_from_first.rotation.toRotationMatrix();
@@ -168,6 +188,37 @@ class Triangulator {
     }
   }
 
+  // How many keypoints both of an edge's are matched with, less than 0, with the edge.
+  // \param edges  each once.
+  std::vector<std::pair<int, Edge>> SupportOf(const std::vector<Edge>& edges) const {
+    std::vector<size_t> begin(first_.back() + 1, 0);  // of a keypoint's neighbours
+    for (const auto& [a, b] : edges) {
+      ++begin[a + 1];
+      ++begin[b + 1];
+    }
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    std::vector<uint32_t> neighbours(begin.back());
+    std::vector<size_t> next = begin;
+    // In their order: those before a keypoint, by these, then those after it.
+    for (const auto& [a, b] : edges) neighbours[next[b]++] = a;
+    for (const auto& [a, b] : edges) neighbours[next[a]++] = b;
+    std::vector<std::pair<int, Edge>> by_support(edges.size());
+    ParallelFor(static_cast<int64_t>(edges.size()), 0, kEdgesAtOnce, [&](int64_t e) {
+      const Edge& edge = edges[static_cast<size_t>(e)];
+      size_t i = begin[edge.first], j = begin[edge.second];
+      int support = 0;
+      while (i < begin[edge.first + 1] && j < begin[edge.second + 1]) {
+        support += neighbours[i] == neighbours[j] ? 1 : 0;
+        const bool is_first_behind = neighbours[i] <= neighbours[j];
+        const bool is_second_behind = neighbours[j] <= neighbours[i];
+        i += is_first_behind ? 1 : 0;
+        j += is_second_behind ? 1 : 0;
+      }
+      by_support[static_cast<size_t>(e)] = {-support, edge};
+    });
+    return by_support;
+  }
+
   // \param by_set  keypoints with their sets, by these.
   std::vector<TrackPoint> PointsOf(const std::vector<std::pair<uint32_t, uint32_t>>& by_set) {
     std::vector<std::vector<TrackElement>> sets;
@@ -182,7 +233,7 @@ class Triangulator {
       begin = end;
     }
     std::vector<std::vector<TrackPoint>> points_of(sets.size());
-    // Those that draw numbers come one after another. All rays are there since the matches were looked at.
+    // Those that draw numbers come one after another.
     ParallelFor(static_cast<int64_t>(sets.size()), 0, kSetsAtOnce, [&](int64_t i) {
       const auto set = static_cast<size_t>(i);
       if (!IsDrawn(sets[set].size())) Extract(std::move(sets[set]), &points_of[set]);
@@ -312,8 +363,8 @@ class Triangulator {
   std::mt19937 rng_;
   double sine_squared_ = std::pow(std::sin(options_.min_triangulation_deg * kDegree), 2);
   std::vector<Vector3d> centres_;
-  std::vector<std::vector<Ray>> rays_;  // filled when first asked for
-  std::vector<uint32_t> first_;         // number of an image's first keypoint
+  std::vector<std::vector<Ray>> rays_;
+  std::vector<uint32_t> first_;  // number of an image's first keypoint
 };
 
 }  // namespace
@@ -358,16 +409,23 @@ bool ProjectPoint(const PosedImage& image, const Vector3d& x_in_body, Vector2d* 
   return true;
 }
 
+PairOfPoses::PairOfPoses(const PosedImage& image1, const PosedImage& image2)
+    : second_from_first_(image2.cam_from_body * image1.cam_from_body.Inverse()),
+      focal_px_(0.25 * (FocalLengths(*image1.camera).sum() + FocalLengths(*image2.camera).sum())) {}
+
+double PairOfPoses::ErrorPx(const Vector3d& ray1, const Vector3d& ray2) const {
+  const Vector3d line2 = second_from_first_.translation.cross(second_from_first_.rotation * ray1);
+  const Vector3d line1 =
+      -(second_from_first_.rotation.conjugate() * second_from_first_.translation.cross(ray2));
+  return focal_px_ * std::abs(SampsonError<double>(line1, line2, ray2));
+}
+
 double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Vector2d& xy1,
                     const Vector2d& xy2) {
-  const Rigid3 second_from_first = image2.cam_from_body * image1.cam_from_body.Inverse();
   const std::optional<Vector3d> u = UnprojectFromImage(*image1.camera, xy1);
   const std::optional<Vector3d> v = UnprojectFromImage(*image2.camera, xy2);
   if (!u || !v) return std::numeric_limits<double>::infinity();
-  const Vector3d line2 = second_from_first.translation.cross(second_from_first.rotation * *u);
-  const Vector3d line1 = -(second_from_first.rotation.conjugate() * second_from_first.translation.cross(*v));
-  const double focal = 0.25 * (FocalLengths(*image1.camera).sum() + FocalLengths(*image2.camera).sum());
-  return focal * std::abs(SampsonError<double>(line1, line2, *v));
+  return PairOfPoses(image1, image2).ErrorPx(*u, *v);
 }
 
 bool RefinePoint(const std::vector<PosedImage>& images, const std::vector<Keypoints>& keypoints,

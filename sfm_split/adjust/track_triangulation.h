@@ -57,6 +57,18 @@ double ReprojectionErrorPx(const PosedImage& image, const Eigen::Vector3d& x_in_
 bool ProjectPoint(const PosedImage& image, const Eigen::Vector3d& x_in_body, Eigen::Vector2d* xy,
                   Eigen::Matrix<double, 2, 3>* by_x);
 
+/// What the matches of two posed images are measured against.
+class PairOfPoses {
+ public:
+  PairOfPoses(const PosedImage& image1, const PosedImage& image2);
+  /// As MatchErrorPx, of rays in the cameras (z = 1).
+  double ErrorPx(const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2) const;
+
+ private:
+  Rigid3 second_from_first_;
+  double focal_px_;
+};
+
 /// Sampson's error of a match against the epipolar geometry of two poses [px], unsigned; beyond any bound
 /// without a baseline, infinite where a pixel has no ray.
 double MatchErrorPx(const PosedImage& image1, const PosedImage& image2, const Eigen::Vector2d& xy1,

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfm_split/adjust/match_errors.h"
 #include "sfm_split/adjust/track_triangulation.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
@@ -57,6 +58,7 @@ class Gatherer {
       view_of_[i] = found->second;
       posed_[i] = {true, cameras.at(found->second->camera_id), found->second->CamFromObject()};
     }
+    errors_.emplace(posed_, AllKeypoints());
   }
 
   void VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence* evidence);
@@ -71,22 +73,27 @@ class Gatherer {
   }
   int StationOf(int image) const { return features_.images[static_cast<size_t>(image)].station; }
   bool IsPosed(int image) const { return posed_[static_cast<size_t>(image)].is_posed; }
-  double Error(const ImagePairMatches& pair, const FeatureMatch& match) const {
-    return MatchErrorPx(posed_[static_cast<size_t>(pair.image1)], posed_[static_cast<size_t>(pair.image2)],
-                        KeypointsOf(pair.image1)[match.point2D_idx1].cast<double>(),
-                        KeypointsOf(pair.image2)[match.point2D_idx2].cast<double>());
+  std::vector<const Keypoints*> AllKeypoints() const {
+    std::vector<const Keypoints*> all;
+    all.reserve(features_.images.size());
+    for (const ScanImage& image : features_.images) all.push_back(&image.keypoints);
+    return all;
   }
   // Against the same matches with their second keypoints exchanged among them.
   AgreeingMatches Compare(const ImagePairMatches& pair, const FeatureMatches& matches) const {
     AgreeingMatches result;
     result.all = static_cast<int64_t>(matches.size());
+    const auto num_within = [&](const FeatureMatches& of) {
+      const std::vector<double> errors = errors_->Of(pair.image1, pair.image2, of);
+      return std::count_if(errors.begin(), errors.end(), [&](double error) { return error <= bound_px_; });
+    };
+    result.agreeing = num_within(matches);
     const size_t away = matches.size() / 2;
-    for (size_t m = 0; m < matches.size(); ++m) {
-      result.agreeing += Error(pair, matches[m]) <= bound_px_ ? 1 : 0;
-      if (away == 0) continue;
-      const FeatureMatch other = {matches[m].point2D_idx1, matches[(m + away) % matches.size()].point2D_idx2};
-      result.by_chance += Error(pair, other) <= bound_px_ ? 1 : 0;
-    }
+    if (away == 0) return result;
+    FeatureMatches exchanged = matches;
+    for (size_t m = 0; m < matches.size(); ++m)
+      exchanged[m].point2D_idx2 = matches[(m + away) % matches.size()].point2D_idx2;
+    result.by_chance = static_cast<double>(num_within(exchanged));
     return result;
   }
   enum Kind { kNeighbours, kSeam };
@@ -115,6 +122,7 @@ class Gatherer {
   double bound_px_;
   TurntableAxis axis_;
   std::vector<PosedImage> posed_;
+  std::optional<MatchErrors> errors_;  // against these
   std::vector<const View*> view_of_;
   std::vector<int> verified_;                     // matches of each photo that agree with its pose
   std::map<int, std::vector<int>> order_;         // images of a station, by name
@@ -167,8 +175,8 @@ void Gatherer::VerifiedMatches(const HeldBackKeypoints& held_back, ScanEvidence*
     if (!IsPosed(pair.image1) || !IsPosed(pair.image2)) return;
     of_pair.compared = Compare(pair, pair.matches);
     FeatureMatches held;
+    of_pair.errors = errors_->Of(pair.image1, pair.image2, pair.matches);
     for (const FeatureMatch& match : pair.matches) {
-      of_pair.errors.push_back(Error(pair, match));
       const bool is_held = held_back[static_cast<size_t>(pair.image1)][match.point2D_idx1] ||
                            held_back[static_cast<size_t>(pair.image2)][match.point2D_idx2];
       of_pair.is_held.push_back(is_held ? 1 : 0);

@@ -110,7 +110,7 @@ PairSum<T> SumOf(const AscentPair& pair, const AscentState& state, const Turntab
   };
   for (size_t m = 0; m < errors.size(); ++m) {
     const double ratio = value_of(errors[m]) / sigma_px;
-    over.push_back(peak / pair.chance[m] * std::exp(-0.5 * ratio * ratio));
+    over.push_back(OverChance(peak / pair.chance[m], -0.5 * ratio * ratio));
   }
   const double share = RightShare(over);
   sum.value = GainOf(pair, over, share);

@@ -2,11 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <cstdint>
+#include <optional>
+#include <utility>
 #include <vector>
 
+#include "sfm_split/adjust/match_errors.h"
 #include "sfm_split/adjust/posed_images.h"
 #include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/infinity.h"
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 
@@ -26,6 +31,13 @@ struct PairErrors {
   std::vector<Error> errors;
 };
 
+std::vector<const Keypoints*> KeypointsOf(const ScanFeatures& features) {
+  std::vector<const Keypoints*> keypoints;
+  keypoints.reserve(features.images.size());
+  for (const ScanImage& image : features.images) keypoints.push_back(&image.keypoints);
+  return keypoints;
+}
+
 // One round of expectation and maximisation over all pairs' errors. Matches inside stations tell the noise
 // where there are any: between stations, shading that hardly turns lies alike off its lines in all of them,
 // and widens it until it is right.
@@ -39,7 +51,7 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
     over.clear();
     for (const Error& error : pair.errors) {
       const double ratio = error.px / sigma_px;
-      over.push_back(std::isfinite(error.px) ? peak / error.chance * std::exp(-0.5 * ratio * ratio) : 0);
+      over.push_back(std::isfinite(error.px) ? OverChance(peak / error.chance, -0.5 * ratio * ratio) : 0);
     }
     const double share = RightShare(over);
     result.gain += MixtureGain(over, share);
@@ -61,25 +73,30 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs) {
   const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
-  std::vector<PairErrors> errors;
-  for (const PossiblePair& pair : object_pairs) {
+  const MatchErrors against_poses(posed, KeypointsOf(features));
+  std::vector<std::optional<PairErrors>> of_pairs(object_pairs.size());
+  ParallelFor(static_cast<int64_t>(object_pairs.size()), 0, [&](int64_t p) {
+    const PossiblePair& pair = object_pairs[static_cast<size_t>(p)];
     const auto i = static_cast<size_t>(pair.image1);
     const auto j = static_cast<size_t>(pair.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) continue;
-    errors.push_back({features.images[i].station == features.images[j].station, {}});
+    if (!posed[i].is_posed || !posed[j].is_posed) return;
+    PairErrors& of_pair = of_pairs[static_cast<size_t>(p)].emplace(
+        PairErrors{features.images[i].station == features.images[j].station, {}});
     // A match in one station that moves farther than the table's turn can move it is wrong.
     const double turn = AngleBetween(posed[i].cam_from_body.rotation, posed[j].cam_from_body.rotation);
-    const double farthest_px =
-        pair.reach_px > 0 ? pair.reach_px * 2 * std::sin(turn / 2) : std::numeric_limits<double>::infinity();
+    const double farthest_px = pair.reach_px > 0 ? pair.reach_px * 2 * std::sin(turn / 2) : kInfinity;
+    const std::vector<double> errors_px = against_poses.Of(pair.image1, pair.image2, pair.matches);
     for (size_t m = 0; m < pair.matches.size(); ++m) {
       const FeatureMatch& match = pair.matches[m];
       const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
       const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
-      errors.back().errors.push_back({(xy2 - xy1).norm() <= farthest_px
-                                          ? MatchErrorPx(posed[i], posed[j], xy1, xy2)
-                                          : std::numeric_limits<double>::infinity(),
-                                      pair.chance[m]});
+      const bool may_be = (xy2 - xy1).norm() <= farthest_px;
+      of_pair.errors.push_back({may_be ? errors_px[m] : kInfinity, pair.chance[m]});
     }
+  });
+  std::vector<PairErrors> errors;
+  for (std::optional<PairErrors>& of_pair : of_pairs) {
+    if (of_pair) errors.push_back(std::move(*of_pair));
   }
   MatchLikelihood result;
   if (errors.empty()) return result;
@@ -101,23 +118,29 @@ std::vector<ImagePairMatches> MatchesThatAgree(const ScanFeatures& features, con
   // Between stations, where the background knows how cameras stand, it explains what agrees with it better.
   std::vector<PosedImage> unmoved(posed.size());
   if (!aligned.background.images.empty()) unmoved = PosedImages(features, aligned.scene, false);
-  std::vector<ImagePairMatches> result;
-  for (const ImagePairMatches& given : AllPairs(features)) {
+  const MatchErrors against_poses(posed, KeypointsOf(features));
+  const MatchErrors against_background(unmoved, KeypointsOf(features));
+  const std::vector<ImagePairMatches>& all = AllPairs(features);
+  std::vector<FeatureMatches> agreeing(all.size());
+  ParallelFor(static_cast<int64_t>(all.size()), 0, [&](int64_t p) {
+    const ImagePairMatches& given = all[static_cast<size_t>(p)];
     const auto i = static_cast<size_t>(given.image1);
     const auto j = static_cast<size_t>(given.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+    if (!posed[i].is_posed || !posed[j].is_posed) return;
     const bool may_stand = features.images[i].station != features.images[j].station && unmoved[i].is_posed &&
                            unmoved[j].is_posed;
-    ImagePairMatches agreeing{given.image1, given.image2, {}};
-    for (const FeatureMatch& match : PossibleObjectMatches(features, given)) {
-      const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
-      const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
-      const double error_px = MatchErrorPx(posed[i], posed[j], xy1, xy2);
-      if (error_px > max_error_px) continue;
-      if (may_stand && MatchErrorPx(unmoved[i], unmoved[j], xy1, xy2) < error_px) continue;
-      agreeing.matches.push_back(match);
+    const FeatureMatches possible = PossibleObjectMatches(features, given);
+    const std::vector<double> errors_px = against_poses.Of(given.image1, given.image2, possible);
+    std::vector<double> standing_px;
+    if (may_stand) standing_px = against_background.Of(given.image1, given.image2, possible);
+    for (size_t m = 0; m < possible.size(); ++m) {
+      if (errors_px[m] > max_error_px || (may_stand && standing_px[m] < errors_px[m])) continue;
+      agreeing[static_cast<size_t>(p)].push_back(possible[m]);
     }
-    if (!agreeing.matches.empty()) result.push_back(std::move(agreeing));
+  });
+  std::vector<ImagePairMatches> result;
+  for (size_t p = 0; p < all.size(); ++p) {
+    if (!agreeing[p].empty()) result.push_back({all[p].image1, all[p].image2, std::move(agreeing[p])});
   }
   return result;
 }

@@ -316,17 +316,14 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
   const std::vector<PosedImage> posed = Posed(true);
   std::vector<int> agree(posed.size(), 0);
   std::vector<int> all(posed.size(), 0);
-  for (const ImagePairMatches& pair : features_.object_pairs) {
-    const auto i = static_cast<size_t>(pair.image1);
-    const auto j = static_cast<size_t>(pair.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) continue;
-    for (const FeatureMatch& match : pair.matches) {
-      const bool agrees = MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
-                                       keypoints_[j][match.point2D_idx2].cast<double>()) <= max_error_px;
-      agree[i] += agrees ? 1 : 0;
-      agree[j] += agrees ? 1 : 0;
-      ++all[i];
-      ++all[j];
+  const std::vector<std::vector<double>> errors = ErrorsOf(features_.object_pairs);
+  for (size_t p = 0; p < errors.size(); ++p) {
+    const ImagePairMatches& pair = features_.object_pairs[p];
+    const auto agreeing = static_cast<int>(std::count_if(
+        errors[p].begin(), errors[p].end(), [&](double error_px) { return error_px <= max_error_px; }));
+    for (const int image : {pair.image1, pair.image2}) {
+      agree[static_cast<size_t>(image)] += agreeing;
+      all[static_cast<size_t>(image)] += static_cast<int>(errors[p].size());
     }
   }
   std::vector<double> shares;

@@ -123,19 +123,14 @@ void ScanRefiner::DropContradictedStations(double max_error_px) {
   };
   std::map<std::pair<int, int>, Votes> votes;  // by two stations
   Votes within;
-  const std::vector<PosedImage> posed = Posed(true);
-  for (const ImagePairMatches& pair : features_.object_pairs) {
-    const auto i = static_cast<size_t>(pair.image1);
-    const auto j = static_cast<size_t>(pair.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) continue;
+  const std::vector<std::vector<double>> errors = ErrorsOf(features_.object_pairs);
+  for (size_t p = 0; p < errors.size(); ++p) {
+    if (errors[p].empty()) continue;
+    const ImagePairMatches& pair = features_.object_pairs[p];
     const std::pair<int, int> stations = std::minmax({StationOf(pair.image1), StationOf(pair.image2)});
     Votes& of_pair = stations.first == stations.second ? within : votes[stations];
-    for (const FeatureMatch& match : pair.matches) {
-      const bool agrees = MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
-                                       keypoints_[j][match.point2D_idx2].cast<double>()) <= max_error_px;
-      of_pair.agree += agrees ? 1 : 0;
-      ++of_pair.all;
-    }
+    for (const double error_px : errors[p]) of_pair.agree += error_px <= max_error_px ? 1 : 0;
+    of_pair.all += static_cast<int>(errors[p].size());
   }
   if (within.agree == 0) return;
   const double usual = within.agree / static_cast<double>(within.all);

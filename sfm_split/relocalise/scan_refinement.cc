@@ -7,7 +7,9 @@
 #include <numeric>
 #include <optional>
 #include <set>
+#include <utility>
 
+#include "sfm_split/adjust/match_errors.h"
 #include "sfm_split/adjust/points_apart.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/number_text.h"
@@ -108,6 +110,15 @@ std::vector<TrackPoint> ScanRefiner::Triangulate(bool of_object, double max_erro
   return kept;
 }
 
+// Of the object's matches against the poses [px]; none of pairs without two poses.
+std::vector<std::vector<double>> ScanRefiner::ErrorsOf(const std::vector<ImagePairMatches>& pairs) const {
+  std::vector<const Keypoints*> keypoints;
+  keypoints.reserve(keypoints_.size());
+  for (const Keypoints& of_image : keypoints_) keypoints.push_back(&of_image);
+  const std::vector<PosedImage> posed = Posed(true);
+  return MatchErrors(posed, std::move(keypoints)).Of(pairs);
+}
+
 void ScanRefiner::MeasureNoise() {
   if (options_.noise_px > 0) {
     noise_px_ = options_.noise_px;
@@ -137,29 +148,34 @@ void ScanRefiner::TakeRawMatches(double max_error_px) {
   for (size_t p = 0; p < object_pairs_.size(); ++p) {
     place[{object_pairs_[p].image1, object_pairs_[p].image2}] = p;
   }
-  const std::vector<PosedImage> posed = Posed(true);
-  for (const ImagePairMatches& raw : features_.raw_pairs) {
+  const std::vector<std::vector<double>> errors = ErrorsOf(features_.raw_pairs);
+  for (size_t p = 0; p < errors.size(); ++p) {
+    if (errors[p].empty()) continue;
+    const ImagePairMatches& raw = features_.raw_pairs[p];
     const auto i = static_cast<size_t>(raw.image1);
     const auto j = static_cast<size_t>(raw.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) continue;
     const auto found = place.find({raw.image1, raw.image2});
-    std::set<std::pair<uint32_t, uint32_t>> known;
+    std::vector<std::pair<uint32_t, uint32_t>> known;
     if (found != place.end()) {
       for (const FeatureMatch& match : object_pairs_[found->second].matches)
-        known.emplace(match.point2D_idx1, match.point2D_idx2);
+        known.emplace_back(match.point2D_idx1, match.point2D_idx2);
+      std::sort(known.begin(), known.end());
     }
     const bool same_place = StationOf(raw.image1) == StationOf(raw.image2);
     FeatureMatches agreeing;
-    for (const FeatureMatch& match : raw.matches) {
-      if (known.count({match.point2D_idx1, match.point2D_idx2}) > 0) continue;
+    for (size_t m = 0; m < raw.matches.size(); ++m) {
+      const FeatureMatch& match = raw.matches[m];
+      if (!(errors[p][m] <= max_error_px)) continue;
+      if (std::binary_search(known.begin(), known.end(),
+                             std::make_pair(match.point2D_idx1, match.point2D_idx2)))
+        continue;
       if (IsStatic(features_.images[i], match.point2D_idx1) ||
           IsStatic(features_.images[j], match.point2D_idx2))
         continue;
       const Eigen::Vector2f& xy1 = keypoints_[i][match.point2D_idx1];
       const Eigen::Vector2f& xy2 = keypoints_[j][match.point2D_idx2];
       if (same_place && (xy1 - xy2).norm() <= kLeastMovePx) continue;
-      if (MatchErrorPx(posed[i], posed[j], xy1.cast<double>(), xy2.cast<double>()) <= max_error_px)
-        agreeing.push_back(match);
+      agreeing.push_back(match);
     }
     if (agreeing.empty()) continue;
     if (found == place.end()) {
@@ -318,21 +334,17 @@ void ScanRefiner::Relabel(double max_error_px) {
     agrees.emplace_back(image.keypoints.size(), false);
   }
   // Matches on their epipolar lines.
-  const std::vector<PosedImage> posed = Posed(true);
-  for (const ImagePairMatches& pair : object_pairs_) {
-    const auto i = static_cast<size_t>(pair.image1);
-    const auto j = static_cast<size_t>(pair.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) continue;
-    for (const FeatureMatch& match : pair.matches) {
-      if (MatchErrorPx(posed[i], posed[j], keypoints_[i][match.point2D_idx1].cast<double>(),
-                       keypoints_[j][match.point2D_idx2].cast<double>()) > max_error_px) {
-        continue;
-      }
-      agrees[i][match.point2D_idx1] = agrees[j][match.point2D_idx2] = true;
+  const std::vector<std::vector<double>> errors = ErrorsOf(object_pairs_);
+  for (size_t p = 0; p < errors.size(); ++p) {
+    const ImagePairMatches& pair = object_pairs_[p];
+    for (size_t m = 0; m < errors[p].size(); ++m) {
+      if (errors[p][m] > max_error_px) continue;
+      agrees[static_cast<size_t>(pair.image1)][pair.matches[m].point2D_idx1] = true;
+      agrees[static_cast<size_t>(pair.image2)][pair.matches[m].point2D_idx2] = true;
     }
   }
   for (size_t i = 0; i < labels.size(); ++i) {
-    if (!posed[i].is_posed) continue;
+    if (view_of_image_[i] < 0) continue;
     for (size_t k = 0; k < labels[i].size(); ++k) {
       if (labels[i][k] == KeypointLabel::kRotating && !agrees[i][k]) labels[i][k] = KeypointLabel::kUnknown;
     }

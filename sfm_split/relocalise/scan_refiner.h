@@ -59,6 +59,7 @@ class ScanRefiner {
   std::vector<PosedImage> Posed(bool of_object) const;
   std::vector<TrackPoint> Triangulate(bool of_object, double max_error_px) const;
   void FindUnmoved();
+  std::vector<std::vector<double>> ErrorsOf(const std::vector<ImagePairMatches>& pairs) const;
   void MeasureNoise();
   void TakeRawMatches(double max_error_px);
   double ErrorBound(double sigma_px) const;
