@@ -88,27 +88,33 @@ JointSolved SolveInRounds(bool fit_loss, Reporter& reporter, JointOptions* fitte
 }
 
 // Object poses that are free lie about the table's turn by as much as they themselves tell: with poses that
-// few keypoints see, both follow from each other.
+// few keypoints see, both follow from each other. Between two looks at how far they lie a rough adjustment
+// does.
 JointSolved SolveWithWobble(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
                             JointReport* report) {
-  JointSolved solved;
   for (int round = 0; round < kWobbleRounds; ++round) {
-    const double sigma_px = SigmaOfLossPx(fit_loss ? LossScaleOf(*problem) : options->loss_scale_px);
+    if (fit_loss) options->loss_scale_px = LossScaleOf(*problem);
     const std::optional<WobblePrior> before = problem->priors.wobble;
-    problem->priors.wobble = FitWobble(*problem, *options, sigma_px);
-    solved = SolveInRounds(fit_loss, reporter, options, problem, report);
-    if (!problem->priors.wobble) break;
+    problem->priors.wobble = FitWobble(*problem, *options, SigmaOfLossPx(options->loss_scale_px));
     const auto is_near = [](double a, double b) { return std::abs(a - b) <= kWobbleSettled * b; };
-    if (before && is_near(problem->priors.wobble->sigma_tilt_rad, before->sigma_tilt_rad) &&
-        is_near(problem->priors.wobble->sigma_shift, before->sigma_shift))
+    const std::optional<WobblePrior>& now = problem->priors.wobble;
+    if (!now || (before && is_near(now->sigma_tilt_rad, before->sigma_tilt_rad) &&
+                 is_near(now->sigma_shift, before->sigma_shift)))
       break;
+    report->iterations +=
+        SolveJointOnce(*options, std::max(kCoarseTolerance, options->function_tolerance), reporter, problem)
+            .iterations;
   }
-  return solved;
+  return SolveInRounds(fit_loss, reporter, options, problem, report);
 }
 
+// How far free object poses lie from the turn, an adjustment without any prior tells first, where none before
+// did.
 JointSolved Solve(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
                   JointReport* report) {
-  JointSolved solved = SolveInRounds(fit_loss, reporter, options, problem, report);
+  JointSolved solved;
+  const bool is_told = problem->free_object && problem->priors.wobble;
+  if (!is_told) solved = SolveInRounds(fit_loss, reporter, options, problem, report);
   if (problem->free_object) solved = SolveWithWobble(fit_loss, reporter, options, problem, report);
   return solved;
 }

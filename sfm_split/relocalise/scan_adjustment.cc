@@ -147,7 +147,9 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   JointProblem problem = MakeJointProblem(*aligned_);
   problem.priors.lenses = LensPriors(problem);
-  if (!problem.free_object) {
+  if (problem.free_object) {
+    problem.priors.wobble = report_.priors.wobble;  // as the last adjustment found it
+  } else {
     problem.priors.turns = GivenSteps(problem);
     problem.priors.station_turns = GivenStationTurns(problem);
   }
