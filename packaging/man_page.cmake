@@ -1,5 +1,5 @@
-# cmake -DPROGRAM=s2gs -DOUTPUT=s2gs.1 -DVERSION=1.0 -P man_page.cmake: the manual page from what `-h` prints, for the program
-# and for each of its commands.
+# cmake -DPROGRAM=s2gs -DOUTPUT=s2gs.1 -DVERSION=1.0 -P man_page.cmake: the manual page from what `-h` prints for the program
+# and `--help`, with all options, for each of its commands.
 
 # Text as roff shows it, line by line.
 function(roff text result)
@@ -37,6 +37,11 @@ s2gs \\- turntable scans for COLMAP: photos to poses, splats, masks and mesh
 .B s2gs
 .I COMMAND
 .B \\-h
+[\\fIGROUP\\fR]
+.br
+.B s2gs
+.I COMMAND
+.B \\-\\-help
 .SH COMMANDS
 .nf
 ${commands}
@@ -52,7 +57,7 @@ foreach(name IN LISTS names)
   if(name STREQUAL "help")
     continue()
   endif()
-  help(text ${name} -h)
+  help(text ${name} --help)
   roff("${text}" text)
   string(TOUPPER "${name}" title)
   string(APPEND page ".SH ${title}\n.nf\n${text}.fi\n")

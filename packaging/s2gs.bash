@@ -6,13 +6,16 @@ _s2gs() {
     choices=$("$program" help 2>/dev/null | sed -n '/^Commands:/,/^$/s/^  \([a-z0-9_]*\) .*/\1/p')
     mapfile -t COMPREPLY < <(compgen -W "$choices" -- "$word")
   elif [[ $word == -* ]]; then
-    choices=$("$program" "${COMP_WORDS[1]}" -h 2>/dev/null | sed -n 's/^  \(--[A-Za-z0-9_.]*\) .*/\1/p')
+    choices=$("$program" "${COMP_WORDS[1]}" --help 2>/dev/null | sed -n 's/^  \(--[A-Za-z0-9_.]*\) .*/\1/p')
     mapfile -t COMPREPLY < <(compgen -W "$choices --help" -- "$word")
+  elif [[ $before == -h || $before == --help ]]; then
+    choices=$("$program" "${COMP_WORDS[1]}" -h 2>/dev/null | sed -n '/^Groups /,$s/^  \([A-Za-z]*\) .*/\1/p')
+    mapfile -t COMPREPLY < <(compgen -W "$choices" -- "$word")
   else
     # The values that an option's help lists after "one of".
-    choices=$("$program" "${COMP_WORDS[1]}" -h 2>/dev/null | awk -v option="$before" '
+    choices=$("$program" "${COMP_WORDS[1]}" --help 2>/dev/null | awk -v option="$before" '
       $1 == option { found = 1; text = $0; next }
-      found && /^  -/ { exit }
+      found && /^(  -|$)/ { exit }
       found { text = text " " $0 }
       END { gsub(/ +/, " ", text); if (match(text, /one of [^:;(]*/)) { list = substr(text, RSTART + 7, RLENGTH - 7); gsub(/,/, " ", list); print list } }')
     if [[ -n $choices ]]; then

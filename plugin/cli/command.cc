@@ -37,7 +37,9 @@ std::string ProgramHelp(const std::vector<Command>& commands) {
   };
   std::string text = VersionText() +
                      "\nTurntable scanning for COLMAP: from photos to a clean mesh, without masks.\n\n"
-                     "Usage:\n  s2gs COMMAND [options]\n  s2gs COMMAND -h    (or s2gs help COMMAND)\n"
+                     "Usage:\n  s2gs COMMAND [options]\n"
+                     "  s2gs COMMAND -h        its options and groups of options (or s2gs help COMMAND)\n"
+                     "  s2gs COMMAND --help    all of its options\n"
                      "  s2gs --version\n\nCommands:\n";
   for (const Command& command : commands) text += line(command.name, command.summary);
   text += line("help", "lists the commands, or explains one");
@@ -72,8 +74,9 @@ void Dispatch(const std::vector<Command>& commands, const std::vector<std::strin
   }
   const bool asks_help = is_help(arguments[0]);
   const Command& command = FindCommand(commands, arguments[asks_help ? 1 : 0]);
-  const std::vector<std::string> rest(arguments.begin() + 1, arguments.end());
-  CommandContext context(command.name, asks_help ? std::vector<std::string>{"-h"} : rest, std::cout);
+  std::vector<std::string> rest(arguments.begin() + (asks_help ? 2 : 1), arguments.end());
+  if (asks_help) rest.insert(rest.begin(), arguments[0] == "--help" ? "--help" : "-h");
+  CommandContext context(command.name, rest, std::cout);
   try {
     command.run(context);
   } catch (const HelpRequested& help) {

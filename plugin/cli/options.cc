@@ -4,6 +4,7 @@
 #include <set>
 #include <utility>
 
+#include "plugin/cli/help_table.h"
 #include "plugin/cli/project_file.h"
 #include "plugin/cli/suggest.h"
 
@@ -14,6 +15,7 @@ constexpr char kProjectPath[] = "project_path";
 constexpr char kRandomSeed[] = "random_seed";
 constexpr char kLogLevel[] = "log_level";
 constexpr size_t kNumStandardOptions = 3;
+constexpr char kOptionsTitle[] = "Options (booleans are 0 or 1):\n";
 
 std::string GroupOf(const std::string& name) {
   const size_t point = name.rfind('.');
@@ -46,21 +48,6 @@ std::string WithPlainDashes(const std::string& argument) {
   return argument;
 }
 
-// Breaks text into lines of at most `width` characters.
-std::vector<std::string> Wrapped(const std::string& text, size_t width) {
-  std::vector<std::string> lines(1);
-  size_t begin = 0;
-  while (begin < text.size()) {
-    size_t end = text.find(' ', begin);
-    if (end == std::string::npos) end = text.size();
-    const std::string word = text.substr(begin, end - begin);
-    if (!lines.back().empty() && lines.back().size() + 1 + word.size() > width) lines.emplace_back();
-    lines.back() += (lines.back().empty() ? "" : " ") + word;
-    begin = end + 1;
-  }
-  return lines;
-}
-
 }  // namespace
 
 Options::Options(std::string command, std::string summary, std::string example)
@@ -89,8 +76,26 @@ Option& Options::AddOption(const std::string& name, const std::string& kind,
   option->set_ = std::move(set);
   option->get_ = std::move(get);
   option->default_ = option->get_();
+  option->group_ = section_;
+  for (const GroupInfo& group : groups_) {
+    if (group.name == GroupOf(name)) option->group_ = group.name;
+  }
   options_.push_back(std::move(option));
   return *options_.back();
+}
+
+void Options::AddGroup(const std::string& name, const std::string& about) {
+  S2GS_INVARIANT(!name.empty() && !about.empty());
+  for (const GroupInfo& group : groups_) S2GS_INVARIANT(group.name != name);
+  groups_.push_back({name, about});
+}
+
+void Options::Section(const std::string& name, const std::string& about, const std::function<void()>& add) {
+  S2GS_INVARIANT(section_.empty());
+  AddGroup(name, about);
+  section_ = name;
+  add();
+  section_.clear();
 }
 
 Option* Options::Find(const std::string& name) const {
@@ -101,8 +106,11 @@ Option* Options::Find(const std::string& name) const {
 }
 
 void Options::Parse(const std::vector<std::string>& arguments) {
-  for (const std::string& argument : arguments) {
-    if (argument == "-h" || argument == "--help") throw HelpRequested(Help());
+  for (size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] != "-h" && arguments[i] != "--help") continue;
+    const bool has_name = i + 1 < arguments.size() && arguments[i + 1].compare(0, 1, "-") != 0;
+    if (has_name) throw HelpRequested(GroupHelp(arguments[i + 1]));
+    throw HelpRequested(arguments[i] == "-h" ? Help() : FullHelp());
   }
   const std::vector<Given> given = ReadArguments(arguments);
   for (const auto& [option, value] : given) {
@@ -262,66 +270,87 @@ std::string Options::Usage() const {
   return usage + " [options]";
 }
 
-std::string Options::Help() const {
-  constexpr size_t kTotalWidth = 110;
-  constexpr size_t kMaxDefaultWidth = 24;
-  struct Row {
-    std::string option, value, unit, meaning;
-  };
-  std::vector<Row> rows;
-  const auto add_row = [&](const Option& option) {
-    std::string value = option.is_required_ ? "required" : option.default_.empty() ? "-" : option.default_;
-    std::string meaning = option.help_;
-    if (!option.bound_.empty()) meaning += " (" + option.bound_ + ")";
-    rows.push_back({"--" + option.name_ + " " + option.kind_, value, option.unit_, meaning});
-  };
-  // The command's own options first, those without a group before the groups.
-  std::vector<const Option*> own;
-  for (size_t i = kNumStandardOptions; i < options_.size(); ++i) own.push_back(options_[i].get());
-  std::stable_partition(own.begin(), own.end(), [](const Option* o) { return GroupOf(o->name_).empty(); });
-  for (const Option* option : own) add_row(*option);
-  const size_t num_own = rows.size();
-  for (size_t i = 0; i < kNumStandardOptions; ++i) add_row(*options_[i]);
-  rows.push_back({"-h, --help", "", "", "print this and exit"});
-
-  const Row header = {"option", "default", "unit", "meaning (bounds)"};
-  Row widest = header;  // the texts that set the columns' widths
-  bool has_units = false;
-  for (const Row& row : rows) {
-    if (row.option.size() > widest.option.size()) widest.option = row.option;
-    if (row.value.size() > widest.value.size() && row.value.size() <= kMaxDefaultWidth)
-      widest.value = row.value;
-    if (row.unit.size() > widest.unit.size()) widest.unit = row.unit;
-    has_units = has_units || !row.unit.empty();
+std::vector<const Option*> Options::OptionsOf(const std::string& group) const {
+  std::vector<const Option*> found;
+  for (size_t i = kNumStandardOptions; i < options_.size(); ++i) {
+    if (options_[i]->group_ == group) found.push_back(options_[i].get());
   }
-  std::string text = Join(Wrapped("s2gs " + command_ + ": " + summary_, kTotalWidth), "\n", "") +
-                     "\n\nUsage:\n  " + Usage() + "\n\nExample:\n" + Example() +
-                     "\n\nOptions (booleans are 0 or 1):\n";
-  const auto padded = [](const std::string& cell, size_t width) {
-    return cell + std::string(width > cell.size() ? width - cell.size() : 0, ' ');
-  };
-  const auto print_row = [&](const Row& row) {
-    std::string line =
-        "  " + padded(row.option, widest.option.size()) + "  " + padded(row.value, widest.value.size());
-    if (has_units) line += "  " + padded(row.unit, widest.unit.size());
-    const size_t indent =
-        2 + widest.option.size() + 2 + widest.value.size() + (has_units ? 2 + widest.unit.size() : 0) + 2;
-    const size_t width = std::max<size_t>(kTotalWidth > indent ? kTotalWidth - indent : 0, 30);
-    if (line.size() + 2 > indent) {
-      text += line + "\n";
-      line.clear();
-    }
-    for (const std::string& part : Wrapped(row.meaning, width)) {
-      text += padded(line, indent) + part + "\n";
-      line.clear();
-    }
-  };
-  print_row(header);
-  for (size_t i = 0; i < rows.size(); ++i) {
-    if (i == num_own && num_own > 0) text += "\n";
-    print_row(rows[i]);
+  return found;
+}
+
+HelpRow Options::RowOf(const Option& option) {
+  std::string value = option.is_required_ ? "required" : option.default_.empty() ? "-" : option.default_;
+  std::string meaning = option.help_;
+  if (!option.bound_.empty()) meaning += " (" + option.bound_ + ")";
+  return {"--" + option.name_ + " " + option.kind_, std::move(value), option.unit_, std::move(meaning)};
+}
+
+std::string Options::HelpHead() const {
+  return Join(Wrapped("s2gs " + command_ + ": " + summary_, kHelpWidth), "\n", "") + "\n\nUsage:\n  " +
+         Usage() + "\n\nExample:\n" + Example() + "\n\n" + kOptionsTitle;
+}
+
+HelpTable Options::OwnTable() const {
+  HelpTable table;
+  const std::vector<const Option*> own = OptionsOf("");
+  for (const Option* option : own) table.Add(RowOf(*option));
+  if (!own.empty()) table.BeginPart("");
+  for (size_t i = 0; i < kNumStandardOptions; ++i) table.Add(RowOf(*options_[i]));
+  if (groups_.empty()) {
+    table.Add({"-h, --help", "", "", "print this and exit"});
+  } else {
+    table.Add({"-h [GROUP]", "", "", "print this, or the options of a group, and exit"});
+    table.Add({"--help", "", "", "print all options, those of all groups too, and exit"});
+  }
+  return table;
+}
+
+std::string Options::Help() const {
+  std::string text = HelpHead() + OwnTable().Text();
+  if (groups_.empty()) return text;
+  size_t name_width = 0;
+  size_t count_width = 0;
+  for (const GroupInfo& group : groups_) {
+    name_width = std::max(name_width, group.name.size());
+    count_width = std::max(count_width, std::to_string(OptionsOf(group.name).size()).size());
+  }
+  text +=
+      "\nGroups of more options (`s2gs " + command_ + " -h " + groups_[0].name + "` lists those of one):\n";
+  for (const GroupInfo& group : groups_) {
+    const std::string count = std::to_string(OptionsOf(group.name).size());
+    text += "  " + group.name +
+            std::string(name_width - group.name.size() + 2 + count_width - count.size(), ' ') + count + "  " +
+            group.about + "\n";
   }
   return text;
+}
+
+std::string Options::FullHelp() const {
+  HelpTable table = OwnTable();
+  for (const GroupInfo& group : groups_) {
+    table.BeginPart(group.name + ": " + group.about);
+    for (const Option* option : OptionsOf(group.name)) table.Add(RowOf(*option));
+  }
+  return HelpHead() + table.Text();
+}
+
+std::string Options::GroupHelp(const std::string& name) const {
+  std::vector<std::string> names;
+  for (const GroupInfo& group : groups_) {
+    if (group.name != name) {
+      names.push_back(group.name);
+      continue;
+    }
+    HelpTable table;
+    for (const Option* option : OptionsOf(name)) table.Add(RowOf(*option));
+    return Join(Wrapped("s2gs " + command_ + ", " + name + ": " + group.about, kHelpWidth), "\n", "") +
+           "\n\n" + kOptionsTitle + table.Text();
+  }
+  if (names.empty()) throw CommandLineError(command_ + " has no groups of options, so that -h takes no name");
+  const std::vector<std::string> nearest = NearestWords(name, names);
+  throw CommandLineError("there is no group " + name + " of options. " +
+                         (nearest.empty() ? "The groups are " + Join(names, ", ", "") + "."
+                                          : "Did you mean " + Join(nearest, " or ", "") + "?"));
 }
 
 std::map<std::string, std::string> Options::Values() const {

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "plugin/cli/help_table.h"
 #include "plugin/cli/option_value.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
@@ -23,7 +24,7 @@ class CommandLineError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Thrown by Options::Parse for -h and --help; what() is the help.
+/// Thrown by Options::Parse for -h and --help; what() is the help that is asked for.
 class HelpRequested : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -49,6 +50,7 @@ class Option {
   friend class OptionGroup;
 
   std::string name_;   // "field" or "Group.field"
+  std::string group_;  // under which the help lists it; empty: among the command's own
   std::string help_;   // one sentence
   std::string kind_;   // what kind of value
   std::string unit_;   // may be empty
@@ -74,12 +76,14 @@ class OptionGroup;
 ///     TsdfOptions tsdf;                                       // has OptionCheck Check() const
 ///     Options options("tsdf_mesher", "Fuses depth maps into a mesh.", "--workspace_path scan");
 ///     options.Add("workspace_path", &workspace_path, "the workspace").Required();
-///     auto group = options.Group("Tsdf", &tsdf);
+///     auto group = options.Group("Tsdf", &tsdf, "how depth maps are fused");
 ///     group.Add("voxel_size", &TsdfOptions::voxel_size, "edge of a voxel").Unit("m");
 ///     options.Parse(arguments);
 ///
 /// makes `--workspace_path PATH` and `--Tsdf.voxel_size NUMBER`. Every command also has --project_path,
-/// --random_seed, --log_level and -h, --help. The bounds in the help are those that Check() names.
+/// --random_seed, --log_level, -h and --help. -h lists the command's own options and names each group in one
+/// line, `-h GROUP` lists those of one group, --help lists all. The bounds in the help are those that Check()
+/// names.
 class Options {
  public:
   /// \param command  the command's name.
@@ -126,12 +130,24 @@ class Options {
   }
 
   /// Options that are the fields of a struct, which must outlive Parse. Its Check() is called by Parse.
-  /// \param group  the part before the point; empty for options without one.
+  /// \param group  the part of their names before the point.
+  /// \param about  what they are for, a phrase of one line.
   template <typename Struct>
-  OptionGroup<Struct> Group(const std::string& group, Struct* fields) {
+  OptionGroup<Struct> Group(const std::string& group, Struct* fields, const std::string& about) {
+    AddGroup(group, about);
     checks_.emplace_back(group, [fields] { return fields->Check(); });
     return OptionGroup<Struct>(this, group, fields);
   }
+
+  /// The same for fields whose names have no part before a point.
+  template <typename Struct>
+  OptionGroup<Struct> Fields(Struct* fields) {
+    checks_.emplace_back("", [fields] { return fields->Check(); });
+    return OptionGroup<Struct>(this, "", fields);
+  }
+
+  /// A group of the help alone: what `add` adds has names without it.
+  void Section(const std::string& name, const std::string& about, const std::function<void()>& add);
 
   /// Sets the bound variables from `arguments` (the words after the command's name) and from the file given
   /// as
@@ -139,8 +155,12 @@ class Options {
   /// repeated, missing or out-of-bounds options, and UserError when the project file cannot be read.
   void Parse(const std::vector<std::string>& arguments);
 
-  /// What `-h` prints.
+  /// What `-h` prints: the command's own options, and a line for each group.
   std::string Help() const;
+  /// What `--help` prints: all options.
+  std::string FullHelp() const;
+  /// What `-h GROUP` prints. Throws CommandLineError when there is no such group.
+  std::string GroupHelp(const std::string& name) const;
 
   /// Name and value of every option that changes results: all but --project_path, --log_level.
   std::map<std::string, std::string> Values() const;
@@ -161,7 +181,14 @@ class Options {
   Option& AddOption(const std::string& name, const std::string& kind,
                     std::function<void(const std::string&)> set, std::function<std::string()> get,
                     const std::string& help);
-  void AddStandardOptions();
+  struct GroupInfo {
+    std::string name, about;
+  };
+  void AddGroup(const std::string& name, const std::string& about);
+  std::vector<const Option*> OptionsOf(const std::string& group) const;
+  static HelpRow RowOf(const Option& option);
+  std::string HelpHead() const;
+  HelpTable OwnTable() const;
   Option* Find(const std::string& name) const;
   /// `given_by` says in messages where the value stands: "" for the command line, else "FILE, line N".
   void Set(Option& option, const std::string& value, const std::string& given_by);
@@ -183,6 +210,8 @@ class Options {
   std::string summary_;
   std::string example_;
   std::vector<std::unique_ptr<Option>> options_;
+  std::vector<GroupInfo> groups_;
+  std::string section_;  // that options are added to
   std::vector<std::pair<std::string, std::function<OptionCheck()>>> checks_;
   std::filesystem::path project_path_;
   uint64_t random_seed_ = 0;

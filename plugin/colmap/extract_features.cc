@@ -154,7 +154,8 @@ OptionCheck SiftExtractionOptions::Check() const {
 void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction) {
   options.Add("ImageReader.camera_model", &extraction->camera_model, "COLMAP's camera model");
   using Sift = SiftExtractionOptions;
-  auto sift = options.Group("SiftExtraction", &extraction->sift);
+  auto sift =
+      options.Group("SiftExtraction", &extraction->sift, "features of the photos, as COLMAP names it");
   sift.Add("max_num_features", &Sift::max_num_features,
            "features kept of a photo; COLMAP's own 8192 keeps the largest, which lie on the background");
   sift.Add("max_image_size", &Sift::max_image_size,

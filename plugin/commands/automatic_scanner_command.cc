@@ -169,7 +169,6 @@ Options& DeclareOptions(CommandContext& context, ScanSettings* settings) {
   options.AddEnum("plain_table", &settings->plain_table, {{"object", "object"}, {"background", "background"}},
                   "whose, in masks, a plain table with a round top is: photos do not tell whether it turns");
   options.Add("keep_disc", &settings->keep_disc, "leave the table's disc in the mesh");
-  AddScaleOptions(&options, &settings->scale);
   options.Add("angles_path", &settings->angles_path,
               "table angles that are known: a CSV file of NAME,ANGLE in degrees, or the folder of OpenScan's "
               "scan or project; used where the photos bear them out; empty: none");
@@ -183,6 +182,9 @@ Options& DeclareOptions(CommandContext& context, ScanSettings* settings) {
               "leaves out (scan_planner lists the parts)");
   options.Add("colmap_path", &settings->colmap_path,
               "the colmap executable or its folder; empty: searched for on PATH");
+  options.Section("Scale",
+                  "lengths that are known, for a scene in metres: markers, a board, points, the disc",
+                  [&] { AddScaleOptions(&options, &settings->scale); });
   return options;
 }
 

@@ -94,15 +94,13 @@ void AddSceneOptions(Options* options, Arguments* a) {
   options->Add("mask_path", &a->mask_path,
                "masks NAME.png of the rotating part; empty: masks in the workspace, for --mode masks and "
                "--masks_as_hint only");
-  options->Add("truth_mask_path", &a->truth_mask_path,
-               "masks NAME.png to measure held-out photos by; never trained on");
   options->Add("output_path", &a->output_path,
                "folder for point_cloud.ply, log and checkpoints; empty: s2gs in the workspace");
   options->AddEnum(
       "quality", &a->quality, kQualityNames,
       "sets iterations, photo size, growth, count and how often whole frames are learnt from, where they are "
       "not given; auto: high on a GPU, low on the CPU");
-  auto scene = options->Group("", &a->scene);
+  auto scene = options->Fields(&a->scene);
   scene.AddEnum(
       "mode", &TrainingSceneOptions::mode, kModeNames,
       "s2gs: tell the rotating part from the background by motion; masks: 2DGS of the rotating part cut "
@@ -110,15 +108,6 @@ void AddSceneOptions(Options* options, Arguments* a) {
       "turns, else masks when --mask_path has some, else static");
   scene.Add("max_image_size", &TrainingSceneOptions::max_image_size, "longer side of photos in training")
       .Unit("px");
-  scene
-      .Add("max_test_size", &TrainingSceneOptions::max_test_size,
-           "longer side of held-out photos, so that runs with photos of different sizes are measured alike; "
-           "0: as in training")
-      .Unit("px");
-  scene.Add("test_every", &TrainingSceneOptions::test_every,
-            "hold out every n-th photo by name, to measure by; 0: none");
-  scene.Add("test_list", &TrainingSceneOptions::test_list,
-            "file with the names of held-out photos, one a line");
   scene.Add(
       "equalise_exposure", &TrainingSceneOptions::equalise_exposure,
       "divide photos of a camera that stands still by what its automatic exposure and white balance did");
@@ -135,10 +124,25 @@ void AddSceneOptions(Options* options, Arguments* a) {
   options->Add("gpu_memory", &a->gpu_memory_mb, "the same of the GPU's memory").Unit("MB");
   options->AddEnum("ply_layout", &a->ply_layout, kLayoutNames,
                    "2dgs: two scales, for s2gs and 2DGS; 3dgs: a third one, for viewers of 3D Gaussians");
+  options->Section("HeldOut", "photos that training leaves out, to measure by", [&] {
+    scene.Add("test_every", &TrainingSceneOptions::test_every,
+              "hold out every n-th photo by name, to measure by; 0: none");
+    scene.Add("test_list", &TrainingSceneOptions::test_list,
+              "file with the names of held-out photos, one a line");
+    scene
+        .Add(
+            "max_test_size", &TrainingSceneOptions::max_test_size,
+            "longer side of held-out photos, so that runs with photos of different sizes are measured alike; "
+            "0: as in training")
+        .Unit("px");
+    options->Add("truth_mask_path", &a->truth_mask_path,
+                 "masks NAME.png to measure held-out photos by; never trained on");
+  });
 }
 
 void AddTrainOptions(Options* options, TrainOptions* train) {
-  auto group = options->Group("Train", train);
+  auto group = options->Group(
+      "Train", train, "how long training goes on, how many Gaussians there are, weights of the losses");
   using T = TrainOptions;
   group.Add("num_iterations", &T::num_iterations, "steps, one photo each");
   group.Add("max_seconds", &T::max_seconds, "run through the whole course in this time at most; 0: no bound")
@@ -147,73 +151,38 @@ void AddTrainOptions(Options* options, TrainOptions* train) {
       .Add("stop_gain_pct", &T::stop_gain_pct,
            "stop when held-out photos would gain less over the rest of the run; 0: never")
       .Unit("%");
-  group.Add("centre_rate", &T::centre_rate, "learning rate of centres at the begin, in scene sizes");
-  group.Add("final_centre_rate", &T::final_centre_rate, "the same at the end");
-  group.Add("scale_rate", &T::scale_rate, "learning rate of log-scales");
-  group.Add("rotation_rate", &T::rotation_rate, "learning rate of quaternions");
-  group.Add("opacity_rate", &T::opacity_rate, "learning rate of opacity logits");
-  group.Add("sh_dc_rate", &T::sh_dc_rate, "learning rate of colours");
-  group.Add("sh_rest_rate", &T::sh_rest_rate, "learning rate of view-dependent colour");
-  group.Add("foreground_rate", &T::foreground_rate, "learning rate of the logit of p");
-  group.Add("dssim_weight", &T::dssim_weight, "share of D-SSIM in the photo loss, the rest is L1");
   group.Add("normal_weight", &T::normal_weight, "weight of agreement between normals and depth");
-  group.Add("normal_from", &T::normal_from, "when it begins, as share of the run");
   group.Add("distortion_weight", &T::distortion_weight, "weight of depth distortion");
-  group.Add("distortion_from", &T::distortion_from,
-            "when it begins, as share of the run; in mode s2gs not before p is settled");
   group.Add("local_consistency_weight", &T::local_consistency_weight,
             "weight of agreement of p between neighbours");
   group.Add("entropy_3d_weight", &T::entropy_3d_weight, "weight of the entropy of p of Gaussians");
   group.Add("entropy_2d_weight", &T::entropy_2d_weight, "weight of the entropy of p in the images");
-  group.Add("mask_weight", &T::mask_weight, "weight of agreement with masks (--masks_as_hint)");
-  group.Add("regularise_from", &T::regularise_from, "when the three terms on p begin, as share of the run");
-  group.Add("num_neighbours", &T::num_neighbours, "neighbours of a Gaussian that p should agree with");
-  group.Add("neighbours_every", &T::neighbours_every, "how often they are found anew, as share of the run");
   group.Add("sh_degree", &T::sh_degree, "highest band of view-dependent colour");
-  group.Add("sh_degree_every", &T::sh_degree_every,
-            "one band more this often, as share of the run; 0: all at once");
   group.Add("only_told_bands", &T::only_told_bands,
             "leave out bands that no training photo tells from lower ones");
   group.AddEnum(
       "growth", &T::growth, kGrowthNames,
       "adaptive: wherever gradients are large; budget: where they are largest, up to a fixed count");
   group.Add("max_gaussians", &T::max_gaussians, "no more Gaussians than these");
-  group.Add("densify_from", &T::densify_from, "when growth begins, as share of the run");
-  group.Add("densify_until", &T::densify_until, "when growth ends, as share of the run");
   group.Add("densify_every", &T::densify_every, "iterations between two steps of growth");
-  group.Add("densify_gradient", &T::densify_gradient, "gradient on screen from which adaptive growth splits");
-  group.Add("dense_scale", &T::dense_scale, "larger Gaussians are split, smaller cloned, in scene sizes");
-  group.Add("min_opacity", &T::min_opacity, "fainter Gaussians are removed while the model grows");
-  group.Add("opacity_reset_every", &T::opacity_reset_every,
-            "opacities are lowered this often, as share; 0: never");
-  group.Add("opacity_reset_to", &T::opacity_reset_to, "what they are lowered to");
   group.Add("settle_from", &T::settle_from,
             "p is frozen from here on as soon as it has settled, as share of the run");
   group.Add("settle_until", &T::settle_until, "p is frozen here at the latest; 1: never");
-  group.Add("settled_share", &T::settled_share, "share of p outside [.1, .9] that counts as settled");
-  group.Add("use_rotating_region", &T::use_rotating_region,
-            "nothing rotates outside the cylinder about the axis that holds the rotating points");
   group.Add("use_turn_evidence", &T::use_turn_evidence,
             "nothing rotates where photos of a camera that stands still show the background's texture");
-  group.Add(
-      "unseen_weight", &T::unseen_weight,
-      "Gaussians of the rotating part that no photo shows with more weight than this are removed; 0: none");
   group.Add("unseen_static_weight", &T::unseen_static_weight,
             "the same for Gaussians that stand still; half a grey level is what no photo shows");
   group.Add(
       "whole_every", &T::whole_every,
       "with p frozen and growth over, whole frames are learnt from in one of so many rounds through the "
       "photos, in the others only tiles that the rotating part reaches; 1: always");
-  group.Add("coarse_levels", &T::coarse_levels, "training starts at 1 / 2^n of the photo size");
-  group.Add("coarse_until", &T::coarse_until, "when the full size is reached, as share of the run");
-  group.Add("min_coarse_size", &T::min_coarse_size, "no photo is reduced below this longer side").Unit("px");
   group.Add("checkpoint_every", &T::checkpoint_every,
             "as share of the run, where 30 s or more would be lost; 0: only when interrupted");
   group.Add("num_measurements", &T::num_measurements, "of held-out photos, at log-spaced moments; 0: none");
 }
 
 void AddInitialiseOptions(Options* options, InitialiseOptions* initial) {
-  auto group = options->Group("Init", initial);
+  auto group = options->Group("Init", initial, "the Gaussians that training begins with");
   using I = InitialiseOptions;
   group.AddEnum(
       "init", &I::init, kInitNames,
@@ -222,12 +191,6 @@ void AddInitialiseOptions(Options* options, InitialiseOptions* initial) {
   group.Add("num_random_points", &I::num_random_points, "with random");
   group.Add("min_points", &I::min_points, "with sparse: filled up to this many for each body");
   group.Add("max_points", &I::max_points, "with sparse: no more than these");
-  group.Add("opacity", &I::opacity, "of every Gaussian at the begin");
-  group.Add("random_foreground", &I::random_foreground, "p of random Gaussians");
-  group.Add("sparse_foreground", &I::sparse_foreground,
-            "p of the rotating part's points; 1 minus it for the others");
-  group.Add("background_radius_sides", &I::background_radius_sides,
-            "radius of the random sphere, in sides of the random cube");
 }
 
 void ApplyPreset(const Options& options, BackendKind kind, Arguments* a) {

@@ -22,7 +22,7 @@ void RunMarkerSheet(CommandContext& context) {
       "as --marker_size_mm.",
       "--output_path sheet.svg --diameter_mm 280 --marker_size_mm 25");
   options.Add("output_path", &output_path, "the sheet, .svg, in millimetres").Required();
-  auto group = options.Group("", &sheet_options);
+  auto group = options.Fields(&sheet_options);
   group.Add("diameter_mm", &MarkerSheetOptions::diameter_mm, "of the sheet").Unit("mm");
   group.Add("marker_size_mm", &MarkerSheetOptions::marker_size_mm, "side of the markers' black squares")
       .Unit("mm");

@@ -58,10 +58,11 @@ void AddTextureOptions(Options* options, TextureWorkspaceOptions* texturer) {
   options->Add("render_path", &texturer->render_path,
                "folder for pictures of the textured mesh in the views of the photos that test_every holds "
                "out, lit as it is there; empty: none");
-  auto own = options->Group("", texturer);
+  auto own = options->Fields(texturer);
   own.Add("test_every", &TextureWorkspaceOptions::test_every,
           "take no texture from every n-th photo by name, and compare the textured mesh with it; 0: none");
-  auto texture = options->Group("Texture", &texturer->texture);
+  auto texture =
+      options->Group("Texture", &texturer->texture, "size of texels and pages, and how photos are compared");
   texture.Add("texel_size", &TextureOptions::texel_size, "edge of a texel; 0: from the photos' resolution")
       .Unit("as the poses");
   texture

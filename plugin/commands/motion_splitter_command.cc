@@ -38,7 +38,6 @@ struct Settings {
   bool use_matches = false;
   bool weak_features = true;
   bool weak_features_always = false;
-  bool write_matches = true;
   SplitSettings split;
 };
 
@@ -71,34 +70,24 @@ void AddOptions(Options& options, Settings* settings) {
       "where that lowers standard deviations");
   options.Add("weak_features_always", &settings->weak_features_always,
               "take it even where it lowers them by less than 1 %, or joins the photos worse");
-  options.Add("write_matches", &settings->write_matches, "keep the raw matches in both databases");
   AddFeatureExtractionOptions(options, &settings->extraction);
-  auto station = options.Group("Station", &settings->split.station);
+  auto station =
+      options.Group("Station", &settings->split.station, "what counts as a camera that stands still");
   station.Add("max_unmoved_px", &StationOptions::max_unmoved_px, "a match that moves by no more is unmoved")
       .Unit("px");
   station.Add("max_shake_px", &StationOptions::max_shake_px, "largest shake of the tripod between two photos")
       .Unit("px");
-  station.Add("min_unmoved_matches", &StationOptions::min_unmoved_matches,
-              "fewest unmoved matches of two photos from one station");
-  station.Add("min_unmoved_share", &StationOptions::min_unmoved_share, "their smallest share of the matches");
-  station.Add("min_cells", &StationOptions::min_cells,
-              "cells of an 8 x 8 grid over the photo that they must fill");
-  auto match = options.Group("SiftMatching", &settings->split.match);
+  auto match =
+      options.Group("SiftMatching", &settings->split.match, "which features match, as COLMAP names it");
   match.Add("max_ratio", &DescriptorMatchOptions::max_ratio, "best over second best distance of a match");
   match.Add("max_distance", &DescriptorMatchOptions::max_distance, "largest distance of a match")
       .Unit("radians");
   match.Add("cross_check", &DescriptorMatchOptions::cross_check, "matches must be mutual");
-  auto motion = options.Group("TwoViewMotion", &settings->split.motion);
+  auto motion = options.Group("TwoViewMotion", &settings->split.motion,
+                              "which matches of two photos are of one motion");
   motion.Add("max_error_px", &TwoViewMotionOptions::max_error_px, "largest epipolar error of an inlier")
       .Unit("px");
-  motion.Add("confidence", &TwoViewMotionOptions::confidence, "of the robust fit");
-  motion.Add("max_iterations", &TwoViewMotionOptions::max_iterations, "of the robust fit");
-  motion.Add("min_inliers", &TwoViewMotionOptions::min_inliers, "fewest matches that make a motion");
-  auto split = options.Group("Split", &settings->split.split);
-  split.Add("min_static_support", &MotionSplitOptions::min_static_support,
-            "photos of its station that must show a keypoint unmoved before it is background");
-  split.Add("min_moved_px", &MotionSplitOptions::min_moved_px, "smallest move that shows the table turning")
-      .Unit("px");
+  auto split = options.Group("Split", &settings->split.split, "which pairs of photos are matched");
   split.Add(
       "max_object_steps", &MotionSplitOptions::max_object_steps,
       "steps of the table up to which all pairs within a station are matched; beyond, ever more sparsely");
@@ -106,8 +95,6 @@ void AddOptions(Options& options, Settings* settings) {
             "best partners of a photo in every other station that it is matched with, with their neighbours");
   split.Add("max_nearby_stations", &MotionSplitOptions::max_nearby_stations,
             "other stations that a station's photos are matched with");
-  split.Add("min_rotating_matches", &MotionSplitOptions::min_rotating_matches,
-            "verified matches that make a keypoint rotating");
   split.Add("max_exhaustive_pairs", &MotionSplitOptions::max_exhaustive_pairs,
             "pairs up to which photos without stations are all matched with one another");
 }
@@ -215,10 +202,10 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
   ParallelFor(2, 0, [&](int64_t body) {
     if (body == 0) {
       WriteSplitDatabase(settings.database_path, paths.output / "object.db", features, split.object_pairs,
-                         settings.write_matches ? &split.object_matches : nullptr, reporter);
+                         split.object_matches, reporter);
     } else {
       WriteSplitDatabase(settings.database_path, paths.output / "static.db", features, split.static_pairs,
-                         settings.write_matches ? &split.static_matches : nullptr, of_background);
+                         split.static_matches, of_background);
     }
   });
   for (const auto& [level, message] : of_background.messages()) reporter.Log(level, message);

@@ -56,7 +56,7 @@ void RunPhotoImporter(CommandContext& context) {
   options.Add("workspace_path", &workspace_path, "the workspace; created when it does not exist").Required();
   options.Add("image_path", &image_path, "the folder of photos, with folders below it, or a video file")
       .Required();
-  auto group = options.Group("", &video);
+  auto group = options.Fields(&video);
   group.Add("video_frames", &VideoOptions::video_frames,
             "frames taken of a video: steps of the table of up to 20 degrees work best");
   options.Add("ffmpeg_path", &ffmpeg_path,

@@ -28,38 +28,43 @@ void AddRendererOptions(Options* options, RendererArguments* a) {
   options->AddEnum("depth", &a->depth, kDepthNames, "which depth goes into the maps");
   options->AddEnum("maps_of", &a->maps_of, kMapsOfNames,
                    "what the maps show: the rotating part, or the background too");
-  options->AddEnum(
-      "plain_table", &a->plain_table, kPlainTableNames,
-      "whose, in masks, a table is that is so plain that it may turn or stand still by the photos, "
-      "where its top ends in a circle about the axis");
-  options->Add("cut_at_table", &a->cut_at_table,
-               "of photos of one station, leave out what rotates by the model and lies below the table's top "
-               "or beyond its rim, does not "
-               "stand on it and is not the side of a body: plain ground");
-  options->Add(
-      "clear_plain_top", &a->clear_plain_top,
-      "leave out what rotates by the model over a table's top where photos see the top itself: its "
-      "texture, or where it is plain its colour in the light or, where things seldom look like one, in a "
-      "shadow on it");
-  options->Add("table_seen", &a->table_seen,
-               "draw a table's top into depth and normal maps where photos show it, by its colour or its "
-               "texture, whatever the model has before it; dense/0/table_seen says where");
   options->Add("undistort_always", &a->undistort_always,
                "resample photos for dense/0 even where they have no distortion and could be copied");
-  options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
-  options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
-  options->Add("pictures", &a->pictures,
-               "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
-  options->Add("comparison", &a->comparison,
-               "photo, rendering, error and mask side by side: comparison/NAME.png");
-  options->Add("overview", &a->overview,
-               "such a comparison of four photos to look at: s2gs/comparison.jpg in the workspace");
-  options->Add(
-      "num_frames", &a->num_frames,
-      "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
-  options->Add("frame_station", &a->frame_station,
-               "the station whose first photo lends its camera to the film");
   AddBackendOptions(options, &a->backend);
+  options->Section("Table", "whose a table's top is, and what the model has built over it", [&] {
+    options->AddEnum(
+        "plain_table", &a->plain_table, kPlainTableNames,
+        "whose, in masks, a table is that is so plain that it may turn or stand still by the photos, "
+        "where its top ends in a circle about the axis");
+    options->Add(
+        "cut_at_table", &a->cut_at_table,
+        "of photos of one station, leave out what rotates by the model and lies below the table's top "
+        "or beyond its rim, does not "
+        "stand on it and is not the side of a body: plain ground");
+    options->Add(
+        "clear_plain_top", &a->clear_plain_top,
+        "leave out what rotates by the model over a table's top where photos see the top itself: its "
+        "texture, or where it is plain its colour in the light or, where things seldom look like one, in a "
+        "shadow on it");
+    options->Add("table_seen", &a->table_seen,
+                 "draw a table's top into depth and normal maps where photos show it, by its colour or its "
+                 "texture, whatever the model has before it; dense/0/table_seen says where");
+  });
+  options->Section("Pictures", "images and a film to look at", [&] {
+    options->Add("color", &a->color, "the scene as the photo should look: color/NAME.png");
+    options->Add("foreground", &a->foreground, "the map of p, 255 is 1: foreground/NAME.png");
+    options->Add("pictures", &a->pictures,
+                 "depth and normals of the rotating part to look at: depth/NAME.png, normal/NAME.png");
+    options->Add("comparison", &a->comparison,
+                 "photo, rendering, error and mask side by side: comparison/NAME.png");
+    options->Add("overview", &a->overview,
+                 "such a comparison of four photos to look at: s2gs/comparison.jpg in the workspace");
+    options->Add(
+        "num_frames", &a->num_frames,
+        "frames of a film of one turn of the table, seen by one photo's camera: frames/NNNN.png; 0: none");
+    options->Add("frame_station", &a->frame_station,
+                 "the station whose first photo lends its camera to the film");
+  });
 }
 
 }  // namespace s2gs

@@ -175,7 +175,7 @@ void RunScanBatch(CommandContext& context) {
               "scan these objects of the list alone, counted from 1, and leave index.html as it is, as the "
               "tasks of a cluster's array do; empty: all");
   options.Add("run", &settings.run, "0: scan nothing, only look at how far all are");
-  auto batch = options.Group("", &settings.batch);
+  auto batch = options.Fields(&settings.batch);
   batch.Add("jobs", &BatchRunOptions::jobs, "objects at the same time, which share the cores");
   batch.Add("gpus", &BatchRunOptions::gpus,
             "numbers of the GPUs that the jobs take in turn; empty: the one that each job finds");

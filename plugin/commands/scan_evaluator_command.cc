@@ -39,16 +39,13 @@ void AddOptions(Options& options, Paths* paths, MeshEvaluationOptions* mesh) {
   options.Add("csv_path", &paths->csv, "file for the figures as CSV");
   options.Add("output_path", &paths->output,
               "beginning of the names of both: PATH.json and PATH.csv, where they are not given");
-  auto group = options.Group("Mesh", mesh);
+  auto group =
+      options.Group("Mesh", mesh, "how meshes are measured: points, thresholds, the box that counts");
   group.Add("num_samples", &MeshEvaluationOptions::num_samples, "points sampled on the mesh");
   group.Add("num_truth_samples", &MeshEvaluationOptions::num_truth_samples,
             "points sampled on the true surface");
   group.Add("thresholds_pct", &MeshEvaluationOptions::thresholds_pct, "distances of the F-scores")
       .Unit("% of diameter");
-  group.Add("crop_to_disc", &MeshEvaluationOptions::crop_to_disc,
-            "count only what lies above the disc's top, by 1 % of the diameter or more");
-  group.Add("only_seen", &MeshEvaluationOptions::only_seen,
-            "ask completeness only of the true surface that two train views or more see");
   group
       .Add("crop_min", &MeshEvaluationOptions::crop_min,
            "lower corner x,y,z of a box in the true object frame outside which nothing counts")

@@ -272,7 +272,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
 namespace {
 
 void AddTsdfOptions(Options* options, TsdfOptions* fields) {
-  auto tsdf = options->Group("Tsdf", fields);
+  auto tsdf = options->Group("Tsdf", fields, "how depth maps are fused: size and number of the voxels");
   tsdf.Add("voxel_size", &TsdfOptions::voxel_size, "edge of a voxel; 0: from the depth maps' resolution")
       .Unit("as the poses");
   tsdf.Add("voxel_size_pixels", &TsdfOptions::voxel_size_pixels,
@@ -283,17 +283,12 @@ void AddTsdfOptions(Options* options, TsdfOptions* fields) {
   tsdf.Add("truncation_voxels", &TsdfOptions::truncation_voxels,
            "how far from the surface distances are known")
       .Unit("voxels");
-  tsdf.Add("max_view_angle_deg", &TsdfOptions::max_view_angle_deg,
-           "steepest angle between ray and normal at which a depth counts")
-      .Unit("degrees");
-  tsdf.Add("mask_threshold", &TsdfOptions::mask_threshold, "of the masks' 0 to 1: from here on it is object");
-  tsdf.Add("carve", &TsdfOptions::carve, "take space in front of pixels outside the masks as empty");
   tsdf.Add("max_memory_gib", &TsdfOptions::max_memory_gib, "refuse what would need more").Unit("GiB");
   tsdf.Add("num_threads", &TsdfOptions::num_threads, "0: one for each core");
 }
 
 void AddCleanupOptions(Options* options, MeshCleanupOptions* fields) {
-  auto cleanup = options->Group("Cleanup", fields);
+  auto cleanup = options->Group("Cleanup", fields, "what is cut off, filled, smoothed and simplified");
   cleanup.Add("cut_at_table", &MeshCleanupOptions::cut_at_table,
               "where a table turns: drop what lies below its top or beyond its rim, does not stand on it and "
               "is not the side of a body");
@@ -311,14 +306,11 @@ void AddCleanupOptions(Options* options, MeshCleanupOptions* fields) {
 }
 
 void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
-  auto refinement = options->Group("Refine", fields);
+  auto refinement =
+      options->Group("Refine", fields, "how photos move the surface, and what they show is not there");
   refinement.Add("enabled", &MeshRefinementOptions::enabled,
                  "move the surface to where the photos of dense/0 agree best, and drop what they do not see");
   refinement.Add("num_views", &MeshRefinementOptions::num_views, "photos in which a vertex is compared");
-  refinement
-      .Add("max_view_angle_deg", &MeshRefinementOptions::max_view_angle_deg,
-           "steepest angle between a vertex's normal and the rays to these photos")
-      .Unit("degrees");
   refinement.Add("smoothness", &MeshRefinementOptions::smoothness,
                  "of the offsets over the mesh; larger trusts the photos less");
   refinement

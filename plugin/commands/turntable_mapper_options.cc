@@ -37,7 +37,9 @@ void AddTurntableMapperOptions(Options& options, TurntableMapperSettings* settin
       "circle_first", &settings->circle_first,
       "take the poses to which circular motion leads by itself where every test calls them good, and do "
       "without `colmap mapper` of the object; with --path auto");
-  auto joint = options.Group("Joint", &settings->placement.joint);
+  auto joint =
+      options.Group("Joint", &settings->placement.joint,
+                    "the joint adjustment of cameras, table and points: what it moves, when it ends");
   joint.AddEnum("model", &JointOptions::model,
                 {{"auto", JointModel::kAuto},
                  {"shared_stations", JointModel::kSharedStations},
@@ -47,37 +49,11 @@ void AddTurntableMapperOptions(Options& options, TurntableMapperSettings* settin
   joint.Add("refine_focal_length", &JointOptions::refine_focal_length, "adjust the focal lengths");
   joint.Add("refine_principal_point", &JointOptions::refine_principal_point, "adjust the principal points");
   joint.Add("refine_extra_params", &JointOptions::refine_extra_params, "adjust the distortion");
-  joint.AddEnum(
-      "loss", &JointOptions::loss,
-      {{"squared", JointLoss::kSquared}, {"huber", JointLoss::kHuber}, {"cauchy", JointLoss::kCauchy}},
-      "of the reprojection errors");
-  joint
-      .Add("loss_scale_px", &JointOptions::loss_scale_px,
-           "where the loss turns from squared; 0: at twice the keypoints' standard deviation")
-      .Unit("px");
-  joint
-      .Add("max_reprojection_error_px", &JointOptions::max_reprojection_error_px,
-           "observations beyond are taken out")
-      .Unit("px");
-  joint
-      .Add("min_triangulation_deg", &JointOptions::min_triangulation_deg,
-           "points whose rays all meet at less are taken out")
-      .Unit("degrees");
-  joint.Add("max_rounds", &JointOptions::max_rounds, "of adjusting and taking out");
   joint.Add("max_iterations", &JointOptions::max_iterations, "of Levenberg-Marquardt in a round");
   joint.Add("function_tolerance", &JointOptions::function_tolerance, "relative decrease at which it stops");
-  joint.Add("compute_covariance", &JointOptions::compute_covariance, "report standard deviations");
   joint.Add(
       "num_threads", &JointOptions::num_threads,
       "0: all cores; results depend on it only beyond a thousand camera-side parameters, where 0 is one");
-  auto refine = options.Group("Refine", &settings->placement.refine);
-  refine.Add("max_rounds", &RefineOptions::max_rounds, "of triangulating, mending, adjusting and labelling");
-  refine.Add("max_error_px", &RefineOptions::max_error_px, "reprojection error of a point's keypoints")
-      .Unit("px");
-  auto axis = options.Group("SingleAxis", &settings->placement.single_axis);
-  axis.Add("noise_px", &SingleAxisOptions::noise_px, "expected standard deviation of a keypoint").Unit("px");
-  auto circular = options.Group("Circular", &settings->placement.circular);
-  circular.Add("noise_px", &CircularOptions::noise_px, "largest standard deviation of a keypoint").Unit("px");
 }
 
 }  // namespace s2gs

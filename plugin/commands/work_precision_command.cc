@@ -145,10 +145,12 @@ void AddRequest(Options* options, Request* request) {
   options->Add("jobs", &request->sweep.jobs, "runs at a time; wall times mean something with 1 alone");
   options->Add("keep_files", &request->sweep.keep_files,
                "keep all files of every run, not those alone that comparisons need");
-  options->Add("program_path", &request->sweep.program, "the s2gs that runs the stages; empty: this one");
-  options->Add("output_path", &request->paths.output,
-               "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
-               "first scan");
+empty:
+  this one ");
+      options->Add(
+          "output_path", &request->paths.output,
+          "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
+          "first scan");
 }
 
 void RefuseWhatDoesNotGoTogether(const Request& request) {

@@ -43,8 +43,6 @@ struct MeshEvaluationOptions {
   int64_t num_samples = 200'000;
   int64_t num_truth_samples = 1'000'000;
   std::vector<double> thresholds_pct = {0.5, 1, 2};
-  bool crop_to_disc = true;
-  bool only_seen = true;
   std::vector<double> crop_min;
   std::vector<double> crop_max;
 

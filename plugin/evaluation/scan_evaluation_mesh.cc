@@ -33,7 +33,7 @@ Eigen::AlignedBox3d ObjectBox(const ScanTruth& truth) {
 
 CropRegion MakeRegion(const ScanTruth& truth, const MeshEvaluationOptions& options) {
   CropRegion region;
-  if (options.crop_to_disc && truth.disc.has_value()) {
+  if (truth.disc.has_value()) {
     const Vector3d up = truth.scene.axis.direction;
     double top = -std::numeric_limits<double>::infinity();
     for (const Eigen::Vector3f& vertex : truth.disc->vertices)
@@ -171,9 +171,8 @@ std::string Measure(const fs::path& mesh_path, const ScanAlignment& alignment, c
   TruthSurfaceOptions truth_options;
   truth_options.num_samples = options.num_truth_samples;
   truth_options.seed = seed;
-  const TruthSurface surface = MakeTruthSurface(
-      truth.object, truth.disc.value_or(TriangleMesh()),
-      options.only_seen ? TrainViews(truth.scene) : std::vector<ObjectView>(), region, truth_options);
+  const TruthSurface surface = MakeTruthSurface(truth.object, truth.disc.value_or(TriangleMesh()),
+                                                TrainViews(truth.scene), region, truth_options);
   figures->seen.values = {{"value", 100 * surface.seen_share}};
   std::vector<double> thresholds;
   for (const double percent : options.thresholds_pct) thresholds.push_back(percent / 100 * truth.diameter);

@@ -190,7 +190,7 @@ void AppendStationFeatures(MotionSplit* split, SplitFeatures* features) {
 }
 
 void WriteSplitDatabase(const fs::path& database_path, const fs::path& path, const SplitFeatures& features,
-                        const std::vector<VerifiedPair>& pairs, const std::vector<ImagePairMatches>* matches,
+                        const std::vector<VerifiedPair>& pairs, const std::vector<ImagePairMatches>& matches,
                         Reporter& reporter) {
   std::vector<TwoViewGeometryOfPair> geometries;
   geometries.reserve(pairs.size());
@@ -207,9 +207,8 @@ void WriteSplitDatabase(const fs::path& database_path, const fs::path& path, con
   ColmapDatabase::SafeCopy(database_path, path, reporter, [&](ColmapDatabase& copy) {
     copy.ReplaceTwoViewGeometries(geometries);
     copy.InTransaction([&] { WriteAdded(features, &copy); });
-    if (matches == nullptr) return;
     copy.InTransaction([&] {
-      for (const ImagePairMatches& pair : *matches) {
+      for (const ImagePairMatches& pair : matches) {
         copy.WriteMatches(features.rows[pair.image1].image_id, features.rows[pair.image2].image_id,
                           pair.matches);
       }

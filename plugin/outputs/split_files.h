@@ -42,10 +42,10 @@ void AppendStationFeatures(MotionSplit* split, SplitFeatures* features);
 
 /// Copies `database_path` to `path` with these pairs as its two-view geometries, and with the features that
 /// were added.
-/// \param matches  nullptr, or what goes into its table of raw matches.
+/// \param matches  what goes into its table of raw matches.
 void WriteSplitDatabase(const std::filesystem::path& database_path, const std::filesystem::path& path,
                         const SplitFeatures& features, const std::vector<VerifiedPair>& pairs,
-                        const std::vector<ImagePairMatches>* matches, Reporter& reporter);
+                        const std::vector<ImagePairMatches>& matches, Reporter& reporter);
 
 /// labels.json: the case and its reason, pairs that were matched, features that were added, per image its
 /// station and per keypoint its label.

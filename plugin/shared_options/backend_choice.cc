@@ -29,7 +29,7 @@ OptionCheck BackendChoice::Check() const {
 }
 
 void AddBackendOptions(Options* options, BackendChoice* choice) {
-  OptionGroup<BackendChoice> group = options->Group("", choice);
+  OptionGroup<BackendChoice> group = options->Fields(choice);
   group.AddEnum("use_gpu", &BackendChoice::use_gpu, kUseGpuNames,
                 "compute on a GPU; auto: when there is one that works");
   group.Add("gpu_index", &BackendChoice::gpu_index, "which GPU");

@@ -20,7 +20,7 @@ OptionCheck ScaleOptions::Check() const {
 }
 
 void AddScaleOptions(Options* options, ScaleOptions* scale) {
-  auto own = options->Group("", scale);
+  auto own = options->Fields(scale);
   own.Add("marker_size_mm", &ScaleOptions::marker_size_mm,
           "side of the black squares of printed markers (ArUco, AprilTag) that lie on the table or stand in "
           "the background; 0: no markers")

@@ -4,7 +4,7 @@
 usage: house.py [COMMIT ...] [--program S2GS] [--list]
 
 Files a folder, long files and long functions, constants of sfm_split and those that no comment explains, lines of
-BENCHMARK.md; of the working tree, too, the options that -h shows (--program). --list names what is long or unexplained.
+BENCHMARK.md; of the working tree, too, the options that -h shows and --help lists (--program). --list names what is long or unexplained.
 """
 import argparse
 import collections
@@ -102,9 +102,17 @@ def count(read, paths, is_listed):
 
 
 def options_shown(program):
+    """{row: number}: options and lines of all commands' help."""
     listed = subprocess.run([program, 'help'], check=True, capture_output=True, text=True).stdout
-    return sum(len(re.findall(r'^ *--', subprocess.run([program, command, '-h'], capture_output=True, text=True).stdout, re.M))
-               for command in re.findall(r'^  ([a-z_]+)  ', listed, re.M))
+    commands = [command for command in re.findall(r'^  ([a-z_0-9]+)  ', listed, re.M) if command != 'help']
+    rows = {}
+    for word in ('-h', '--help'):
+        helps = [subprocess.run([program, command, word], capture_output=True, text=True).stdout for command in commands]
+        options = [option for text in helps for option in re.findall(r'^  --([\w.]+) ', text, re.M)]
+        rows |= {f'options that {word} shows, {len(commands)} commands together': len(options),
+                 f'names that differ, {word}': len(set(options)),
+                 f'lines of {word}, all commands together': sum(len(text.splitlines()) for text in helps)}
+    return rows
 
 
 def main():
@@ -122,7 +130,7 @@ def main():
             paths = git('-C', str(root), 'ls-files').split('\n')
             figures = count(lambda path: (root / path).read_text(errors='replace'), paths, args.list)
             if args.program:
-                figures['options that -h shows'] = options_shown(args.program)
+                figures |= options_shown(args.program)
         print(f'\n{commit or "working tree"}', *(f'  {n:6d}  {name}' for name, n in figures.items()), sep='\n')
     return 0
 

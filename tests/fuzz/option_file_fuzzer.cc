@@ -55,7 +55,7 @@ struct Command {
     options.Add("path", &path, "a path");
     options.Add("list", &list, "a list");
     options.AddEnum("colour", &colour, {{"red", Colour::kRed}, {"green", Colour::kGreen}}, "a colour");
-    auto in_group = options.Group("Group", &group);
+    auto in_group = options.Group("Group", &group, "a group");
     in_group.Add("count", &Group::count, "a bounded number");
     in_group.Add("ratio", &Group::ratio, "a number that may be absent");
   }

@@ -903,14 +903,14 @@ OPTION_VALUES = ["-1", "0", "1e308", "nan", "inf", "", "yes", "99999999999999999
 
 def option_case(command, option, value):
     def prepare(box):
-        known = subprocess.run([box.program, command, "-h"], capture_output=True, text=True).stdout
-        if f"--{option} " not in known:
-            raise CannotRun("no such option")
+        commands = subprocess.run([box.program, "help"], capture_output=True, text=True).stdout
+        if f"\n  {command} " not in commands:
+            raise CannotRun("no such command")
         where = {"motion_splitter": ["--database_path", box.scan / "none.db"], "scan_batch": ["--list", box.scan / "none.csv"],
                  "marker_sheet": ["--output_path", box.scan / "none.txt"],
                  "photo_importer": ["--workspace_path", box.scan, "--image_path", box.scan / "none"]}
         where = where.get(command, ["--workspace_path", box.scan])
-        return Want(None, needs_message=False), [command, *where, f"--{option}", value], {}
+        return Want(None, not_says=("unknown option",), needs_message=False), [command, *where, f"--{option}", value], {}
     return Case("options", f"{command} --{option} {value!r}", prepare)
 
 
@@ -920,8 +920,8 @@ NUMERIC_OPTIONS = {"gaussian_trainer": ["Train.num_iterations", "Train.max_secon
                    "tsdf_mesher": ["Tsdf.voxel_size", "Tsdf.max_memory_gib", "Tsdf.max_resolution", "Tsdf.num_threads",
                                    "Cleanup.max_triangles", "Refine.max_memory_gib"],
                    "motion_splitter": ["max_overlays", "SiftExtraction.max_num_features", "Station.max_unmoved_px",
-                                       "TwoViewMotion.max_iterations", "Split.max_exhaustive_pairs"],
-                   "turntable_mapper": ["max_mapper_attempts", "Joint.max_rounds", "Refine.max_error_px", "SingleAxis.noise_px"],
+                                       "TwoViewMotion.max_error_px", "Split.max_exhaustive_pairs"],
+                   "turntable_mapper": ["max_mapper_attempts", "Joint.max_iterations", "Joint.function_tolerance"],
                    "photo_importer": ["video_frames"],
                    "scan_batch": ["jobs", "rows", "gpus"],
                    "model_scaler": ["marker_size_mm", "known_length_mm", "disc_diameter_mm", "charuco_columns"],

@@ -129,7 +129,7 @@ TEST_F(TurntableMapper, WritesTheSceneAndRunsOnlyWhatChanged) {
   const std::string placed = RunId("turntable_mapper");
   ASSERT_EQ(RunMapper(workspace_, with_sfm), kExitDone);
   EXPECT_EQ(RunId("turntable_mapper"), placed);
-  ASSERT_EQ(RunMapper(workspace_, {"--circle_first", "0", "--Joint.loss_scale_px", "0.5"}), kExitDone);
+  ASSERT_EQ(RunMapper(workspace_, {"--circle_first", "0", "--Joint.max_iterations", "99"}), kExitDone);
   EXPECT_EQ(RunId("object_mapper"), mapped);
   EXPECT_NE(RunId("turntable_mapper"), placed);
   ASSERT_EQ(RunMapper(workspace_, {"--path", "single_axis"}), kExitDone);

@@ -30,6 +30,9 @@ for command in $commands; do
     ! grep -q "unknown option" <<< "$message" || fail "$command has no $option: $message"
   done
 done
+grep -qx -- --Train.max_seconds <<< "$(completed s2gs gaussian_trainer --Train.)" || fail "options of groups are not completed"
+[ "$(completed s2gs gaussian_trainer -h T)" = Train ] || fail "names of groups are not completed"
+[ "$(completed s2gs gaussian_trainer --Init.init s)" = sparse ] || fail "values of a group's option are not completed"
 [ "$(completed s2gs automatic_scanner --until m)" = mesh ] || fail "values are not completed"
 grep -q high <<< "$(completed s2gs automatic_scanner --quality "")" || fail "values of a long help are not completed"
 [ "$(completed s2gs scan_b)" = scan_batch ] || fail "scan_batch is not completed"

@@ -110,6 +110,7 @@ TEST(RunProgram, ExplainsOneCommand) {
   const std::string help = OutputOf({"print", "-h"});
   EXPECT_THAT(help, HasSubstr("s2gs print: Does something."));
   EXPECT_EQ(OutputOf({"help", "print"}), help);
+  EXPECT_EQ(OutputOf({"--help", "print"}), help);
   EXPECT_EQ(OutputOf({"print", "--help"}), help);
 }
 

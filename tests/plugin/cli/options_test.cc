@@ -58,7 +58,7 @@ struct Bound {
   Bound() {
     options.Add("workspace_path", &workspace_path, "the workspace").Required();
     options.Add("output_path", &output_path, "where the mesh goes");
-    auto group = options.Group("Fusion", &fusion);
+    auto group = options.Group("Fusion", &fusion, "how maps are fused");
     group.Add("voxel_size", &FusionOptions::voxel_size, "edge of a voxel").Unit("m");
     group.Add("max_depth", &FusionOptions::max_depth, "farthest depth used").Unit("m");
     group.Add("num_threads", &FusionOptions::num_threads, "threads; -1 is all");
@@ -66,11 +66,13 @@ struct Bound {
     group.Add("min_views", &FusionOptions::min_views, "views that see a voxel");
     group.AddEnum("quality", &FusionOptions::quality, {{"low", Quality::kLow}, {"high", Quality::kHigh}},
                   "how fine");
-    auto other = options.Group("Coarse", &coarse);
+    auto other = options.Group("Coarse", &coarse, "the coarse pass");
     other.Add("min_views", &FusionOptions::min_views, "views, in the coarse pass");
-    options.Add("label", &label, "a name for the report");
+    options.Section("Names", "what things are called", [&] {
+      options.Add("label", &label, "a name for the report");
+      options.Add("camera_id", &camera_id, "which camera");
+    });
     options.Add("budget", &budget, "bytes of memory").Unit("B");
-    options.Add("camera_id", &camera_id, "which camera");
     options.Add("params", &params, "camera parameters").Unit("px");
     options.Add("known_length", &known_length, "diameter of the disc").Unit("m");
   }
@@ -291,9 +293,32 @@ TEST(Options, ProjectFileFaultsNameFileAndLine) {
 
 TEST(Options, HelpIsAskedForAnywhere) {
   for (const std::vector<std::string>& arguments :
-       {std::vector<std::string>{"-h"}, {"--help"}, {"--wrong", "1", "-h"}}) {
+       {std::vector<std::string>{"-h"}, {"--help"}, {"--wrong", "1", "-h"}, {"-h", "Fusion"}}) {
     EXPECT_THROW(Bound().options.Parse(arguments), HelpRequested);
   }
+}
+
+std::string Asked(const std::vector<std::string>& arguments) {
+  try {
+    Bound().options.Parse(arguments);
+  } catch (const HelpRequested& help) {
+    return help.what();
+  }
+  return "no help";
+}
+
+TEST(Options, WhichHelpIsAskedFor) {
+  const Bound b;
+  EXPECT_EQ(Asked({"-h"}), b.options.Help());
+  EXPECT_EQ(Asked({"-h", "--help"}), b.options.Help());
+  EXPECT_EQ(Asked({"--label", "a", "--help"}), b.options.FullHelp());
+  EXPECT_EQ(Asked({"-h", "Coarse"}), b.options.GroupHelp("Coarse"));
+  EXPECT_EQ(Asked({"--help", "Coarse", "-h"}), b.options.GroupHelp("Coarse"));
+  EXPECT_THAT(Bound().FaultOfAll({"-h", "fusion"}),
+              HasSubstr("there is no group fusion of options. Did you mean Fusion?"));
+  EXPECT_THAT(Bound().FaultOfAll({"-h", "frobnicate"}), HasSubstr("The groups are Fusion, Coarse, Names."));
+  Options plain("c", "Does things.", "");
+  EXPECT_THROW(plain.Parse({"-h", "Fusion"}), CommandLineError);
 }
 
 // The help's line for an option, with the lines that continue it joined and runs of spaces made one.
@@ -315,7 +340,7 @@ std::string HelpLine(const std::string& help, const std::string& option) {
 }
 
 TEST(OptionsHelp, ListsEachOptionWithDefaultUnitAndBounds) {
-  const std::string help = Bound().options.Help();
+  const std::string help = Bound().options.FullHelp();
   EXPECT_EQ(HelpLine(help, "workspace_path"), "--workspace_path PATH required the workspace");
   EXPECT_EQ(HelpLine(help, "output_path"), "--output_path PATH mesh.ply where the mesh goes");
   EXPECT_EQ(HelpLine(help, "Fusion.voxel_size"),
@@ -334,13 +359,56 @@ TEST(OptionsHelp, ListsEachOptionWithDefaultUnitAndBounds) {
   EXPECT_THAT(HelpLine(help, "project_path"), HasSubstr("the command line wins"));
   EXPECT_THAT(HelpLine(help, "random_seed"), HasSubstr(" 0 "));
   EXPECT_THAT(HelpLine(help, "log_level"), HasSubstr("info"));
-  EXPECT_THAT(help,
-              AllOf(HasSubstr("Usage:\n  s2gs fuser --workspace_path PATH [options]"),
-                    HasSubstr("Example:\n  s2gs fuser --workspace_path scan"), HasSubstr("-h, --help")));
+  EXPECT_THAT(help, AllOf(HasSubstr("Usage:\n  s2gs fuser --workspace_path PATH [options]"),
+                          HasSubstr("Example:\n  s2gs fuser --workspace_path scan"),
+                          HasSubstr("  -h [GROUP]"), HasSubstr("  --help  ")));
+}
+
+// The options whose rows a help has, in order.
+std::vector<std::string> Listed(const std::string& help) {
+  std::vector<std::string> names;
+  std::istringstream stream(help);
+  for (std::string line; std::getline(stream, line);) {
+    if (line.rfind("  --", 0) == 0) names.push_back(line.substr(4, line.find(' ', 4) - 4));
+  }
+  return names;
+}
+
+TEST(OptionsHelp, ShortOneNamesGroupsInOneLineEach) {
+  const Bound b;
+  const std::vector<std::string> own = {"workspace_path", "output_path", "budget", "params", "known_length"};
+  const std::vector<std::string> standard = {"project_path", "random_seed", "log_level", "help"};
+  const std::vector<std::string> fusion = {"Fusion.voxel_size", "Fusion.max_depth", "Fusion.num_threads",
+                                           "Fusion.use_color",  "Fusion.min_views", "Fusion.quality"};
+  std::vector<std::string> listed = own;
+  listed.insert(listed.end(), standard.begin(), standard.end());
+  EXPECT_EQ(Listed(b.options.Help()), listed);
+  EXPECT_THAT(b.options.Help(),
+              HasSubstr("\nGroups of more options (`s2gs fuser -h Fusion` lists those of one):\n"
+                        "  Fusion  6  how maps are fused\n"
+                        "  Coarse  1  the coarse pass\n"
+                        "  Names   2  what things are called\n"));
+  EXPECT_EQ(Listed(b.options.GroupHelp("Fusion")), fusion);
+  EXPECT_EQ(Listed(b.options.GroupHelp("Names")), (std::vector<std::string>{"label", "camera_id"}));
+  EXPECT_EQ(HelpLine(b.options.GroupHelp("Names"), "label"), "--label TEXT none a name for the report");
+  EXPECT_THAT(b.options.GroupHelp("Names"), HasSubstr("s2gs fuser, Names: what things are called\n"));
+
+  listed.insert(listed.end(), fusion.begin(), fusion.end());
+  listed.insert(listed.end(), {"Coarse.min_views", "label", "camera_id"});
+  EXPECT_EQ(Listed(b.options.FullHelp()), listed);
+  EXPECT_THAT(b.options.FullHelp(), HasSubstr("\n\nCoarse: the coarse pass\n  --Coarse.min_views "));
+}
+
+TEST(OptionsHelp, WithoutGroupsBothAreOne) {
+  int count = 0;
+  Options options("c", "Does things.", "");
+  options.Add("count", &count, "how many");
+  EXPECT_EQ(options.Help(), options.FullHelp());
+  EXPECT_THAT(options.Help(), AllOf(HasSubstr("  -h, --help "), Not(HasSubstr("roups"))));
 }
 
 TEST(OptionsHelp, IsAlignedAndFits) {
-  const std::string help = Bound().options.Help();
+  const std::string help = Bound().options.FullHelp();
   std::istringstream stream(help);
   size_t meaning = std::string::npos;
   int num_options = 0;
@@ -355,7 +423,7 @@ TEST(OptionsHelp, IsAlignedAndFits) {
     EXPECT_EQ(line.substr(meaning - 2, 2), "  ") << line;
     EXPECT_NE(line[meaning], ' ') << line;
   }
-  EXPECT_EQ(num_options, 18);
+  EXPECT_EQ(num_options, 19);
 }
 
 TEST(OptionsHelp, LongDefaultsKeepTheColumns) {

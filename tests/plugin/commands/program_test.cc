@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -36,7 +37,7 @@ TEST(Program, HelpGoesToTheStandardOutput) {
 
 TEST(Program, EveryCommandExplainsItself) {
   for (const Command& command : AllCommands()) {
-    const ProcessResult help = S2gs({command.name, "-h"});
+    const ProcessResult help = S2gs({command.name, "--help"});
     EXPECT_EQ(help.exit_code, 0) << command.name;
     EXPECT_THAT(help.out, AllOf(HasSubstr("s2gs " + command.name + ": "), HasSubstr("--project_path"),
                                 HasSubstr("--log_level")));
@@ -63,6 +64,45 @@ TEST(Program, EveryCommandExplainsItself) {
         EXPECT_THAT(example, HasSubstr(option + " ")) << command.name;
       }
     }
+  }
+}
+
+// The lines that begin with an option, and their options.
+std::map<std::string, std::string> OptionLines(const std::string& help) {
+  std::map<std::string, std::string> lines;
+  std::istringstream stream(help);
+  for (std::string line; std::getline(stream, line);) {
+    if (line.rfind("  --", 0) == 0) lines[line.substr(2, line.find(' ', 2) - 2)] = line;
+  }
+  return lines;
+}
+
+// What -h leaves out stands in the groups that it names, all together in --help.
+TEST(Program, ShortHelpAndGroupsAreAllOptions) {
+  for (const Command& command : AllCommands()) {
+    const std::string brief = S2gs({command.name, "-h"}).out;
+    std::map<std::string, std::string> listed = OptionLines(brief);
+    const size_t groups = brief.find("\nGroups of more options (");
+    std::istringstream lines(groups == std::string::npos ? "" : brief.substr(groups + 1));
+    std::string line;
+    std::getline(lines, line);
+    while (std::getline(lines, line)) {
+      EXPECT_LE(line.size(), 110U) << line;
+      std::istringstream cells(line);
+      std::string group, about;
+      size_t count = 0;
+      cells >> group >> count >> about;
+      EXPECT_FALSE(about.empty()) << command.name << ": " << line;
+      const std::map<std::string, std::string> of_group = OptionLines(S2gs({command.name, "-h", group}).out);
+      EXPECT_EQ(of_group.size(), count) << command.name << " " << group;
+      for (const auto& [option, row] : of_group) {
+        EXPECT_TRUE(listed.emplace(option, row).second) << command.name << ": " << option << " twice";
+      }
+    }
+    const std::map<std::string, std::string> all = OptionLines(S2gs({command.name, "--help"}).out);
+    EXPECT_EQ(listed.size(), all.size()) << command.name;
+    for (const auto& [option, row] : all)
+      EXPECT_EQ(listed.count(option), 1U) << command.name << " " << option;
   }
 }
 

@@ -146,7 +146,7 @@ TEST_F(SplitFiles, DatabaseOfOneBody) {
   pair.is_planar = true;
   const std::vector<ImagePairMatches> matches = {{0, 1, {{0, 1}, {1, 0}}}};
   const std::filesystem::path copy_path = folder_ / "object.db";
-  WriteSplitDatabase(path_, copy_path, features, {pair}, &matches, reporter_);
+  WriteSplitDatabase(path_, copy_path, features, {pair}, matches, reporter_);
   EXPECT_EQ(ReadAll(path_), before);
   const ColmapDatabase copy = ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly);
   EXPECT_FALSE(copy.ReadTwoViewGeometry(1, 3).has_value());
@@ -161,13 +161,13 @@ TEST_F(SplitFiles, DatabaseOfOneBody) {
   // A pair whose points are no plane has none.
   VerifiedPair solid = pair;
   solid.is_planar = false;
-  WriteSplitDatabase(path_, folder_ / "solid.db", features, {solid}, &matches, reporter_);
+  WriteSplitDatabase(path_, folder_ / "solid.db", features, {solid}, matches, reporter_);
   EXPECT_FALSE(ColmapDatabase::Open(folder_ / "solid.db", ColmapDatabase::Access::kReadOnly)
                    .ReadTwoViewGeometry(2, 1)
                    ->H.has_value());
   EXPECT_EQ(copy.ReadMatches(2, 1).size(), 2U);
   EXPECT_EQ(copy.NumKeypoints(3), 2U);
-  WriteSplitDatabase(path_, copy_path, features, {pair}, nullptr, reporter_);
+  WriteSplitDatabase(path_, copy_path, features, {pair}, {}, reporter_);
   EXPECT_FALSE(ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly).HasMatches(1, 2));
 }
 
@@ -188,7 +188,7 @@ TEST_F(SplitFiles, BackgroundsOfStationsStandAfterTheOwnKeypoints) {
   EXPECT_EQ(split.labels[1], (std::vector<KeypointLabel>{KeypointLabel::kRotating, KeypointLabel::kUnknown,
                                                          KeypointLabel::kStatic}));
   const std::filesystem::path copy_path = folder_.path() / "copy.db";
-  WriteSplitDatabase(path_, copy_path, features, {}, nullptr, reporter_);
+  WriteSplitDatabase(path_, copy_path, features, {}, {}, reporter_);
   const ColmapDatabase copy = ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly);
   const KeypointMatrix keypoints = copy.ReadKeypoints(features.rows[1].image_id);
   ASSERT_EQ(keypoints.rows(), 3);
@@ -219,7 +219,7 @@ TEST_F(SplitFiles, WhatIsAddedHasAsManyColumnsAsTheOthers) {
     image.descriptors.insert(image.descriptors.end(), more.descriptors.begin(), more.descriptors.end());
   }
   const std::filesystem::path copy_path = folder_.path() / "copy.db";
-  WriteSplitDatabase(path_, copy_path, features, {}, nullptr, reporter_);
+  WriteSplitDatabase(path_, copy_path, features, {}, {}, reporter_);
   const ColmapDatabase copy = ColmapDatabase::Open(copy_path, ColmapDatabase::Access::kReadOnly);
   const float c = 3 * std::cos(0.5F);
   const float s = 3 * std::sin(0.5F);
@@ -251,7 +251,7 @@ TEST_F(SplitFiles, LabelsComeBack) {
                   {KeypointLabel::kUnknown, KeypointLabel::kUnknown},
                   {KeypointLabel::kRotating, KeypointLabel::kUnknown}};
   std::filesystem::create_directories(workspace.SplitLabels().parent_path());
-  WriteSplitDatabase(path_, workspace.ObjectDatabase(), features, {}, nullptr, reporter_);
+  WriteSplitDatabase(path_, workspace.ObjectDatabase(), features, {}, {}, reporter_);
   WriteLabels(workspace.SplitLabels(), split, features);
   const ScanInput input = ReadScanInput(workspace);
   EXPECT_EQ(input.capture_case, CaptureCase::kSingleStation);
