@@ -124,6 +124,24 @@ void FindPhotos(const Workspace& workspace, ScanSettings* settings) {
   if (settings->mask_path == settings->given_path) settings->mask_path = settings->image_path;
 }
 
+// What training, masks and the mesh are told.
+void AddModelOptions(Options& options, ScanSettings* settings) {
+  options.Add("test_every", &settings->test_every,
+              "hold every n-th photo out of training and of the texture, and measure both on it; 0: none");
+  options.Add("num_iterations", &settings->num_iterations, "steps of training; empty: as --quality says");
+  options
+      .Add("max_image_size", &settings->max_image_size,
+           "longer side of the photos in training; empty: as --quality says")
+      .Unit("px");
+  options.Add(
+      "first_octave", &settings->first_octave,
+      "0: features are looked for at the photos' own size, not at twice that: poses take half of the CPU "
+      "seconds, errors are up to twice as large, and plain objects may find no place; empty: COLMAP's, -1");
+  options.AddEnum("plain_table", &settings->plain_table, {{"object", "object"}, {"background", "background"}},
+                  "whose, in masks, a plain table with a round top is: photos do not tell whether it turns");
+  options.Add("keep_disc", &settings->keep_disc, "leave the table's disc in the mesh");
+}
+
 // Every option of the scan, with what -h says of it.
 Options& DeclareOptions(CommandContext& context, ScanSettings* settings) {
   Options& options = context.Declare(
@@ -155,20 +173,7 @@ Options& DeclareOptions(CommandContext& context, ScanSettings* settings) {
                   {{"split", ScanUntil::kSplit}, {"train", ScanUntil::kTrain}, {"mesh", ScanUntil::kMesh}},
                   "the last part to run: poses and sparse models, the Gaussian model, or all");
   options.Add("use_gpu", &settings->use_gpu, "auto, 0 or 1");
-  options.Add("test_every", &settings->test_every,
-              "hold every n-th photo out of training and of the texture, and measure both on it; 0: none");
-  options.Add("num_iterations", &settings->num_iterations, "steps of training; empty: as --quality says");
-  options
-      .Add("max_image_size", &settings->max_image_size,
-           "longer side of the photos in training; empty: as --quality says")
-      .Unit("px");
-  options.Add(
-      "first_octave", &settings->first_octave,
-      "0: features are looked for at the photos' own size, not at twice that: poses take half of the CPU "
-      "seconds, errors are up to twice as large, and plain objects may find no place; empty: COLMAP's, -1");
-  options.AddEnum("plain_table", &settings->plain_table, {{"object", "object"}, {"background", "background"}},
-                  "whose, in masks, a plain table with a round top is: photos do not tell whether it turns");
-  options.Add("keep_disc", &settings->keep_disc, "leave the table's disc in the mesh");
+  AddModelOptions(options, settings);
   options.Add("angles_path", &settings->angles_path,
               "table angles that are known: a CSV file of NAME,ANGLE in degrees, or the folder of OpenScan's "
               "scan or project; used where the photos bear them out; empty: none");

@@ -311,20 +311,25 @@ void PrintSummary(const TrainResult& result, const TrainingScene& scene, const f
   out << "model                 " << path.string() << '\n';
 }
 
-}  // namespace
-
-void RunGaussianTrainer(CommandContext& context) {
-  Arguments a;
+Options& DeclareOptions(CommandContext& context, Arguments* a) {
   Options& options = context.Declare(
       "Trains 2D Gaussian splats on posed photos and tells the rotating part from the background by its "
       "motion. Reads sparse/0, sparse/static and turntable.json, writes s2gs/point_cloud.ply and "
       "s2gs/log.jsonl. Stopped with Ctrl-C, or killed, the same command goes on where it was, and is skipped "
       "when it is done. Only with --output_path it always runs: its result is then no part of the workspace.",
       "--workspace_path scan --image_path scan/images --test_every 10");
-  AddSceneOptions(&options, &a);
-  AddBackendOptions(&options, &a.backend);
-  AddTrainOptions(&options, &a.train);
-  AddInitialiseOptions(&options, &a.train.initial);
+  AddSceneOptions(&options, a);
+  AddBackendOptions(&options, &a->backend);
+  AddTrainOptions(&options, &a->train);
+  AddInitialiseOptions(&options, &a->train.initial);
+  return options;
+}
+
+}  // namespace
+
+void RunGaussianTrainer(CommandContext& context) {
+  Arguments a;
+  const Options& options = DeclareOptions(context, &a);
   Reporter& reporter = context.Parse();
 
   const Workspace workspace{a.workspace_path};

@@ -147,55 +147,36 @@ void PrintSummary(const MotionSplit& split, const SplitFeatures& features, std::
   }
 }
 
-void Split(const Settings& settings, const Paths& paths, std::ostream& out, Reporter& reporter) {
-  SplitFeatures features = ReadSplitFeatures(settings.database_path);
-  reporter.Info(std::to_string(features.images.size()) + " photos read from " +
-                settings.database_path.string());
-  SplitSettings split_settings = settings.split;
-  std::optional<ScanPictures> pictures;
-  if (!settings.extraction.image_path.empty()) {
-    pictures = ReadScanPictures(settings.extraction.image_path, features, split_settings.station, reporter);
-    if (pictures) TakeOrderOfCapture(split_settings.station, &*pictures, &features, reporter);
-  }
-  if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
-  GivenMatches given;
-  if (settings.use_matches) {
-    given = ReadGivenMatches(settings.database_path, features);
-    const int all = static_cast<int>(features.images.size());
-    split_settings.split.max_object_steps = all;
-    split_settings.split.station_partners = all;
-    split_settings.split.max_nearby_stations = all;
-  }
-  const ScanPictures* seen = pictures ? &*pictures : nullptr;
-  MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
-  // Weak features are placed nearly as exactly as the others, so that every one of them tells of the poses.
-  // Only scans whose photos they join worse do without. Where no pair of photos is verified with or without
-  // them, the circle is found from raw matches, of which they give more.
+// Weak features are placed nearly as exactly as the others, so that every one of them tells of the poses.
+// Only scans whose photos they join worse do without. Where no pair of photos is verified with or without
+// them, the circle is found from raw matches, of which they give more.
+void TakeWeakFeatures(const Settings& settings, const SplitSettings& split_settings,
+                      const GivenMatches& given, const ScanPictures& pictures, Reporter& reporter,
+                      SplitFeatures* features, MotionSplit* split) {
   const bool may_add = settings.weak_features && !settings.use_matches && settings.mask_path.empty();
-  const bool is_always = settings.weak_features_always && pictures.has_value();
-  if ((split.has_changes || is_always) && may_add) {
-    SplitFeatures with_weak = features;
-    const int64_t added = AddWeakFeatures(settings.extraction.image_path, *pictures,
-                                          split.lacks_features || is_always, &with_weak, reporter);
-    features.changing = with_weak.changing;
-    features.found = with_weak.found;
-    if (added > 0) {
-      MotionSplit again = SplitMotion(with_weak.images, split_settings, &reporter, given, seen);
-      const auto joined = [](const MotionSplit& s) {
-        return std::make_pair(s.ringed_photos, s.object_pairs.size());
-      };
-      reporter.Debug("photos that pairs join in rings: " + std::to_string(split.ringed_photos) +
-                     ", with weak features " + std::to_string(again.ringed_photos) + " of " +
-                     std::to_string(again.station_photos));
-      if (is_always || joined(again) >= joined(split)) {
-        features = std::move(with_weak);
-        split = std::move(again);
-      }
-    }
+  const bool is_always = settings.weak_features_always;
+  if ((!split->has_changes && !is_always) || !may_add) return;
+  SplitFeatures with_weak = *features;
+  const int64_t added = AddWeakFeatures(settings.extraction.image_path, pictures,
+                                        split->lacks_features || is_always, &with_weak, reporter);
+  features->changing = with_weak.changing;
+  features->found = with_weak.found;
+  if (added <= 0) return;
+  MotionSplit again = SplitMotion(with_weak.images, split_settings, &reporter, given, &pictures);
+  const auto joined = [](const MotionSplit& s) {
+    return std::make_pair(s.ringed_photos, s.object_pairs.size());
+  };
+  reporter.Debug("photos that pairs join in rings: " + std::to_string(split->ringed_photos) +
+                 ", with weak features " + std::to_string(again.ringed_photos) + " of " +
+                 std::to_string(again.station_photos));
+  if (is_always || joined(again) >= joined(*split)) {
+    *features = std::move(with_weak);
+    *split = std::move(again);
   }
-  for (const std::string& warning : split.warnings) reporter.Warn(warning);
-  AppendStationFeatures(&split, &features);
+}
 
+void WriteSplit(const Settings& settings, const Paths& paths, const SplitFeatures& features,
+                const MotionSplit& split, const std::optional<ScanPictures>& pictures, Reporter& reporter) {
   CreateFolder(paths.output);
   RemoveStaleTemporaries(paths.output);
   KeepingReporter of_background(reporter);
@@ -217,6 +198,34 @@ void Split(const Settings& settings, const Paths& paths, std::ostream& out, Repo
     WriteSplitOverlays(paths.output / "overlays", settings.extraction.image_path, features, split,
                        settings.max_overlays, reporter);
   }
+}
+
+void Split(const Settings& settings, const Paths& paths, std::ostream& out, Reporter& reporter) {
+  SplitFeatures features = ReadSplitFeatures(settings.database_path);
+  reporter.Info(std::to_string(features.images.size()) + " photos read from " +
+                settings.database_path.string());
+  SplitSettings split_settings = settings.split;
+  std::optional<ScanPictures> pictures;
+  if (!settings.extraction.image_path.empty()) {
+    pictures = ReadScanPictures(settings.extraction.image_path, features, split_settings.station, reporter);
+    if (pictures) TakeOrderOfCapture(split_settings.station, &*pictures, &features, reporter);
+  }
+  if (!settings.mask_path.empty()) ApplyMasks(settings.mask_path, &features, reporter);
+  GivenMatches given;
+  if (settings.use_matches) {
+    given = ReadGivenMatches(settings.database_path, features);
+    const int all = static_cast<int>(features.images.size());
+    split_settings.split.max_object_steps = all;
+    split_settings.split.station_partners = all;
+    split_settings.split.max_nearby_stations = all;
+  }
+  const ScanPictures* seen = pictures ? &*pictures : nullptr;
+  MotionSplit split = SplitMotion(features.images, split_settings, &reporter, given, seen);
+  if (pictures) TakeWeakFeatures(settings, split_settings, given, *pictures, reporter, &features, &split);
+  for (const std::string& warning : split.warnings) reporter.Warn(warning);
+  AppendStationFeatures(&split, &features);
+
+  WriteSplit(settings, paths, features, split, pictures, reporter);
   PrintSummary(split, features, out);
   out << "written to          " << paths.output.string() << '\n';
 }

@@ -154,10 +154,7 @@ void RequireAllDone(const Settings& settings, const std::vector<BatchEntry>& ent
   }
 }
 
-}  // namespace
-
-void RunScanBatch(CommandContext& context) {
-  Settings settings;
+void DeclareOptions(CommandContext& context, Settings* settings) {
   Options& options = context.Declare(
       "Scans many objects, each by automatic_scanner in a process of its own. The list is a CSV file whose "
       "first line is `images,workspace,options`: the folder of an object's photos, or a video, the folder of "
@@ -168,17 +165,24 @@ void RunScanBatch(CommandContext& context) {
       "was: what is done is skipped. Each workspace keeps s2gs/batch.log. Exit code 1 when an object has "
       "failed, 3 when one is doubtful and none has failed.",
       "--list objects.csv --jobs 2");
-  options.Add("list", &settings.list, "the list of objects").Required();
-  options.Add("output_path", &settings.output_path,
+  options.Add("list", &settings->list, "the list of objects").Required();
+  options.Add("output_path", &settings->output_path,
               "folder of index.html and batch.json; empty: the list's name without its ending");
-  options.Add("rows", &settings.rows,
+  options.Add("rows", &settings->rows,
               "scan these objects of the list alone, counted from 1, and leave index.html as it is, as the "
               "tasks of a cluster's array do; empty: all");
-  options.Add("run", &settings.run, "0: scan nothing, only look at how far all are");
-  auto batch = options.Fields(&settings.batch);
+  options.Add("run", &settings->run, "0: scan nothing, only look at how far all are");
+  auto batch = options.Fields(&settings->batch);
   batch.Add("jobs", &BatchRunOptions::jobs, "objects at the same time, which share the cores");
   batch.Add("gpus", &BatchRunOptions::gpus,
             "numbers of the GPUs that the jobs take in turn; empty: the one that each job finds");
+}
+
+}  // namespace
+
+void RunScanBatch(CommandContext& context) {
+  Settings settings;
+  DeclareOptions(context, &settings);
   Reporter& reporter = context.Parse();
   settings.batch.program = OwnProgram();
   if (settings.output_path.empty()) settings.output_path = fs::path(settings.list).replace_extension();

@@ -205,6 +205,16 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
   WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
 }
 
+void Simplify(const TsdfMesherOptions& options, double voxel_size, Reporter& reporter, TriangleMesh* mesh) {
+  // A count that is asked for is a bound of its own.
+  if (!(options.max_error_voxels > 0) || options.cleanup.max_triangles != 0) return;
+  const size_t num_full_vertices = mesh->vertices.size();
+  SimplifyMesh(options.max_error_voxels * voxel_size, mesh);
+  ComputeNormals(mesh);
+  reporter.Info(fmt::format("simplified within {:.3g} voxels: {} of {} vertices stay",
+                            options.max_error_voxels, mesh->vertices.size(), num_full_vertices));
+}
+
 }  // namespace
 
 TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOptions& options,
@@ -256,13 +266,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
                     "Check that they belong to the poses of dense/0/sparse, or set a larger voxel_size");
   }
   summary.num_full_vertices = mesh.vertices.size();
-  // A count that is asked for is a bound of its own.
-  if (options.max_error_voxels > 0 && options.cleanup.max_triangles == 0) {
-    SimplifyMesh(options.max_error_voxels * summary.tsdf.voxel_size, &mesh);
-    ComputeNormals(&mesh);
-    reporter.Info(fmt::format("simplified within {:.3g} voxels: {} of {} vertices stay",
-                              options.max_error_voxels, mesh.vertices.size(), summary.num_full_vertices));
-  }
+  Simplify(options, summary.tsdf.voxel_size, reporter, &mesh);
   WriteMesh(summary.output_path, mesh);
   summary.num_vertices = mesh.vertices.size();
   summary.num_triangles = mesh.triangles.size();
