@@ -8,7 +8,6 @@ namespace {
 constexpr size_t kMaxDefaultWidth = 24;  // a longer default has its meaning on the next line
 constexpr size_t kMinMeaningWidth = 30;  // however wide the other columns are
 constexpr size_t kGap = 2;               // between columns, and before the first
-const HelpRow kHeader = {"option", "default", "unit", "meaning (bounds)"};
 
 std::string Padded(const std::string& cell, size_t width) {
   return cell + std::string(width > cell.size() ? width - cell.size() : 0, ' ');
@@ -61,11 +60,12 @@ std::vector<std::string> Wrapped(const std::string& text, size_t width) {
 }
 
 std::string HelpTable::Text() const {
+  const HelpRow header = {"option", "default", "unit", "meaning (bounds)"};
   Widths widths;
   for (const Line& line : lines_) widths.has_units = widths.has_units || !line.row.unit.empty();
-  widths.Include(kHeader);
+  widths.Include(header);
   for (const Line& line : lines_) widths.Include(line.row);
-  std::string text = RowText(kHeader, widths);
+  std::string text = RowText(header, widths);
   for (const Line& line : lines_) {
     if (!line.row.option.empty()) {
       text += RowText(line.row, widths);
