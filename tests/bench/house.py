@@ -104,11 +104,11 @@ def count(read, paths, is_listed):
 def options_shown(program):
     """{row: number}: options and lines of all commands' help."""
     listed = subprocess.run([program, 'help'], check=True, capture_output=True, text=True).stdout
-    commands = [command for command in re.findall(r'^  ([a-z_0-9]+)  ', listed, re.M) if command != 'help']
+    commands = [command for command in re.findall(r'^  ([a-z]\w+)  ', listed, re.M) if command != 'help']
     rows = {}
     for word in ('-h', '--help'):
         helps = [subprocess.run([program, command, word], capture_output=True, text=True).stdout for command in commands]
-        options = [option for text in helps for option in re.findall(r'^  --([\w.]+) ', text, re.M)]
+        options = [option for text in helps for option in re.findall(r'^  --([\w.]+) ', text, re.M) if option != 'help']
         rows |= {f'options that {word} shows, {len(commands)} commands together': len(options),
                  f'names that differ, {word}': len(set(options)),
                  f'lines of {word}, all commands together': sum(len(text.splitlines()) for text in helps)}
