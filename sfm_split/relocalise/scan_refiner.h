@@ -21,7 +21,8 @@ constexpr double kMaxCameraMisfit = 0.03;
 /// Of a keypoint's coordinate, in standard deviations: errors beyond are wrong.
 constexpr double kErrorSigmas = 5;
 
-/// RefineScan at work: scan_refinement.cc has the rounds, scan_adjustment.cc what they adjust,
+/// RefineScan at work: scan_refinement.cc has the rounds, refined_tracks.cc the points that agree with the
+/// poses, refined_models.cc both models and the labels made of them, scan_adjustment.cc what is adjusted;
 /// relocalise_images.cc brings single images back or drops them, relocalise_stations.cc places whole
 /// stations.
 class ScanRefiner {
@@ -52,6 +53,11 @@ class ScanRefiner {
   RefineReport Run();
 
  private:
+  void AdjustToCommonCameras();
+  void MakeRound(int round, double first_error_px, double max_error_px);
+  void AdjustRound(int round, JointModel* model);
+  void RecordRound(int round, double seconds);
+  void Finish(JointModel model, double max_error_px);
   int StationOf(int image) const { return features_.images[static_cast<size_t>(image)].station; }
   void IndexViews();
   void SortViews();
@@ -97,6 +103,8 @@ class ScanRefiner {
                                      int max_points) const;
   ColmapModel BuildModel(const std::vector<TrackPoint>& points, const std::vector<size_t>& chosen,
                          bool of_object) const;
+  void BuildObject();
+  void BuildBackground();
   std::vector<TrackElement> WholeTrack(const TrackPoint& point, bool of_object) const;
   JointReport Adjust(JointModel model, bool covariance);
   void PreferKnownAngles(const JointReport& report, JointProblem* problem);

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "sfm_split/photo_tracks/track_places.h"
-#include "sfm_split/split/picture_comparison.h"
+#include "sfm_split/pictures/picture_comparison.h"
 
 namespace s2gs {
 

@@ -3,8 +3,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "sfm_split/pictures/picture_comparison.h"
 #include "sfm_split/split/change_maps.h"
-#include "sfm_split/split/picture_comparison.h"
 #include "sfm_split/split/station_pictures.h"
 
 namespace s2gs {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <set>
 #include <utility>
@@ -12,6 +13,11 @@ namespace s2gs {
 
 /// The descriptors of some of the images' keypoints, ready to be matched.
 using PackedImages = std::vector<PackedDescriptors>;
+
+/// Two images, the one with the smaller number first.
+inline ImagePair OrderedPair(int a, int b) {
+  return {static_cast<uint32_t>(std::min(a, b)), static_cast<uint32_t>(std::max(a, b))};
+}
 
 /// What every kind of split does with images: match pairs, count matches cheaply, fit motions.
 class SplitMatching {

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
-#include "sfm_split/split/picture_comparison.h"
+#include "sfm_split/pictures/picture_comparison.h"
 #include "sfm_split/split/stations.h"
 
 namespace s2gs {

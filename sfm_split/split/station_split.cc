@@ -4,39 +4,25 @@
 #include <cmath>
 #include <map>
 #include <numeric>
-#include <optional>
 #include <utility>
 
 #include "sfm_split/base/parallel_for.h"
-#include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/image_similarity.h"
-#include "sfm_split/matching/photo_order.h"
+#include "sfm_split/split/folded_pairs.h"
 #include "sfm_split/split/pair_evidence.h"
 #include "sfm_split/split/passers_by.h"
 #include "sfm_split/split/rotating_labels.h"
+#include "sfm_split/split/static_labels.h"
 #include "sfm_split/split/station_background.h"
-#include "sfm_split/split/station_turn.h"
+#include "sfm_split/split/station_orders.h"
 #include "sfm_split/split/still_keypoints.h"
 
 namespace s2gs {
 namespace {
 
-constexpr double kMinStaticShare = 0.25;   // of a station's photos that must show a background keypoint
 constexpr double kMinVerifiedShare = 0.2;  // below it, pairs still further apart are not worth matching
-constexpr size_t kCoarseFeatures = 300;    // that images of different stations are compared by
-constexpr uint32_t kMinCoarseMatches = 6;  // of a pair that is worth matching in full
-// Photos of a station that look most like one: its neighbours on the turn.
-constexpr int kSimilarInStation = 3;
-constexpr int kCloseSteps = 3;          // between photos that show how the table turns
-constexpr double kMinTurnShare = 0.7;   // of their matches that must follow one turn
-constexpr int kMaxStaticPartners = 10;  // representatives of other stations with which one is compared
-constexpr int kAdoptingStations = 3;    // whose background a photo from a station of its own is compared with
-
+constexpr int kMaxStaticPartners = 10;     // representatives of other stations with which one is compared
 using IndexPair = std::pair<int, int>;
-
-ImagePair Ordered(int a, int b) {
-  return {static_cast<uint32_t>(std::min(a, b)), static_cast<uint32_t>(std::max(a, b))};
-}
 
 std::vector<int> AllOf(const ImagePairMatches& pair) {
   std::vector<int> all(pair.matches.size());
@@ -50,14 +36,15 @@ class StationSplitter {
       : matching_(*matching),
         options_(matching->settings().split),
         split_(*split),
-        passers_by_(pictures, matching, &split->stations) {}
+        passers_by_(pictures, matching, &split->stations),
+        orders_(split->stations, matching) {}
 
   void Run() {
-    LabelStaticKeypoints();
-    LabelPhotosOfTheirOwn();
+    still_ = LabelStaticKeypoints(matching_, &split_);
+    LabelPhotosOfTheirOwn(&matching_, &split_);
     PackByLabel();
     MatchBackgroundAcrossStations();
-    FindOrders();
+    orders_.Find([&](int i, uint32_t k) { return IsCandidate(i, k); });
     MatchObjectInsideStations();
     MatchObjectAcrossStations();
     RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
@@ -65,78 +52,17 @@ class StationSplitter {
   }
 
  private:
-  KeypointLabel& Label(int image, uint32_t keypoint) { return split_.labels[image][keypoint]; }
-
-  void LabelStaticKeypoints() {
-    still_ =
-        FindStillSupport(matching_.images(), split_.stations, matching_.settings().station.max_unmoved_px);
-    split_.labels.resize(matching_.images().size());
-    for (int i = 0; i < matching_.NumImages(); ++i) {
-      const SplitImage& image = matching_.images()[i];
-      split_.labels[i].assign(image.keypoints.size(), KeypointLabel::kUnknown);
-      if (!image.given_labels.empty()) {
-        split_.labels[i] = image.given_labels;
-        continue;
-      }
-      if (still_.num_partners[i] == 0) continue;
-      const int by_share = static_cast<int>(std::ceil(kMinStaticShare * still_.num_partners[i]));
-      const int needed =
-          std::max(by_share, std::max(1, std::min(options_.min_static_support, still_.num_partners[i] / 2)));
-      for (uint32_t k = 0; k < image.keypoints.size(); ++k) {
-        if (still_.support[i][k] >= needed) Label(i, k) = KeypointLabel::kStatic;
-      }
-    }
-  }
-
-  // A photo without companions: what follows the background of other stations is its background.
-  void LabelPhotosOfTheirOwn() {
-    const auto& stations = split_.stations.images;
-    std::vector<int> large;
-    for (const std::vector<int>& station : stations) {
-      if (station.size() >= 2) large.push_back(station[station.size() / 2]);
-    }
-    std::vector<ImagePair> pairs;
-    for (const std::vector<int>& station : stations) {
-      const int image = station.front();
-      if (station.size() >= 2 || !matching_.images()[image].given_labels.empty()) continue;
-      const size_t num = std::min<size_t>(kAdoptingStations, large.size());
-      for (size_t s = 0; s < num; ++s) pairs.push_back(Ordered(image, large[s * large.size() / num]));
-    }
-    if (pairs.empty()) return;
-    PackedImages packed;
-    packed.reserve(matching_.images().size());
-    for (int i = 0; i < matching_.NumImages(); ++i) {
-      const bool alone = stations[split_.stations.station_of_image[i]].size() < 2;
-      packed.push_back(PackLabel(i, alone ? KeypointLabel::kUnknown : KeypointLabel::kStatic));
-    }
-    const auto matched = matching_.Match(pairs, packed, "match single photos");
-    for (const VerifiedPair& pair : matching_.VerifyAll(matched, nullptr, "fit single photos")) {
-      if (pair.matches.empty() || pair.log_false_alarms > kMaxLogFalseAlarms) continue;
-      const bool first = stations[split_.stations.station_of_image[pair.image1]].size() < 2;
-      for (const FeatureMatch& match : pair.matches) {
-        Label(first ? pair.image1 : pair.image2, first ? match.point2D_idx1 : match.point2D_idx2) =
-            KeypointLabel::kStatic;
-      }
-    }
-  }
-
-  PackedDescriptors PackLabel(int i, KeypointLabel label) const {
-    const SplitImage& image = matching_.images()[i];
-    std::vector<uint32_t> rows;
-    for (uint32_t k = 0; k < image.keypoints.size(); ++k) {
-      if (split_.labels[i][k] == label) rows.push_back(k);
-    }
-    return {image.descriptors.data(), image.keypoints.size(), rows};
-  }
-
   void PackByLabel() {
     packed_.resize(matching_.images().size());
     packed_static_.resize(matching_.images().size());
     ParallelFor(matching_.NumImages(), 0, [&](int64_t of_image) {
       const auto i = static_cast<int>(of_image);
       const bool given = !matching_.images()[i].given_labels.empty();
-      packed_[i] = PackLabel(i, given ? KeypointLabel::kRotating : KeypointLabel::kUnknown);
-      packed_static_[i] = PackLabel(i, KeypointLabel::kStatic);
+      const auto pack = [&](KeypointLabel label) {
+        return PackLabel(matching_.images()[i], split_.labels[i], label);
+      };
+      packed_[i] = pack(given ? KeypointLabel::kRotating : KeypointLabel::kUnknown);
+      packed_static_[i] = pack(KeypointLabel::kStatic);
     });
   }
 
@@ -168,7 +94,7 @@ class StationSplitter {
     std::vector<ImagePair> pairs;
     for (const ImagePair& pair : RepresentativePairs(representatives, kMaxStaticPartners))
       pairs.push_back(
-          Ordered(StationOf(static_cast<int>(pair.first)), StationOf(static_cast<int>(pair.second))));
+          OrderedPair(StationOf(static_cast<int>(pair.first)), StationOf(static_cast<int>(pair.second))));
     std::sort(pairs.begin(), pairs.end());
     std::vector<BackgroundMatches> matched =
         MatchBackgrounds(backgrounds, pairs, matching_.given(), split_.stations, &matching_);
@@ -200,54 +126,6 @@ class StationSplitter {
     }
   }
 
-  // Names hint at the order in which the table turned. Where photos that follow each other by name have less
-  // in common than others, the order is made from what they have in common.
-  void FindOrders() {
-    const PackedImages largest =
-        matching_.PackLargest(kCoarseFeatures, [&](int i, uint32_t k) { return IsCandidate(i, k); });
-    order_ = split_.stations.images;
-    similarity_.resize(order_.size());
-    is_by_name_.assign(order_.size(), true);
-    for (size_t s = 0; s < order_.size(); ++s) {
-      if (order_[s].size() < 4) continue;
-      PackedImages of_station;
-      of_station.reserve(order_[s].size());
-      for (const int i : order_[s]) of_station.push_back(largest[i]);
-      similarity_[s] = CountMatchesOfAllPairs(of_station, matching_.matcher(), matching_.reporter());
-      std::vector<uint32_t> by_name(order_[s].size());
-      std::iota(by_name.begin(), by_name.end(), 0U);
-      if (OrderAgreement(by_name, similarity_[s]) >= kMinOrderAgreement) continue;
-      is_by_name_[s] = false;
-      TakeOrder(s, OrderBySimilarity(similarity_[s]));
-    }
-  }
-
-  void TakeOrder(size_t s, const std::vector<uint32_t>& order) {
-    for (size_t p = 0; p < order.size(); ++p) order_[s][p] = split_.stations.images[s][order[p]];
-  }
-
-  // The order by verified matches, which say more than a few large features; by name where that is as good.
-  void RefineOrders() {
-    for (size_t s = 0; s < order_.size(); ++s) {
-      if (is_by_name_[s]) continue;
-      const std::vector<int>& images = split_.stations.images[s];
-      const auto num = static_cast<Eigen::Index>(images.size());
-      SimilarityMatrix verified = SimilarityMatrix::Zero(num, num);
-      for (const VerifiedPair& pair : split_.object_pairs) {
-        if (StationOf(pair.image1) != static_cast<int>(s) || StationOf(pair.image2) != static_cast<int>(s))
-          continue;
-        const auto a = std::lower_bound(images.begin(), images.end(), pair.image1) - images.begin();
-        const auto b = std::lower_bound(images.begin(), images.end(), pair.image2) - images.begin();
-        verified(a, b) = verified(b, a) = static_cast<uint32_t>(pair.matches.size());
-      }
-      std::vector<uint32_t> by_name(images.size());
-      std::iota(by_name.begin(), by_name.end(), 0U);
-      const std::vector<uint32_t> by_matches = OrderBySimilarity(verified);
-      const bool is_named = OrderAgreement(by_name, verified) >= OrderAgreement(by_matches, verified);
-      TakeOrder(s, is_named ? by_name : by_matches);
-    }
-  }
-
   // Steps 1, 2, 3, ... apart, then half as far again each time. Stations without a known order are matched in
   // full while that is no great work.
   void MatchObjectInsideStations() {
@@ -255,10 +133,11 @@ class StationSplitter {
     for (int i = 0; i < matching_.NumImages(); ++i)
       rotating_[i].assign(matching_.images()[i].keypoints.size(), false);
     std::vector<ImagePair> without_order;
-    for (size_t s = 0; s < order_.size(); ++s) {
-      if (is_by_name_[s]) continue;
-      for (size_t i = 0; i < order_[s].size(); ++i) {
-        for (size_t j = 0; j < i; ++j) without_order.push_back(Ordered(order_[s][i], order_[s][j]));
+    for (size_t s = 0; s < orders_.order().size(); ++s) {
+      if (orders_.IsByName(s)) continue;
+      const std::vector<int>& station = orders_.order()[s];
+      for (size_t i = 0; i < station.size(); ++i) {
+        for (size_t j = 0; j < i; ++j) without_order.push_back(OrderedPair(station[i], station[j]));
       }
     }
     if (static_cast<int64_t>(without_order.size()) <= options_.max_exhaustive_pairs) {
@@ -266,13 +145,13 @@ class StationSplitter {
       MatchBySteps();
     } else {
       MatchBySteps();
-      RefineOrders();
+      orders_.Refine(split_.object_pairs);
       MatchBySteps();
     }
-    AddSimilarPairs();
+    AddObjectPairs(NewPairs(orders_.SimilarPhotos(), done_), "match similar photos");
     RemoveContradicted(matching_.keypoints(), matching_.settings().motion.min_inliers, &split_.object_pairs);
-    RefineOrders();
-    RemoveFolded();
+    orders_.Refine(split_.object_pairs);
+    RemoveFoldedPairs(matching_, split_.stations, orders_.order(), &split_.object_pairs);
     for (const VerifiedPair& pair : split_.object_pairs) {
       for (const FeatureMatch& match : pair.matches) {
         rotating_[pair.image1][match.point2D_idx1] = true;
@@ -286,11 +165,11 @@ class StationSplitter {
     for (int step = 1;; step = step < options_.max_object_steps ? step + 1 : step + (step + 1) / 2) {
       std::vector<ImagePair> pairs;
       bool has_step = false;
-      for (const std::vector<int>& station : order_) {
+      for (const std::vector<int>& station : orders_.order()) {
         const int n = static_cast<int>(station.size());
         if (2 * step > n) continue;
         has_step = true;
-        for (int i = 0; i < n; ++i) pairs.push_back(Ordered(station[i], station[(i + step) % n]));
+        for (int i = 0; i < n; ++i) pairs.push_back(OrderedPair(station[i], station[(i + step) % n]));
       }
       if (!has_step) break;
       pairs = NewPairs(std::move(pairs), done_);
@@ -300,92 +179,6 @@ class StationSplitter {
       if (has_seen_turn && share < kMinVerifiedShare) break;
       has_seen_turn = has_seen_turn || share >= kMinVerifiedShare;
     }
-  }
-
-  // An object that looks the same from several sides matches itself at wrong angles, and consistently so:
-  // third images confirm it. What photos a few steps apart say about the station tells the angles apart.
-  void RemoveFolded() {
-    std::vector<int> place(matching_.images().size());
-    for (const std::vector<int>& station : order_) {
-      for (size_t p = 0; p < station.size(); ++p) place[station[p]] = static_cast<int>(p);
-    }
-    std::vector<std::vector<const VerifiedPair*>> pairs_of_station(split_.stations.images.size());
-    for (const VerifiedPair& pair : split_.object_pairs)
-      pairs_of_station[StationOf(pair.image1)].push_back(&pair);
-    const auto to_turn = [&](const VerifiedPair& pair) {
-      TurnMatches matches;
-      matches.steps = place[pair.image2] - place[pair.image1];
-      matches.xy1.reserve(pair.matches.size());
-      matches.xy2.reserve(pair.matches.size());
-      for (const FeatureMatch& match : pair.matches) {
-        matches.xy1.push_back(ToFirst(pair.image1, matching_.keypoints()[pair.image1][match.point2D_idx1]));
-        matches.xy2.push_back(ToFirst(pair.image2, matching_.keypoints()[pair.image2][match.point2D_idx2]));
-      }
-      return matches;
-    };
-    const double max_error_px = matching_.settings().motion.max_error_px;
-    const size_t num_stations = pairs_of_station.size();
-    std::vector<std::optional<StationTurn>> turns(num_stations);
-    const auto fit = [&](size_t s, std::optional<double> focal_px) {
-      const auto num_photos = static_cast<int>(split_.stations.images[s].size());
-      std::vector<TurnMatches> close;
-      for (const VerifiedPair* pair : pairs_of_station[s]) {
-        const int steps = std::abs(place[pair->image2] - place[pair->image1]);
-        if (std::min(steps, num_photos - steps) <= kCloseSteps) close.push_back(to_turn(*pair));
-      }
-      turns[s] = FitStationTurn(close, num_photos, matching_.sizes()[split_.stations.images[s].front()],
-                                max_error_px, kMinTurnShare, focal_px);
-    };
-    const auto count = static_cast<int64_t>(num_stations);
-    ParallelFor(count, 0, [&](int64_t s) { fit(static_cast<size_t>(s), std::nullopt); });
-    // What stations know that were turned all around holds for the others.
-    std::vector<double> focals;
-    for (const std::optional<StationTurn>& turn : turns) {
-      if (turn && turn->is_full_turn) focals.push_back(turn->focal_px);
-    }
-    if (!focals.empty() && HaveOneSize()) {
-      const double focal_px = UpperMedian(focals);
-      ParallelFor(count, 0, [&](int64_t s) {
-        if (!turns[s] || !turns[s]->is_full_turn) fit(static_cast<size_t>(s), focal_px);
-      });
-    }
-    std::vector<uint8_t> is_folded(split_.object_pairs.size(), 0);
-    ParallelFor(count, 0, [&](int64_t s) {
-      if (!turns[s]) return;
-      for (const VerifiedPair* pair : pairs_of_station[s]) {
-        if (FitsItsAngle(*turns[s], to_turn(*pair), max_error_px)) continue;
-        is_folded[static_cast<size_t>(pair - split_.object_pairs.data())] = 1;
-      }
-    });
-    std::vector<VerifiedPair> kept;
-    kept.reserve(split_.object_pairs.size());
-    for (size_t p = 0; p < is_folded.size(); ++p) {
-      if (is_folded[p] == 0) kept.push_back(std::move(split_.object_pairs[p]));
-    }
-    const size_t num_folded = split_.object_pairs.size() - kept.size();
-    if (num_folded > 0) {
-      matching_.reporter().Debug(std::to_string(num_folded) + " pairs show a wrong angle: taken out");
-    }
-    split_.object_pairs = std::move(kept);
-  }
-
-  bool HaveOneSize() const {
-    return std::all_of(matching_.sizes().begin(), matching_.sizes().end(),
-                       [&](const Eigen::Vector2i& size) { return size == matching_.sizes().front(); });
-  }
-
-  // Tables turned to and fro.
-  void AddSimilarPairs() {
-    std::vector<ImagePair> candidates;
-    for (size_t s = 0; s < similarity_.size(); ++s) {
-      if (similarity_[s].size() == 0) continue;
-      const std::vector<int>& station = split_.stations.images[s];
-      for (const ImagePair& pair : SimilarPairs(similarity_[s], kSimilarInStation)) {
-        if (similarity_[s](pair.first, pair.second) >= kMinCoarseMatches)
-          candidates.push_back(Ordered(station[pair.first], station[pair.second]));
-      }
-    }
-    AddObjectPairs(NewPairs(std::move(candidates), done_), "match similar photos");
   }
 
   bool IsCandidate(int image, uint32_t keypoint) const {
@@ -412,7 +205,7 @@ class StationSplitter {
     std::vector<ImagePair> pairs;
     for (size_t a = 0; a < stations.size(); ++a) {
       for (const int b : NearbyStations(static_cast<int>(a), similarity)) {
-        for (const int image : stations[a]) AddPartners(image, order_[b], similarity, &pairs);
+        for (const int image : stations[a]) AddPartners(image, orders_.order()[b], similarity, &pairs);
       }
     }
     AddObjectPairs(NewPairs(std::move(pairs), done_), "match across stations");
@@ -453,7 +246,7 @@ class StationSplitter {
     });
     for (int p = 0; p < num; ++p) {
       if (similarity(image, station[places[p]]) < kMinCoarseMatches) break;
-      for (int w = -1; w <= 1; ++w) pairs->push_back(Ordered(image, station[(places[p] + w + n) % n]));
+      for (int w = -1; w <= 1; ++w) pairs->push_back(OrderedPair(image, station[(places[p] + w + n) % n]));
     }
   }
 
@@ -515,11 +308,6 @@ class StationSplitter {
     return split_.stations.Move(image, split_.representative[StationOf(image)], xy);
   }
 
-  // And where its first photo would.
-  Eigen::Vector2f ToFirst(int image, const Eigen::Vector2f& xy) const {
-    return split_.stations.Move(image, split_.stations.images[StationOf(image)].front(), xy);
-  }
-
   bool Follows(const BackgroundMotion& background, const Eigen::Vector2f& xy1,
                const Eigen::Vector2f& xy2) const {
     if (!background.is_planar)
@@ -534,14 +322,12 @@ class StationSplitter {
   const MotionSplitOptions& options_;
   MotionSplit& split_;
   PassersBy passers_by_;
+  StationOrders orders_;
   StillSupport still_;
   PackedImages packed_;                      // what may turn
   PackedImages packed_static_;               // what stands still
   std::vector<std::vector<bool>> rotating_;  // with a verified match inside its station
   std::vector<ImagePair> done_;
-  std::vector<std::vector<int>> order_;       // per station: its photos as the table turned
-  std::vector<SimilarityMatrix> similarity_;  // per station: of its photos, ascending; empty for a few
-  std::vector<bool> is_by_name_;              // per station: names tell the order
   std::map<IndexPair, BackgroundMotion> background_;  // from one station to another
 };
 

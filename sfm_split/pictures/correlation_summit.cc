@@ -1,4 +1,4 @@
-#include "sfm_split/split/correlation_summit.h"
+#include "sfm_split/pictures/correlation_summit.h"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>

@@ -1,4 +1,4 @@
-#include "sfm_split/split/tile_motion.h"
+#include "sfm_split/pictures/tile_motion.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "sfm_split/split/tile_motion.h"
+#include "sfm_split/pictures/tile_motion.h"
 
 namespace s2gs {
 

@@ -1,4 +1,4 @@
-#include "sfm_split/split/picture_comparison.h"
+#include "sfm_split/pictures/picture_comparison.h"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
@@ -12,8 +12,8 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/matching/picture_noise.h"
+#include "sfm_split/pictures/correlation_summit.h"
 #include "sfm_split/solvers/eigen_solvers.h"
-#include "sfm_split/split/correlation_summit.h"
 
 namespace s2gs {
 namespace {

@@ -1,0 +1,208 @@
+#include "sfm_split/evidence/proven_pairs.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <vector>
+
+#include "sfm_split/base/angles.h"
+#include "sfm_split/base/rotation.h"
+#include "sfm_split/base/statistics.h"
+#include "sfm_split/evidence/pair_proof.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kFarApart = 3;  // neighbours are one or two steps apart, pairs across the end one to three
+constexpr int kNextInOrder = 2;  // photos so far apart in order are neighbours
+constexpr int kLeastOfTurn = 6;  // photos of a station that can be a turn
+constexpr size_t kMaxProvenPairs = 60;  // of each kind: the time that their robust fits take
+
+// Which pairs there are, what each proves, and how stations end.
+class ProvenPairs {
+ public:
+  explicit ProvenPairs(const PosedMatches& matches) : matches_(matches) {
+    const std::vector<ScanImage>& images = matches.features().images;
+    for (size_t i = 0; i < images.size(); ++i) order_[images[i].station].push_back(static_cast<int>(i));
+  }
+
+  void Record(ScanEvidence* evidence);
+  const KeypointSet& of_others() const { return of_others_; }
+
+ private:
+  enum Kind { kNeighbours, kSeam };
+  struct ProvenPair {
+    int station = 0;
+    double apart_deg = 0;  // of the table, between its photos
+    bool is_contradicted = false;
+    AgreeingMatches matches;
+  };
+  // How a station's photos end, by the poses.
+  enum class End {
+    kOpen,      // far from where they began, or nobody knows: an arc, or names that do not follow the table
+    kClosed,    // next to where they began, after going round without a gap
+    kCameBack,  // next to where they began, by the way that they went
+  };
+  struct Ending {
+    End end = End::kOpen;
+    double step_deg = 0;  // between photos that follow each other (median)
+  };
+  Ending EndingOf(int station) const;
+  std::array<std::vector<const ImagePairMatches*>, 2> PairsInOrder() const;
+  std::optional<ProvenPair> Prove(const ImagePairMatches& pair, double risk, ScanEvidence* evidence);
+  void RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidence* evidence) const;
+
+  const PosedMatches& matches_;
+  std::map<int, std::vector<int>> order_;  // images of a station, by name
+  KeypointSet of_others_;                  // keypoints of bodies that the poses are not of
+};
+
+// Of photos of one station next to each other in order, and of its last ones with its first.
+std::array<std::vector<const ImagePairMatches*>, 2> ProvenPairs::PairsInOrder() const {
+  std::map<int, int> place;
+  for (const auto& [station, images] : order_) {
+    for (size_t k = 0; k < images.size(); ++k) place[images[k]] = static_cast<int>(k);
+  }
+  std::array<std::vector<const ImagePairMatches*>, 2> pairs;
+  for (const ImagePairMatches& pair : matches_.features().raw_pairs) {
+    if (!matches_.IsPosed(pair.image1) || !matches_.IsPosed(pair.image2)) continue;
+    const int station = matches_.StationOf(pair.image1);
+    if (station != matches_.StationOf(pair.image2)) continue;
+    const int apart = std::abs(place[pair.image1] - place[pair.image2]);
+    const int count = static_cast<int>(order_.at(station).size());
+    if (apart <= kNextInOrder) {
+      pairs[kNeighbours].push_back(&pair);
+    } else if (count >= kLeastOfTurn && count - apart <= kNextInOrder) {
+      pairs[kSeam].push_back(&pair);
+    }
+  }
+  return pairs;
+}
+
+// What a pair proves, if anything, counts for its kind. Keypoints of other bodies are remembered.
+std::optional<ProvenPairs::ProvenPair> ProvenPairs::Prove(const ImagePairMatches& pair, double risk,
+                                                          ScanEvidence* evidence) {
+  const FeatureMatches possible = PossibleObjectMatches(matches_.features(), pair);
+  const MatchError posed = [&](const Eigen::Vector2d& xy1, const Eigen::Vector2d& xy2) {
+    return MatchErrorPx(matches_.posed()[static_cast<size_t>(pair.image1)],
+                        matches_.posed()[static_cast<size_t>(pair.image2)], xy1, xy2);
+  };
+  const PairProof proof = ProvePair(matches_.KeypointsOf(pair.image1), matches_.KeypointsOf(pair.image2),
+                                    possible, posed, matches_.bound_px(), risk);
+  for (const int m : proof.others) {
+    const FeatureMatch& match = possible[static_cast<size_t>(m)];
+    of_others_.insert({pair.image1, match.point2D_idx1});
+    of_others_.insert({pair.image2, match.point2D_idx2});
+  }
+  if (!proof.is_proven) return std::nullopt;
+  evidence->other_bodies += proof.has_other_body ? 1 : 0;
+  FeatureMatches proven;
+  for (const int m : proof.proven) proven.push_back(possible[static_cast<size_t>(m)]);
+  const double turned = matches_.views()[static_cast<size_t>(pair.image2)]->angle_deg -
+                        matches_.views()[static_cast<size_t>(pair.image1)]->angle_deg;
+  return ProvenPair{matches_.StationOf(pair.image1), std::abs(WrapAngle(turned * kDegree)) / kDegree,
+                    proof.is_contradicted, matches_.Compare(pair, proven)};
+}
+
+void ProvenPairs::Record(ScanEvidence* evidence) {
+  const std::array<std::vector<const ImagePairMatches*>, 2> pairs = PairsInOrder();
+  std::array<std::vector<ProvenPair>, 2> proven;
+  const auto num_pairs = static_cast<double>(pairs[kNeighbours].size() + pairs[kSeam].size());
+  for (const Kind kind : {kNeighbours, kSeam}) {
+    const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
+    AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
+    int& contradicted =
+        kind == kNeighbours ? evidence->contradicted_neighbours : evidence->contradicted_seams;
+    for (size_t p = 0; p < pairs[kind].size(); p += stride) {
+      const std::optional<ProvenPair> pair = Prove(*pairs[kind][p], kScanRisk / num_pairs, evidence);
+      if (!pair) continue;
+      proven[kind].push_back(*pair);
+      sum.Add(pair->matches);
+      contradicted += pair->is_contradicted ? 1 : 0;
+    }
+  }
+  evidence->neighbour_pairs = static_cast<int>(proven[kNeighbours].size());
+  evidence->seam_pairs = static_cast<int>(proven[kSeam].size());
+  RecordClosing(proven[kSeam], evidence);
+  if (proven[kNeighbours].empty()) return;
+  std::vector<double> angles;
+  for (const ProvenPair& pair : proven[kNeighbours]) angles.push_back(pair.apart_deg);
+  const double median = UpperMedian(angles);
+  evidence->neighbour_apart_deg = median;
+  const double mean = static_cast<double>(evidence->neighbours.all) / evidence->neighbour_pairs;
+  for (const auto& kind : proven) {
+    for (const ProvenPair& pair : kind) {
+      if (!pair.is_contradicted || pair.apart_deg <= kFarApart * median ||
+          2 * static_cast<double>(pair.matches.all) < mean)
+        continue;
+      ++evidence->far_pairs;
+      evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), pair.apart_deg);
+    }
+  }
+}
+
+// Which of the pairs of last photos and first ones are neighbours across the end of a turn.
+void ProvenPairs::RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidence* evidence) const {
+  std::set<int> closed;
+  std::set<int> came_back;
+  for (const ProvenPair& pair : seam) {
+    const Ending ending = EndingOf(pair.station);
+    if (ending.end == End::kCameBack && !pair.is_contradicted) came_back.insert(pair.station);
+    if (ending.end != End::kClosed || pair.apart_deg > kFarApart * ending.step_deg) continue;
+    evidence->closing.Add(pair.matches);
+    if (!pair.is_contradicted) closed.insert(pair.station);
+  }
+  evidence->closed_stations = static_cast<int>(closed.size());
+  evidence->turns_of_nothing = static_cast<int>(came_back.size());
+}
+
+// A station's steps in order, and the one from its last photo to its first, make a turn when they go round
+// and each is about as wide as the others, the one across the end too; none when they add up to nothing.
+// Neither where more than a tenth of them are wider than a quarter turn: names that do not follow the table
+// add up to any number.
+ProvenPairs::Ending ProvenPairs::EndingOf(int station) const {
+  std::vector<double> steps;
+  const View* first = nullptr;
+  const View* before = nullptr;
+  const auto add_step = [&](const View& from, const View& to) {
+    steps.push_back(WrapAngle((to.angle_deg - from.angle_deg) * kDegree));
+  };
+  for (const int image : order_.at(station)) {
+    const View* view = matches_.views()[static_cast<size_t>(image)];
+    if (view == nullptr) continue;
+    if (before != nullptr) add_step(*before, *view);
+    if (first == nullptr) first = view;
+    before = view;
+  }
+  Ending ending;
+  if (first == nullptr) return ending;
+  add_step(*before, *first);
+  const double sum = std::accumulate(steps.begin(), steps.end(), 0.0);
+  for (double& step : steps) step = std::abs(step);
+  const double last = steps.back();
+  const double widest = *std::max_element(steps.begin(), steps.end());
+  const double median = UpperMedian(steps);
+  ending.step_deg = median / kDegree;
+  const auto wide =
+      std::count_if(steps.begin(), steps.end(), [](double step) { return step > 90 * kDegree; });
+  if (10 * static_cast<size_t>(wide) > steps.size() || last > kFarApart * median) return ending;
+  if (std::lround(sum / (360 * kDegree)) == 0) {
+    ending.end = End::kCameBack;
+  } else if (widest <= kFarApart * median) {
+    ending.end = End::kClosed;
+  }
+  return ending;
+}
+
+}  // namespace
+
+KeypointSet RecordProvenPairs(const PosedMatches& matches, ScanEvidence* evidence) {
+  ProvenPairs pairs(matches);
+  pairs.Record(evidence);
+  return pairs.of_others();
+}
+
+}  // namespace s2gs
