@@ -208,7 +208,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   json report;
   report["registered"] = aligned.scene.views.size();
   report["missing"] = refined.missing;
-  report["mended"] = MendedToJson(refined.mended);
+  report["mended"] = MendedToJson(refined.relocalised);
   report["doubted"] = refined.doubted;
   report["placed_stations"] = PlacedStationsToJson(refined.placed_stations);
   report["untied"] = refined.untied;

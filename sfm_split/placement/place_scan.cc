@@ -257,8 +257,8 @@ void Placement::PlaceMissing(const ReadDescriptors& read_descriptors) {
       return;
     }
     if (best.refined.principal_point.accepted) more.refined.principal_point = best.refined.principal_point;
-    more.refined.mended.insert(more.refined.mended.begin(), best.refined.mended.begin(),
-                               best.refined.mended.end());
+    more.refined.relocalised.insert(more.refined.relocalised.begin(), best.refined.relocalised.begin(),
+                                    best.refined.relocalised.end());
     best.aligned = std::move(more.aligned);
     best.refined = std::move(more.refined);
     result_.guided.insert(result_.guided.end(), placed.begin(), placed.end());

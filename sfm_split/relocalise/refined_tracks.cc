@@ -10,13 +10,13 @@
 #include "sfm_split/evidence/match_noise.h"
 #include "sfm_split/relocalise/scan_refiner.h"
 #include "sfm_split/relocalise/unmoved_keypoints.h"
+#include "sfm_split/split/stations.h"
 
 namespace s2gs {
 namespace {
 
 // A judgement: photos of one station, which shook by less than a touched tripod.
 constexpr float kMaxShakePx = 8;
-constexpr float kMaxUnmovedPx = 1.5F;  // as StationOptions has it
 // A judgement: an image with fewer keeps every point; 160 errors for six numbers.
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;    // below, keypoints are dropped that are only badly localised
@@ -135,6 +135,7 @@ void ScanRefiner::TakeRawMatches(double max_error_px) {
 }
 
 void ScanRefiner::FindUnmoved() {
+  const auto max_unmoved_px = static_cast<float>(StationOptions().max_unmoved_px);
   std::map<int, std::set<uint32_t>> matched;
   const bool is_verified = !features_.static_pairs.empty();
   for (const ImagePairMatches& pair : is_verified ? features_.static_pairs : features_.raw_static_pairs) {
@@ -158,7 +159,7 @@ void ScanRefiner::FindUnmoved() {
       }
       const std::vector<uint32_t> found =
           FindUnmovedKeypoints(keypoints_[static_cast<size_t>(image)], chosen, there.keypoints, usable,
-                               kMaxShakePx, kMaxUnmovedPx);
+                               kMaxShakePx, max_unmoved_px);
       std::set<uint32_t> used;
       for (size_t k = 0; k < chosen.size(); ++k) {
         if (found[k] != kNoKeypoint && used.insert(found[k]).second)

@@ -116,28 +116,28 @@ std::vector<MatchAcrossTurn> ScanRefiner::RawMatchesWithPosed(int image, const R
 bool ScanRefiner::RelocaliseImage(int image, const Rigid3& cam_from_world, int station, double max_error_px) {
   const TurntableAxis& axis = aligned_->scene.axis;
   const auto accept = [&](const TableAngleFit& fit, size_t candidates, double min_share, const char* how) {
-    const bool is_overwhelming =
-        fit.margin >= kOverwhelmingMargin && fit.inliers >= kOverwhelmingInliers * options_.min_mend_inliers;
+    const bool is_overwhelming = fit.margin >= kOverwhelmingMargin &&
+                                 fit.inliers >= kOverwhelmingInliers * options_.min_relocalise_inliers;
     const bool is_enough = is_overwhelming || fit.inliers >= min_share * static_cast<double>(candidates);
     if (!fit.found || fit.margin < kClearMargin || !is_enough) return false;
     AddView(image, station, cam_from_world, TurnAbout(axis, fit.angle_rad), fit.angle_rad);
-    report_.mended.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
-                              static_cast<int>(candidates), fit.margin});
+    report_.relocalised.push_back({features_.images[static_cast<size_t>(image)].name, how, fit.inliers,
+                                   static_cast<int>(candidates), fit.margin});
     return true;
   };
   const std::vector<PointInImage> points =
       PointsSeenBy(image, features_, features_.object_pairs, object_points_);
   if (accept(FitTableAngle(CameraOf(image), cam_from_world, axis, points, max_error_px,
-                           options_.min_mend_inliers),
-             points.size(), options_.min_mend_share,
+                           options_.min_relocalise_inliers),
+             points.size(), options_.min_relocalise_share,
              "camera from the station, table angle from the object's points")) {
     return true;
   }
   // Matches say less than points: more of them have to agree.
   const std::vector<MatchInPosedImage> matches = MatchesWithPosed(image);
   if (accept(FitTableAngle(CameraOf(image), cam_from_world, axis, matches, 0.5 * max_error_px,
-                           options_.min_mend_inliers + 1),
-             matches.size(), std::max(0.4, options_.min_mend_share),
+                           options_.min_relocalise_inliers + 1),
+             matches.size(), std::max(0.4, options_.min_relocalise_share),
              "camera from the station, table angle from matches")) {
     return true;
   }
@@ -164,8 +164,8 @@ std::optional<PoseByPoints> ScanRefiner::PoseFromPoints(int image, double max_er
     in_plane.push_back(focal * ray->hnormalized());
   }
   std::optional<PoseByPoints> pose = FitPoseByPoints(in_object, in_plane, focal, max_error_px,
-                                                     kOverwhelmingInliers * options_.min_mend_inliers);
-  if (pose && pose->inliers < options_.min_mend_share * static_cast<double>(in_object.size()))
+                                                     kOverwhelmingInliers * options_.min_relocalise_inliers);
+  if (pose && pose->inliers < options_.min_relocalise_share * static_cast<double>(in_object.size()))
     return std::nullopt;
   return pose;
 }
@@ -180,9 +180,9 @@ bool ScanRefiner::RelocaliseByPose(int image, const View& of_station, const Pose
   const Rigid3 cam_from_world = pose.cam_from_object * world_from_object.Inverse();
   if (!AreCamerasClose(axis, cam_from_world, of_station.cam_from_world, kMaxCameraMisfit)) return false;
   AddView(image, of_station.station, cam_from_world, world_from_object, angle_rad);
-  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
-                            "camera from the object's points, table angle from the station's place",
-                            pose.inliers, pose.candidates, 0});
+  report_.relocalised.push_back({features_.images[static_cast<size_t>(image)].name,
+                                 "camera from the object's points, table angle from the station's place",
+                                 pose.inliers, pose.candidates, 0});
   return true;
 }
 
@@ -195,11 +195,11 @@ bool ScanRefiner::RelocaliseByRawMatches(int image, const Rigid3& cam_from_world
   if (placed < kMinEqualSteps) return false;
   const std::vector<MatchAcrossTurn> raw = RawMatchesWithPosed(image, cam_from_world);
   const TurntableAxis& axis = aligned_->scene.axis;
-  const int least = kOverwhelmingInliers * options_.min_mend_inliers;
+  const int least = kOverwhelmingInliers * options_.min_relocalise_inliers;
   TableAngleFit fit = FitTurn(axis, raw, max_error_px, least);
   if (!fit.found) return false;
   const bool is_clear = fit.margin >= kClearMargin && fit.inliers >= 2 * least &&
-                        fit.inliers >= options_.min_mend_share * static_cast<double>(raw.size());
+                        fit.inliers >= options_.min_relocalise_share * static_cast<double>(raw.size());
   const std::optional<double> by_steps = AngleByEqualSteps(image);
   if (by_steps) {
     TurnSupport best;
@@ -217,9 +217,9 @@ bool ScanRefiner::RelocaliseByRawMatches(int image, const Rigid3& cam_from_world
     return false;
   }
   AddView(image, station, cam_from_world, TurnAbout(axis, fit.angle_rad), fit.angle_rad);
-  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
-                            "camera from the station, table angle from matches that were not verified",
-                            fit.inliers, static_cast<int>(raw.size()), fit.margin});
+  report_.relocalised.push_back({features_.images[static_cast<size_t>(image)].name,
+                                 "camera from the station, table angle from matches that were not verified",
+                                 fit.inliers, static_cast<int>(raw.size()), fit.margin});
   return true;
 }
 
@@ -288,13 +288,13 @@ bool ScanRefiner::RelocaliseBySteps(int image, const Rigid3& cam_from_world, int
   if (inliers < 2 || 2 * inliers < static_cast<int>(matches.size())) return false;
   AddView(image, station, cam_from_world, world_from_object, *angle);
   by_steps_.insert(image);
-  report_.mended.push_back({features_.images[static_cast<size_t>(image)].name,
-                            "camera from the station, table angle from its equal steps and few matches",
-                            inliers, static_cast<int>(matches.size()), 0});
+  report_.relocalised.push_back({features_.images[static_cast<size_t>(image)].name,
+                                 "camera from the station, table angle from its equal steps and few matches",
+                                 inliers, static_cast<int>(matches.size()), 0});
   return true;
 }
 
-// Takes views out for a while; mending may place them anew. The object's frame is the world's at another
+// Takes views out for a while; relocalising may place them anew. The object's frame is the world's at another
 // image then, if it was at one that goes.
 void ScanRefiner::TakeOut(const std::set<std::string>& gone) {
   std::vector<View>& views = aligned_->scene.views;
@@ -310,8 +310,8 @@ void ScanRefiner::TakeOut(const std::set<std::string>& gone) {
   IndexViews();
 }
 
-// Images whose matches contradict their pose, against what the others reach, are taken out; mending may place
-// them anew.
+// Images whose matches contradict their pose, against what the others reach, are taken out; relocalising may
+// place them anew.
 void ScanRefiner::DropDoubtful(double max_error_px) {
   const std::vector<PosedImage> posed = Posed(true);
   std::vector<int> agree(posed.size(), 0);
@@ -335,7 +335,7 @@ void ScanRefiner::DropDoubtful(double max_error_px) {
   std::set<std::string> gone;
   for (size_t i = 0; i < posed.size(); ++i) {
     // An image without matches is where SfM put it for reasons of its own; nothing contradicts it.
-    if (!posed[i].is_posed || all[i] < options_.min_mend_inliers) continue;
+    if (!posed[i].is_posed || all[i] < options_.min_relocalise_inliers) continue;
     if (agree[i] >= kDoubtfulShare * median * all[i]) continue;
     const std::string& name = features_.images[i].name;
     gone.insert(name);

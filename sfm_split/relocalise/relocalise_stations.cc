@@ -53,14 +53,14 @@ bool ScanRefiner::RelocaliseStationByObject(const std::vector<int>& images, doub
     for (const PointInImage& point : points) {
       inliers += ReprojectionErrorPx(posed, point.x_in_object, point.xy) <= max_error_px ? 1 : 0;
     }
-    if (inliers < options_.min_mend_inliers ||
-        inliers < options_.min_mend_share * static_cast<double>(points.size())) {
+    if (inliers < options_.min_relocalise_inliers ||
+        inliers < options_.min_relocalise_share * static_cast<double>(points.size())) {
       continue;
     }
     AddView(base, NewStation(), cam_from_object, Rigid3(), 0);
-    report_.mended.push_back({features_.images[static_cast<size_t>(base)].name,
-                              "its station was placed by the object alone", inliers,
-                              static_cast<int>(points.size()), 0});
+    report_.relocalised.push_back({features_.images[static_cast<size_t>(base)].name,
+                                   "its station was placed by the object alone", inliers,
+                                   static_cast<int>(points.size()), 0});
     return true;
   }
   return false;

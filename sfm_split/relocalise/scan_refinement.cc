@@ -240,9 +240,10 @@ OptionCheck RefineOptions::Check() const {
   if (!(min_triangulation_deg > 0 && min_triangulation_deg < 90)) {
     return fault("min_triangulation_deg", min_triangulation_deg, "0 < min_triangulation_deg < 90");
   }
-  if (min_mend_inliers < 3) return fault("min_mend_inliers", min_mend_inliers, "min_mend_inliers >= 3");
-  if (!(min_mend_share >= 0 && min_mend_share <= 1)) {
-    return fault("min_mend_share", min_mend_share, "0 <= min_mend_share <= 1");
+  if (min_relocalise_inliers < 3)
+    return fault("min_relocalise_inliers", min_relocalise_inliers, "min_relocalise_inliers >= 3");
+  if (!(min_relocalise_share >= 0 && min_relocalise_share <= 1)) {
+    return fault("min_relocalise_share", min_relocalise_share, "0 <= min_relocalise_share <= 1");
   }
   if (max_adjusted_observations < 1000) {
     return fault("max_adjusted_observations", max_adjusted_observations, "max_adjusted_observations >= 1000");

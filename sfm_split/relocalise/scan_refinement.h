@@ -16,11 +16,11 @@
 namespace s2gs {
 
 struct RefineOptions {
-  int max_rounds = 5;                      ///< of triangulating, mending, adjusting and labelling.
+  int max_rounds = 5;                      ///< of triangulating, relocalising, adjusting and labelling.
   double max_error_px = 4;                 ///< reprojection error of a keypoint that belongs to a point.
   double min_triangulation_deg = 1.5;      ///< points whose rays all meet at less are left out.
-  int min_mend_inliers = 5;                ///< keypoints that must agree before an image is taken back.
-  double min_mend_share = 0.25;            ///< their share of those that could.
+  int min_relocalise_inliers = 5;          ///< keypoints that must agree before an image is taken back.
+  double min_relocalise_share = 0.25;      ///< their share of those that could.
   int max_adjusted_observations = 150000;  ///< of the object; more are left out of the adjustment.
   int max_adjusted_background = 1200;      ///< background points in the adjustment.
   /// Table angles that are stated, by image [degrees], but for a constant and the sense of each station: a
@@ -68,7 +68,7 @@ struct RefineReport {
   PrincipalPointTest principal_point;             ///< of that round.
   JointModel model = JointModel::kSharedStations;
   JointPriors priors;  ///< of the last adjustment.
-  std::vector<RelocalisedImage> mended;
+  std::vector<RelocalisedImage> relocalised;
   std::vector<RelocalisedImage>
       placed_stations;              ///< turned about the axis to where the background's matches say.
   std::vector<std::string> untied;  ///< images left out: nothing ties their station to the others.

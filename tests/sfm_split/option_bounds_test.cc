@@ -121,8 +121,8 @@ TEST(OptionBounds, Relocalisation) {
   ExpectBounds(R(), &R::max_rounds, "max_rounds", {1}, {0});
   ExpectBounds(R(), &R::max_error_px, "max_error_px", {kTiny}, {0.0, kNan});
   ExpectBounds(R(), &R::min_triangulation_deg, "min_triangulation_deg", {kTiny, 89.9}, {0.0, 90.0, kNan});
-  ExpectBounds(R(), &R::min_mend_inliers, "min_mend_inliers", {3}, {2});
-  ExpectBounds(R(), &R::min_mend_share, "min_mend_share", {0.0, 1.0}, {-kTiny, 1.5, kNan});
+  ExpectBounds(R(), &R::min_relocalise_inliers, "min_relocalise_inliers", {3}, {2});
+  ExpectBounds(R(), &R::min_relocalise_share, "min_relocalise_share", {0.0, 1.0}, {-kTiny, 1.5, kNan});
   ExpectBounds(R(), &R::max_adjusted_observations, "max_adjusted_observations", {1000}, {999});
   ExpectBounds(R(), &R::max_adjusted_background, "max_adjusted_background", {50}, {49});
   using G = GuidedOptions;

@@ -193,7 +193,7 @@ TEST(TurntableReport, DescribesAScene) {
   image.inliers = 7;
   image.candidates = 8;
   image.margin = 9;
-  refined.mended = {image};
+  refined.relocalised = {image};
   refined.placed_stations = {image};
   KnownAngles stated;
   stated.station = 1;

@@ -40,7 +40,7 @@ TEST(ScanRefinement, ImagesLeftOutComeBackAndErrorsShrinkToTheNoise) {
   EXPECT_EQ(aligned.scene.views.size(), 36U);
   EXPECT_EQ(aligned.object.images.size(), 36U);
   EXPECT_EQ(aligned.background.images.size(), 36U);
-  EXPECT_EQ(report.mended.size(), 36 - aligned_images);
+  EXPECT_EQ(report.relocalised.size(), 36 - aligned_images);
   EXPECT_TRUE(report.missing.empty());
   EXPECT_TRUE(report.is_stable);
   EXPECT_EQ(report.model, JointModel::kSharedStations);
@@ -229,8 +229,9 @@ TEST(ScanRefinement, FewMatchesBearOutWhatEqualStepsSay) {
       continue;
     }
     ASSERT_EQ(aligned.scene.views.size(), 24U);
-    ASSERT_EQ(report.mended.size(), 1U);
-    EXPECT_NE(report.mended[0].how.find("from its equal steps"), std::string::npos) << report.mended[0].how;
+    ASSERT_EQ(report.relocalised.size(), 1U);
+    EXPECT_NE(report.relocalised[0].how.find("from its equal steps"), std::string::npos)
+        << report.relocalised[0].how;
     EXPECT_LT(Measure(turntable, aligned).angle_max_deg, 0.15);
   }
 }
