@@ -64,6 +64,41 @@ double GainOfOtherTurns(const std::vector<TurnPair>& pairs, const std::vector<co
   return *std::max_element(gains.begin(), gains.end());
 }
 
+// What the pairs of a station say of each of its photos, in order, at each turn.
+struct StationGains {
+  std::vector<Gains> of_photo;    // it alone is turned
+  std::vector<Gains> from_photo;  // it and those after it, as far as pairs reach
+};
+
+StationGains GainsOf(const std::vector<TurnPair>& pairs,
+                     const std::vector<std::vector<double>>& gains_of_pair, const std::vector<int>& order) {
+  const size_t count = order.size();
+  std::map<int, size_t> place;
+  for (size_t k = 0; k < count; ++k) place[order[k]] = k;
+  StationGains gains_of = {std::vector<Gains>(count, Gains{}), std::vector<Gains>(count, Gains{})};
+  for (size_t p = 0; p < pairs.size(); ++p) {
+    const TurnPair& pair = pairs[p];
+    const std::vector<double>& gains = gains_of_pair[p];
+    const size_t p1 = place.at(static_cast<int>(pair.image1));
+    const size_t p2 = place.at(static_cast<int>(pair.image2));
+    // Across the end of the turn the photos after it are the first ones.
+    const bool is_across = 2 * (p1 > p2 ? p1 - p2 : p2 - p1) > count;
+    const bool is_forward = (p1 < p2) != is_across;
+    const size_t before = is_forward ? p1 : p2;
+    const size_t after = is_forward ? p2 : p1;
+    for (size_t t = 0; t < kNumTurns; ++t) {
+      const double gain = gains[is_forward ? t : kNumTurns - 1 - t] - gains[kAsPosed];
+      gains_of.of_photo[after][t] += gain;
+      gains_of.of_photo[before][kNumTurns - 1 - t] += gain;
+      for (size_t k = before; k != after;) {
+        k = (k + 1) % count;
+        gains_of.from_photo[k][t] += gain;
+      }
+    }
+  }
+  return gains_of;
+}
+
 }  // namespace
 
 StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Camera*>& cameras,
@@ -88,39 +123,16 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
     std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
       return views[static_cast<size_t>(a)]->angle_deg < views[static_cast<size_t>(b)]->angle_deg;
     });
-    std::map<int, size_t> place;
-    for (size_t k = 0; k < count; ++k) place[order[k]] = k;
     const std::vector<TurnPair> pairs = NearPairs(features, views, by_name, order, others);
     const double noise = likelihood.Noise(pairs);
     if (count >= kLeastOfStation &&
         GainOfOtherTurns(pairs, views, likelihood, noise) > -kCertain * overdispersion)
       evidence.untold_stations.push_back(by_name[0]);
-    std::vector<Gains> of_photo(count, Gains{});    // it alone is turned
-    std::vector<Gains> from_photo(count, Gains{});  // it and those after it, as far as pairs reach
     std::vector<std::vector<double>> gains_of_pair(pairs.size());
     ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
       gains_of_pair[static_cast<size_t>(p)] = likelihood.OfTurns(pairs[static_cast<size_t>(p)], turns, noise);
     });
-    for (size_t p = 0; p < pairs.size(); ++p) {
-      const TurnPair& pair = pairs[p];
-      const std::vector<double>& gains = gains_of_pair[p];
-      const size_t p1 = place[static_cast<int>(pair.image1)];
-      const size_t p2 = place[static_cast<int>(pair.image2)];
-      // Across the end of the turn the photos after it are the first ones.
-      const bool is_across = 2 * (p1 > p2 ? p1 - p2 : p2 - p1) > count;
-      const bool is_forward = (p1 < p2) != is_across;
-      const size_t before = is_forward ? p1 : p2;
-      const size_t after = is_forward ? p2 : p1;
-      for (size_t t = 0; t < kNumTurns; ++t) {
-        const double gain = gains[is_forward ? t : kNumTurns - 1 - t] - gains[kAsPosed];
-        of_photo[after][t] += gain;
-        of_photo[before][kNumTurns - 1 - t] += gain;
-        for (size_t k = before; k != after;) {
-          k = (k + 1) % count;
-          from_photo[k][t] += gain;
-        }
-      }
-    }
+    const auto [of_photo, from_photo] = GainsOf(pairs, gains_of_pair, order);
 
     std::vector<double> steps;
     for (size_t k = 0; k + 1 < count; ++k)
