@@ -55,8 +55,6 @@ struct Workspace {
   Path NormalMap(const std::string& image_name) const {
     return NormalMaps() / (image_name + ".geometric.bin");
   }
-  Path PatchMatchConfig() const { return Dense() / "stereo" / "patch-match.cfg"; }
-  Path FusionConfig() const { return Dense() / "stereo" / "fusion.cfg"; }
   Path TsdfMesh() const { return Dense() / "meshed-tsdf.ply"; }
   Path TexturedMesh() const { return Dense() / "textured-tsdf"; }  ///< without the extensions.
   std::vector<Path> TexturedMeshFiles() const;                     ///< all but the further pages.

@@ -84,8 +84,6 @@ ImageHeader ReadImageHeader(const std::filesystem::path& path) {
 
 ImageSize ReadImageSize(const std::filesystem::path& path) { return ReadImageHeader(path).size; }
 
-bool HasAlphaChannel(const std::filesystem::path& path) { return ReadImageHeader(path).png.has_alpha; }
-
 void WritePng(const std::filesystem::path& path, const Image8& image, std::string_view exif) {
   CheckImageSize(static_cast<uint64_t>(image.width), static_cast<uint64_t>(image.height), path);
   S2GS_INVARIANT(image.pixels.size() == static_cast<size_t>(image.width) * image.height * image.channels);

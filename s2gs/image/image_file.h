@@ -46,9 +46,6 @@ Image8 DecodeImage(std::string_view bytes, const std::filesystem::path& path, in
 /// opaque all over (a photo that was cut out), else ReadImage in grey. Throws like ReadImage.
 Image8 ReadMask(const std::filesystem::path& path);
 
-/// Whether a file is a PNG whose header says that it has an alpha channel. Throws like ReadImageSize.
-bool HasAlphaChannel(const std::filesystem::path& path);
-
 /// Width and height from the header of a JPEG or PNG file; the pixels may still turn out damaged.
 /// Throws UserError like ReadImage.
 ImageSize ReadImageSize(const std::filesystem::path& path);

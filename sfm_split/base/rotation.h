@@ -128,25 +128,6 @@ Eigen::Matrix<T, 3, 3> LeftJacobian(const Eigen::Matrix<T, 3, 1>& w) {
   return Eigen::Matrix<T, 3, 3>::Identity() + b * k + c * (k * k);
 }
 
-/// The inverse of LeftJacobian(w): log(exp(e) exp(w)) = w + J^-1 e. Regular up to |w| < 2 pi.
-template <typename T>
-Eigen::Matrix<T, 3, 3> InverseLeftJacobian(const Eigen::Matrix<T, 3, 1>& w) {
-  using std::cos;
-  using std::sin;
-  using std::sqrt;
-  const T s = w.squaredNorm();
-  T d;  // (1 - (t / 2) cot(t / 2)) / t^2
-  if (s < T(rotation_internal::kSeriesBelowSquaredAngle)) {
-    d = T(1.0 / 12) +
-        s * (T(1.0 / 720) + s * (T(1.0 / 30240) + s * (T(1.0 / 1209600) + s * T(1.0 / 47900160))));
-  } else {
-    const T half = T(0.5) * sqrt(s);
-    d = (T(1) - half * cos(half) / sin(half)) / s;
-  }
-  const Eigen::Matrix<T, 3, 3> k = CrossMatrix(w);
-  return Eigen::Matrix<T, 3, 3>::Identity() - T(0.5) * k + d * (k * k);
-}
-
 /// A rotation by `angle` [rad] about the unit vector `axis`.
 template <typename T>
 Eigen::Matrix<T, 3, 3> RotationAbout(const Eigen::Matrix<T, 3, 1>& axis, const T& angle) {
@@ -183,17 +164,6 @@ inline Eigen::Matrix3d ClosestRotation(const Eigen::Matrix3d& m) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
   return svd.matrixU() * Eigen::Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
-}
-
-/// Chordal mean: the rotation with the least sum of weighted squared Frobenius distances.
-/// \param weights  one per rotation, or empty for equal ones.
-inline Eigen::Quaterniond MeanRotation(const std::vector<Eigen::Quaterniond>& rotations,
-                                       const std::vector<double>& weights = {}) {
-  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-  for (size_t i = 0; i < rotations.size(); ++i) {
-    sum += (weights.empty() ? 1.0 : weights[i]) * rotations[i].toRotationMatrix();
-  }
-  return Eigen::Quaterniond(ClosestRotation(sum)).normalized();
 }
 
 /// Geodesic L1 mean (Weiszfeld): stays put when a minority of the rotations is wrong. It starts from the

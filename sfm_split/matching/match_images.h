@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/pair_plan.h"

@@ -1,14 +1,12 @@
 #include "sfm_split/matching/pair_plan.h"
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <numeric>
 #include <string>
 #include <utility>
 
-#include "sfm_split/base/angles.h"
-#include "sfm_split/base/number_text.h"
+#include "sfm_split/base/error.h"
 #include "sfm_split/base/union_find.h"
 
 namespace s2gs {
@@ -172,25 +170,6 @@ std::vector<ImagePair> SimilarPairs(const SimilarityMatrix& similarity, int num_
   return pairs;
 }
 
-std::vector<ImagePair> StationPairs(const std::vector<int>& station, const std::vector<uint32_t>& order,
-                                    int min_steps, int max_steps, bool closed) {
-  CheckOrder(order);
-  S2GS_INVARIANT(station.size() == order.size() && min_steps >= 1 && min_steps <= max_steps);
-  std::vector<ImagePair> pairs;
-  for (const auto& [id, images] : ImagesOfStations(station, order)) {
-    const auto num = static_cast<int>(images.size());
-    for (int i = 0; i < num; ++i) {
-      for (int j = i + 1; j < num; ++j) {
-        const int steps = closed ? std::min(j - i, num - (j - i)) : j - i;
-        if (steps > max_steps && !closed) break;
-        if (steps >= min_steps && steps <= max_steps) Append(images[i], images[j], &pairs);
-      }
-    }
-  }
-  SortUnique(&pairs);
-  return pairs;
-}
-
 std::vector<uint32_t> StationRepresentatives(const std::vector<int>& station,
                                              const std::vector<uint32_t>& num_features) {
   S2GS_INVARIANT(station.size() == num_features.size());
@@ -216,66 +195,6 @@ std::vector<ImagePair> RepresentativePairs(const std::vector<uint32_t>& represen
     size_t step = 1;
     for (int k = 0; k < max_partners && i + step < num; ++k, step *= 2) {
       Append(representatives[i], representatives[i + step], &pairs);
-    }
-  }
-  SortUnique(&pairs);
-  return pairs;
-}
-
-OptionCheck ObjectPairOptions::Check() const {
-  if (!(max_view_angle_deg > 0.0 && max_view_angle_deg <= 180.0)) {
-    return OptionFault{"max_view_angle_deg", NumberText(max_view_angle_deg), "0 < max_view_angle_deg <= 180"};
-  }
-  if (max_partners < 1) return OptionFault{"max_partners", std::to_string(max_partners), "max_partners >= 1"};
-  if (max_nearby_stations < 0) {
-    return OptionFault{"max_nearby_stations", std::to_string(max_nearby_stations),
-                       "max_nearby_stations >= 0"};
-  }
-  return std::nullopt;
-}
-
-std::vector<ImagePair> ObjectPairs(const std::vector<int>& station,
-                                   const std::vector<Eigen::Vector3d>& view_in_object,
-                                   const ObjectPairOptions& options) {
-  S2GS_INVARIANT(station.size() == view_in_object.size() && !options.Check().has_value());
-  const std::map<int, std::vector<uint32_t>> stations = ImagesOfStations(station, Range(station.size()));
-  const auto max_partners = static_cast<size_t>(options.max_partners);
-
-  std::vector<ImagePair> pairs;
-  using AngleAndImage = std::pair<double, uint32_t>;
-  std::vector<std::vector<AngleAndImage>> others;  // one list a station, by increasing angle
-  for (uint32_t image = 0; image < station.size(); ++image) {
-    const Eigen::Vector3d& view = view_in_object[image];
-    if (station[image] < 0 || !(view.norm() > 0.0)) continue;
-    std::vector<AngleAndImage> own;
-    others.clear();
-    for (const auto& [id, images] : stations) {
-      std::vector<AngleAndImage> candidates;
-      for (const uint32_t other : images) {
-        const Eigen::Vector3d& other_view = view_in_object[other];
-        if (other == image || !(other_view.norm() > 0.0)) continue;
-        const double angle = std::atan2(view.cross(other_view).norm(), view.dot(other_view)) * 180.0 / kPi;
-        if (angle <= options.max_view_angle_deg) candidates.emplace_back(angle, other);
-      }
-      std::sort(candidates.begin(), candidates.end());
-      if (id == station[image]) {
-        own = std::move(candidates);
-      } else if (!candidates.empty()) {
-        others.push_back(std::move(candidates));
-      }
-    }
-    std::sort(others.begin(), others.end());  // closest view first
-    others.resize(std::min(others.size(), static_cast<size_t>(options.max_nearby_stations)));
-    others.push_back(std::move(own));
-    for (const std::vector<AngleAndImage>& candidates : others) {
-      const size_t num_kept = std::min(candidates.size(), max_partners);
-      const size_t num_closest = (num_kept + 1) / 2;
-      const size_t num_spread = num_kept - num_closest;
-      for (size_t k = 0; k < num_closest; ++k) Append(image, candidates[k].second, &pairs);
-      for (size_t k = 1; k <= num_spread; ++k) {
-        const size_t place = num_closest - 1 + k * (candidates.size() - num_closest) / num_spread;
-        Append(image, candidates[place].second, &pairs);
-      }
     }
   }
   SortUnique(&pairs);

@@ -1,23 +1,18 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <cstdint>
 #include <string>
 #include <vector>
 
-#include "sfm_split/base/error.h"
-
 namespace s2gs {
 
-// Which pairs of images to match, in rounds, instead of all n (n - 1) / 2:
-//   1. neighbours in capture order (NeighbourPairs), or, for photos without order, the most similar ones by
-//      a cheap global similarity (SimilarPairs);
-//   2. within each station, steps further and further apart (StationPairs);
-//   3. for the background, one image of each station against those of others (RepresentativePairs);
-//   4. for the object, images that see the same side of it (ObjectPairs).
-// Each round needs what the geometry of the earlier ones told. Images are numbered 0 .. n - 1. Lists of pairs
-// are sorted and without repetition, and their lengths grow as n, not as its square, with every limit fixed.
+// Which pairs of images to match, in rounds, instead of all n (n - 1) / 2: neighbours in capture order
+// (NeighbourPairs) or, for photos without order, the most similar ones by a cheap global similarity
+// (SimilarPairs); for the background, one image of each station against those of others
+// (RepresentativePairs). Each round needs what the geometry of the earlier ones told. Images are numbered 0
+// .. n - 1. Lists of pairs are sorted and without repetition, and their lengths grow as n, not as its square,
+// with every limit fixed.
 
 /// Two images, first < second.
 struct ImagePair {
@@ -56,13 +51,6 @@ std::vector<ImagePair> NeighbourPairs(const std::vector<uint32_t>& order, int wi
 /// apart. Pairs of similarity 0 never.
 std::vector<ImagePair> SimilarPairs(const SimilarityMatrix& similarity, int num_partners);
 
-/// Pairs within stations, min_steps to max_steps places apart in their station's part of the order.
-/// \param station  per image: its station, or negative for none.
-/// \param order    all images in capture order.
-/// \param closed   stations turn full circles: the last image of each is one place from its first.
-std::vector<ImagePair> StationPairs(const std::vector<int>& station, const std::vector<uint32_t>& order,
-                                    int min_steps, int max_steps, bool closed);
-
 /// Of every station the image with the most features; among equals the lowest. By ascending station.
 /// \param station  per image: its station, or negative for none.
 std::vector<uint32_t> StationRepresentatives(const std::vector<int>& station,
@@ -71,26 +59,5 @@ std::vector<uint32_t> StationRepresentatives(const std::vector<int>& station,
 /// All pairs of representatives while there are at most max_partners + 1. Beyond that each with those 1, 2,
 /// 4, 8, ... places further on in the list, at most max_partners.
 std::vector<ImagePair> RepresentativePairs(const std::vector<uint32_t>& representatives, int max_partners);
-
-struct ObjectPairOptions {
-  double max_view_angle_deg = 60.0;  ///< between the directions in which two images see the object.
-  int max_partners = 6;              ///< of an image, in its own station and in each nearby one.
-  int max_nearby_stations = 2;       ///< how many other stations an image looks for partners in.
-
-  OptionCheck Check() const;
-};
-
-/// Pairs of images that can see the same side of the object.
-/// \param station         per image: its station, or negative for none.
-/// \param view_in_object  per image: the direction from the object to the camera in the object's frame, of
-/// any
-///                        length; zero when it is not known, and then the image gets no pairs.
-///
-/// An image's partners lie within max_view_angle_deg, in its own station and in those that have the closest
-/// views. Where there are more than max_partners in one station, half of them are the closest views, and the
-/// others are spread evenly to the farthest.
-std::vector<ImagePair> ObjectPairs(const std::vector<int>& station,
-                                   const std::vector<Eigen::Vector3d>& view_in_object,
-                                   const ObjectPairOptions& options);
 
 }  // namespace s2gs

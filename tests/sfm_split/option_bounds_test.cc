@@ -11,7 +11,6 @@
 #include "sfm_split/circular_motion/circular_motion.h"
 #include "sfm_split/matching/descriptor_match.h"
 #include "sfm_split/matching/match_images.h"
-#include "sfm_split/matching/pair_plan.h"
 #include "sfm_split/placement/place_scan.h"
 #include "sfm_split/relocalise/guided_registration.h"
 #include "sfm_split/relocalise/scan_refinement.h"
@@ -39,10 +38,6 @@ TEST(OptionBounds, Matching) {
   inner.match.max_ratio = 2;
   ASSERT_TRUE(inner.Check());
   EXPECT_EQ(inner.Check()->field, "max_ratio");
-  using P = ObjectPairOptions;
-  ExpectBounds(P(), &P::max_view_angle_deg, "max_view_angle_deg", {kTiny, 180.0}, {0.0, 180.5, kNan});
-  ExpectBounds(P(), &P::max_partners, "max_partners", {1}, {0, -1});
-  ExpectBounds(P(), &P::max_nearby_stations, "max_nearby_stations", {0}, {-1});
 }
 
 TEST(OptionBounds, Split) {

@@ -101,31 +101,4 @@ std::vector<float> PlyFloats(PlyValues&& values) {
   return Converted<float>(values);
 }
 
-std::vector<double> PlyDoubles(const PlyValues& values) { return Converted<double>(values); }
-
-PlyProperty SelectPlyRows(const PlyProperty& property, const std::vector<uint32_t>& rows) {
-  PlyProperty selected;
-  selected.name = property.name;
-  selected.list_size_type = property.list_size_type;
-  selected.values = EmptyPlyValues(property.type());
-  if (property.is_list()) selected.list_begins.push_back(0);
-  std::visit(
-      [&](auto& out) {
-        const auto& in = std::get<std::decay_t<decltype(out)>>(property.values);
-        if (!property.is_list()) out.reserve(rows.size());
-        for (const uint32_t row : rows) {
-          if (!property.is_list()) {
-            out.push_back(in[row]);
-            continue;
-          }
-          const auto begin = in.begin() + static_cast<ptrdiff_t>(property.list_begins[row]);
-          const auto end = in.begin() + static_cast<ptrdiff_t>(property.list_begins[row + 1]);
-          out.insert(out.end(), begin, end);
-          selected.list_begins.push_back(out.size());
-        }
-      },
-      selected.values);
-  return selected;
-}
-
 }  // namespace s2gs

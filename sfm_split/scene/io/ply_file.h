@@ -83,13 +83,9 @@ void WritePly(std::ostream& stream, const PlyFile& file);
 const PlyProperty& RequirePlyScalar(const PlyElement& element, std::string_view property_name,
                                     const std::filesystem::path& path);
 
-/// Values as float or double, whatever their stored type. The rvalue form moves what is float already.
+/// Values as float, whatever their stored type. The rvalue form moves what is float already.
 std::vector<float> PlyFloats(const PlyValues& values);
 std::vector<float> PlyFloats(PlyValues&& values);
-std::vector<double> PlyDoubles(const PlyValues& values);
-
-/// The property restricted to the given rows, in their order; rows may repeat.
-PlyProperty SelectPlyRows(const PlyProperty& property, const std::vector<uint32_t>& rows);
 
 /// "uchar", "float", ...: the type's name in a header.
 const char* PlyTypeName(PlyType type);

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "s2gs/image/image_header.h"
 #include "sfm_split/base/file_io.h"
 #include "tests/support/bad_input.h"
 #include "tests/support/temporary_folder.h"
@@ -90,7 +91,7 @@ TEST(Exif, WrittenIntoPngAndReadAgain) {
   EXPECT_EQ(ReadImage(folder / "a.png", 3).pixels,
             (std::vector<uint8_t>{1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12}));
   EXPECT_EQ(ReadMask(folder / "a.png").pixels, (std::vector<uint8_t>{0, 255, 255, 128}));
-  EXPECT_TRUE(HasAlphaChannel(folder / "a.png"));
+  EXPECT_TRUE(ReadImageHeader(folder / "a.png").png.has_alpha);
 }
 
 TEST(Exif, AFocalLengthOfNoLensIsNotWrittenAsAnother) {

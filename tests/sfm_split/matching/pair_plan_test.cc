@@ -10,8 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "sfm_split/base/angles.h"
-
 namespace s2gs {
 
 void PrintTo(ImagePair pair, std::ostream* out) { *out << pair.first << "-" << pair.second; }
@@ -55,30 +53,6 @@ size_t NumComponents(const Pairs& pairs, size_t num_images) {
     }
   }
   return std::set<uint32_t>(label.begin(), label.end()).size();
-}
-
-// Stations one above the other, the table turning in equal steps at each.
-struct Scene {
-  std::vector<int> station;
-  std::vector<Eigen::Vector3d> view;
-};
-
-Scene TurntableScene(int num_stations, int num_steps) {
-  Scene scene;
-  for (int s = 0; s < num_stations; ++s) {
-    const double elevation = 0.1 + 0.25 * s;
-    for (int t = 0; t < num_steps; ++t) {
-      const double azimuth = 2.0 * kPi * t / num_steps;
-      scene.station.push_back(s);
-      scene.view.emplace_back(3.0 * std::cos(elevation) * std::cos(azimuth),
-                              3.0 * std::cos(elevation) * std::sin(azimuth), 3.0 * std::sin(elevation));
-    }
-  }
-  return scene;
-}
-
-double AngleDeg(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
-  return std::acos(std::clamp(a.normalized().dot(b.normalized()), -1.0, 1.0)) * 180.0 / kPi;
 }
 
 TEST(PairPlan, NewPairsAreSortedUniqueAndNotDone) {
@@ -163,29 +137,6 @@ TEST(PairPlan, SimilarPairsConnectGroups) {
   EXPECT_THAT(SimilarPairs(SimilarityMatrix(0, 0), 3), IsEmpty());
 }
 
-TEST(PairPlan, StationPairsByStepsWithinStations) {
-  const std::vector<int> station = {0, 1, 0, 1, 0, 1, 0, -1};
-  EXPECT_EQ(StationPairs(station, Range(8), 1, 1, false), (Pairs{{0, 2}, {1, 3}, {2, 4}, {3, 5}, {4, 6}}));
-  EXPECT_EQ(StationPairs(station, Range(8), 1, 1, true),
-            (Pairs{{0, 2}, {0, 6}, {1, 3}, {1, 5}, {2, 4}, {3, 5}, {4, 6}}));
-  EXPECT_EQ(StationPairs(station, Range(8), 2, 3, false), (Pairs{{0, 4}, {0, 6}, {1, 5}, {2, 6}}));
-  EXPECT_EQ(StationPairs(station, Range(8), 2, 3, true), (Pairs{{0, 4}, {2, 6}}));
-}
-
-TEST(PairPlan, StationPairsOfIncreasingRangesCoverEachPairOnce) {
-  const Scene scene = TurntableScene(3, 11);
-  const std::vector<uint32_t> order = Shuffled(33, 4);
-  for (const bool closed : {false, true}) {
-    Pairs all;
-    for (const auto& [first, last] : {std::pair(1, 2), std::pair(3, 5), std::pair(6, 11)}) {
-      const Pairs pairs = StationPairs(scene.station, order, first, last, closed);
-      EXPECT_EQ(NewPairs(pairs, all).size(), pairs.size());
-      all.insert(all.end(), pairs.begin(), pairs.end());
-    }
-    EXPECT_EQ(all.size(), 3U * 11 * 10 / 2);
-  }
-}
-
 TEST(PairPlan, RepresentativesHaveMostFeatures) {
   EXPECT_THAT(StationRepresentatives({1, 0, 1, 0, -1, 1}, {5, 7, 9, 7, 100, 9}), ElementsAre(1, 2));
   EXPECT_THAT(StationRepresentatives({}, {}), IsEmpty());
@@ -200,66 +151,6 @@ TEST(PairPlan, RepresentativePairsAreAllOfFewAndLinearInMany) {
     EXPECT_EQ(NumComponents(pairs, num), 1U);
     EXPECT_LE(pairs.size(), 6 * num);
   }
-}
-
-TEST(PairPlan, ObjectPairsSeeTheSameSide) {
-  const Scene scene = TurntableScene(5, 20);
-  ObjectPairOptions options;
-  options.max_view_angle_deg = 50.0;
-  const Pairs pairs = ObjectPairs(scene.station, scene.view, options);
-  ExpectWellFormed(pairs, 100);
-  EXPECT_EQ(NumComponents(pairs, 100), 1U);
-  std::vector<int> degree(100);
-  for (const ImagePair pair : pairs) {
-    EXPECT_LE(AngleDeg(scene.view[pair.first], scene.view[pair.second]), 50.0 + 1e-9);
-    ++degree[pair.first];
-    ++degree[pair.second];
-  }
-  EXPECT_GE(*std::min_element(degree.begin(), degree.end()), 10);
-  // The next step of each station, and the same angle at the next station, are the closest views of all.
-  for (int s = 0; s < 5; ++s) {
-    for (int t = 0; t < 20; ++t) {
-      const auto image = static_cast<uint32_t>(20 * s + t);
-      const auto next = static_cast<uint32_t>(20 * s + (t + 1) % 20);
-      EXPECT_TRUE(std::binary_search(pairs.begin(), pairs.end(),
-                                     ImagePair{std::min(image, next), std::max(image, next)}));
-      if (s < 4) {
-        EXPECT_TRUE(std::binary_search(pairs.begin(), pairs.end(), ImagePair{image, image + 20}));
-      }
-    }
-  }
-}
-
-TEST(PairPlan, ObjectPairsGrowLinearly) {
-  ObjectPairOptions options;
-  const size_t at_50 = ObjectPairs(TurntableScene(5, 10).station, TurntableScene(5, 10).view, options).size();
-  for (const int factor : {2, 4, 8}) {
-    const Scene finer = TurntableScene(5, 10 * factor);
-    const Scene higher = TurntableScene(5 * factor, 10);
-    // An image has at most max_partners in its own station and in each nearby one.
-    const size_t limit = 50U * factor * options.max_partners * (1 + options.max_nearby_stations);
-    EXPECT_LE(ObjectPairs(finer.station, finer.view, options).size(), limit);
-    EXPECT_LE(ObjectPairs(higher.station, higher.view, options).size(), limit);
-  }
-  EXPECT_GT(at_50, 100U);
-}
-
-TEST(PairPlan, ObjectPairsLeaveOutUnknownViews) {
-  Scene scene = TurntableScene(2, 8);
-  scene.view[3].setZero();
-  scene.view[4] = Eigen::Vector3d::Constant(std::nan(""));
-  scene.station[5] = -1;
-  for (const ImagePair pair : ObjectPairs(scene.station, scene.view, {})) {
-    for (const uint32_t image : {pair.first, pair.second}) EXPECT_TRUE(image < 3 || image > 5) << image;
-  }
-}
-
-TEST(PairPlan, ObjectPairOptionsOutsideTheirBoundsAreNamed) {
-  EXPECT_FALSE(ObjectPairOptions{}.Check().has_value());
-  EXPECT_EQ((ObjectPairOptions{0.0, 6, 2}.Check()->field), "max_view_angle_deg");
-  EXPECT_EQ((ObjectPairOptions{std::nan(""), 6, 2}.Check()->field), "max_view_angle_deg");
-  EXPECT_EQ((ObjectPairOptions{60.0, 0, 2}.Check()->field), "max_partners");
-  EXPECT_EQ((ObjectPairOptions{60.0, 6, -1}.Check()->field), "max_nearby_stations");
 }
 
 }  // namespace

@@ -103,7 +103,9 @@ double MedianRotationErrorDeg(const TurntableScene& scene, const TurntableScene&
   std::vector<Eigen::Quaterniond> errors;
   for (const View& view : scene.views)
     errors.emplace_back(true_pose.at(view.name).rotation.conjugate() * view.CamFromObject().rotation);
-  const Eigen::Quaterniond common = MeanRotation(errors);
+  Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
+  for (const Eigen::Quaterniond& error : errors) sum += error.toRotationMatrix();
+  const Eigen::Quaterniond common(ClosestRotation(sum));
   std::vector<double> degrees;
   degrees.reserve(errors.size());
   for (const Eigen::Quaterniond& error : errors) degrees.push_back(AngleBetween(common, error) / kDegree);
