@@ -44,6 +44,7 @@ void AddTurntableMapperOptions(Options& options, TurntableMapperSettings* settin
                 {{"auto", JointModel::kAuto},
                  {"shared_stations", JointModel::kSharedStations},
                  {"free_cameras", JointModel::kFreeCameras},
+                 {"wobbling_table", JointModel::kWobblingTable},
                  {"free_object", JointModel::kFreeObject}},
                 "what the poses share");
   joint.Add("refine_focal_length", &JointOptions::refine_focal_length, "adjust the focal lengths");

@@ -21,6 +21,7 @@
 #include "sfm_split/joint_system/joint_residuals.h"
 #include "sfm_split/joint_system/joint_solve.h"
 #include "sfm_split/joint_system/joint_system.h"
+#include "sfm_split/joint_system/smooth_wobble.h"
 #include "sfm_split/joint_system/track_weights.h"
 #include "sfm_split/joint_system/wobble_prior.h"
 #include "sfm_split/scene/projection_jacobians.h"
@@ -87,15 +88,17 @@ JointSolved SolveInRounds(bool fit_loss, Reporter& reporter, JointOptions* fitte
   return solved;
 }
 
-// Object poses that are free lie about the table's turn by as much as they themselves tell: with poses that
-// few keypoints see, both follow from each other. Between two looks at how far they lie a rough adjustment
-// does.
-JointSolved SolveWithWobble(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
-                            JointReport* report) {
+// Object poses that are free lie about the table's turn, or about what a wobbling table does, by as much as
+// they themselves tell: with poses that few keypoints see, both follow from each other. Between two looks at
+// how far they lie a rough adjustment does.
+JointSolved SolveWithWobble(bool fit_loss, JointModel model, Reporter& reporter, JointOptions* options,
+                            JointProblem* problem, JointReport* report) {
   for (int round = 0; round < kWobbleRounds; ++round) {
     if (fit_loss) options->loss_scale_px = LossScaleOf(*problem);
+    const double sigma_px = SigmaOfLossPx(options->loss_scale_px);
     const std::optional<WobblePrior> before = problem->priors.wobble;
-    problem->priors.wobble = FitWobble(*problem, *options, SigmaOfLossPx(options->loss_scale_px));
+    problem->priors.wobble = model == JointModel::kWobblingTable ? FitHarmonics(*problem, *options, sigma_px)
+                                                                 : FitWobble(*problem, *options, sigma_px);
     const auto is_near = [](double a, double b) { return std::abs(a - b) <= kWobbleSettled * b; };
     const std::optional<WobblePrior>& now = problem->priors.wobble;
     if (!now || (before && is_near(now->sigma_tilt_rad, before->sigma_tilt_rad) &&
@@ -109,13 +112,14 @@ JointSolved SolveWithWobble(bool fit_loss, Reporter& reporter, JointOptions* opt
 }
 
 // How far free object poses lie from the turn, an adjustment without any prior tells first, where none before
-// did.
-JointSolved Solve(bool fit_loss, Reporter& reporter, JointOptions* options, JointProblem* problem,
-                  JointReport* report) {
+// did. Harmonics are told by what keypoints ask for beyond the poses that there are.
+JointSolved Solve(bool fit_loss, JointModel model, Reporter& reporter, JointOptions* options,
+                  JointProblem* problem, JointReport* report) {
   JointSolved solved;
-  const bool is_told = problem->free_object && problem->priors.wobble;
+  const bool is_told =
+      problem->free_object && (problem->priors.wobble || model == JointModel::kWobblingTable);
   if (!is_told) solved = SolveInRounds(fit_loss, reporter, options, problem, report);
-  if (problem->free_object) solved = SolveWithWobble(fit_loss, reporter, options, problem, report);
+  if (problem->free_object) solved = SolveWithWobble(fit_loss, model, reporter, options, problem, report);
   return solved;
 }
 
@@ -281,15 +285,15 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
   report.initial_rms_px = MeasureJointResiduals(working).Rms();
   report.model = JointModel::kSharedStations;
   if (working.free_object) {
-    report.model = JointModel::kFreeObject;
+    report.model = options.model == JointModel::kWobblingTable ? options.model : JointModel::kFreeObject;
   } else if (options.model == JointModel::kFreeCameras) {
     working = WithFreeCameras(working, options);
     report.model = JointModel::kFreeCameras;
-  } else if (options.model == JointModel::kFreeObject) {
+  } else if (options.model == JointModel::kFreeObject || options.model == JointModel::kWobblingTable) {
     working = WithFreeObject(working);
-    report.model = JointModel::kFreeObject;
+    report.model = options.model;
   }
-  JointSolved solved = Solve(fit_loss, reporter, &options, &working, &report);
+  JointSolved solved = Solve(fit_loss, report.model, reporter, &options, &working, &report);
 
   if (options.model == JointModel::kAuto && !working.free_object) {
     ChosenModel chosen =
@@ -311,7 +315,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
       const FilterCounts counts = FilterObservations(options, options.max_reprojection_error_px, &working);
       report.removed_observations += counts.observations;
       report.undetermined_points += counts.points;
-      solved = Solve(fit_loss, reporter, &options, &working, &report);
+      solved = Solve(fit_loss, report.model, reporter, &options, &working, &report);
     }
   }
 
@@ -325,6 +329,7 @@ JointReport AdjustJointly(const JointOptions& asked, Reporter& reporter, JointPr
   report.object_rms_px = std::sqrt(residuals.object_squares / std::max(1, residuals.object));
   report.background_rms_px = std::sqrt(residuals.background_squares / std::max(1, residuals.background));
   report.sigma_px = RobustSigmaPx(residuals.coordinates, solved.parameters);
+  if (working.priors.wobble) report.harmonics = static_cast<int>(working.priors.wobble->harmonics.size());
   if (options.compute_covariance) {
     report.observability = AnalyzeObservability(working, options, true, report.sigma_px);
     FillPullOfWrongOnes(working, options, report.sigma_px, reporter, &report.observability);

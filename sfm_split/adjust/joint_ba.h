@@ -78,6 +78,7 @@ struct JointReport {
   std::string linear_solver;
   std::vector<ModelTest> tests;
   PrincipalPointTest principal_point;
+  int harmonics = 0;  ///< stations whose free object poses lie about harmonics (WobbleHarmonics).
   /// The correlation of the errors of the object's points, by which those of few keypoints count less
   /// (TrackWeights).
   double point_correlation = 0;

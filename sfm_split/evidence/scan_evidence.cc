@@ -201,7 +201,8 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   if (findings.noise_px > 0) evidence.match_noise_px = findings.noise_px;
   evidence.overdispersion = findings.overdispersion;
   evidence.placed = static_cast<int>(scene.views.size());
-  evidence.is_object_free = joint.model == JointModel::kFreeObject;
+  evidence.is_object_free =
+      joint.model == JointModel::kFreeObject || joint.model == JointModel::kWobblingTable;
   RecordCameras(features, scene.cameras, &evidence);
   std::set<std::string> placed;
   std::set<int> stations;

@@ -12,6 +12,8 @@ const char* JointModelName(JointModel model) {
       return "shared stations";
     case JointModel::kFreeCameras:
       return "free cameras";
+    case JointModel::kWobblingTable:
+      return "wobbling table";
     case JointModel::kFreeObject:
       return "free object";
   }

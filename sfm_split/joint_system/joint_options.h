@@ -9,6 +9,7 @@ enum class JointModel {
   kAuto,            ///< the simplest of the below that the data do not reject.
   kSharedStations,  ///< one camera pose a station, one axis.
   kFreeCameras,     ///< a camera pose for each image with enough observations (hand-held, shaken), one axis.
+  kWobblingTable,   ///< station poses, and poses of the object that go smoothly with the table's angle.
   kFreeObject,      ///< in addition, a pose of the object for each image (a table that wobbles).
 };
 const char* JointModelName(JointModel model);

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "sfm_split/joint_system/wobble_harmonics.h"
 #include "sfm_split/scene/focal_prior.h"
 
 namespace s2gs {
@@ -58,6 +59,8 @@ struct StationTurnPrior {
 struct WobblePrior {
   double sigma_tilt_rad = 0;  ///< of either component across the axis.
   double sigma_shift = 0;     ///< of each coordinate of where the axis' point goes, world units.
+  /// Of each station: what its poses lie about in place of pure turns. None: they lie about pure turns.
+  std::vector<WobbleHarmonics> harmonics;
 };
 
 struct JointPriors {

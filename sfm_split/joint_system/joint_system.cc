@@ -49,6 +49,7 @@ JointSystem::JointSystem(const JointProblem& problem, const JointOptions& option
     : num_poses_(static_cast<int>(problem.cam_from_world.size())),
       num_cameras_(static_cast<int>(problem.cameras.size())),
       free_object_(problem.free_object),
+      axis_direction_(problem.AxisDirection()),
       object_points_(problem.object.points),
       background_points_(problem.background.points) {
   S2GS_INVARIANT(problem.images.empty() ||
@@ -78,6 +79,7 @@ void JointSystem::AddBlocks(const JointProblem& problem, const JointOptions& opt
   }
   for (const EqualStepsPrior& turn : problem.priors.turns)
     equal_steps_.push_back({turn.offset_rad, turn.step_rad});
+  if (problem.priors.wobble) harmonics_ = problem.priors.wobble->harmonics;
 
   const auto add = [&](double* values, int size, std::string name) {
     Block block;
@@ -183,10 +185,25 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     distortion.scale_px = scale_px;
     priors_.push_back(std::move(distortion));
   }
+  // Poses of objects that are moved by hand lie about no steps.
+  if (!free_object_ || !harmonics_.empty()) AddTurns(problem, scale_px);
   if (free_object_) {
     if (problem.priors.wobble) AddWobble(problem, scale_px);
     return;
   }
+  for (const StationTurnPrior& turn : problem.priors.station_turns) AddStationTurn(turn, scale_px);
+}
+
+void JointSystem::AddTurnOf(int image, double factor, PriorTerm* term) const {
+  if (!free_object_) {
+    term->parts.push_back({AngleBlock(image), 0, factor});
+    return;
+  }
+  // A pose's rotation is exp(w) R: about the axis it turns by w's part along it, to first order in its tilt.
+  for (int k = 0; k < 3; ++k) term->parts.push_back({ObjectPoseBlock(image), k, factor * axis_direction_(k)});
+}
+
+void JointSystem::AddTurns(const JointProblem& problem, double scale_px) {
   for (size_t t = 0; t < problem.priors.turns.size(); ++t) {
     const EqualStepsPrior& turn = problem.priors.turns[t];
     Block steps;
@@ -196,21 +213,23 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     steps.name = "equal steps " + std::to_string(t);
     const auto block = static_cast<int>(blocks_.size());
     for (const EqualStepsPrior::Place& place : turn.places) {
-      const int angle = AngleBlock(place.image);
-      if (!blocks_[angle].used) continue;
+      if (!blocks_[free_object_ ? ObjectPoseBlock(place.image) : AngleBlock(place.image)].used) continue;
       steps.used = true;
+      const double angle =
+          free_object_ ? AngleAbout(axis_direction_, object_rotations_[place.image]) : angles_[place.image];
       // Angles are known but for whole turns.
       const double expected = turn.offset_rad + turn.step_rad * place.steps;
       PriorTerm term;
-      term.parts = {{angle, 0, 1}, {block, 0, -1}, {block, 1, -place.steps}};
-      term.mean = 2 * kPi * std::round((angles_[place.image] - expected) / (2 * kPi));
+      AddTurnOf(place.image, 1, &term);
+      term.parts.push_back({block, 0, -1});
+      term.parts.push_back({block, 1, -place.steps});
+      term.mean = 2 * kPi * std::round((angle - expected) / (2 * kPi)) - (free_object_ ? angle : 0);
       term.sigma = turn.sigma_rad;
       term.scale_px = scale_px;
       priors_.push_back(std::move(term));
     }
     blocks_.push_back(std::move(steps));
   }
-  for (const StationTurnPrior& turn : problem.priors.station_turns) AddStationTurn(turn, scale_px);
 }
 
 void JointSystem::AddStationTurn(const StationTurnPrior& turn, double scale_px) {
@@ -234,28 +253,55 @@ void JointSystem::AddStationTurn(const StationTurnPrior& turn, double scale_px) 
   priors_.push_back(std::move(term));
 }
 
+std::vector<int> JointSystem::AddHarmonics(const JointProblem& problem) {
+  std::vector<int> block_of_image(problem.images.size(), -1);
+  for (WobbleHarmonics& wobble : harmonics_) {
+    Block block;
+    block.values = wobble.coefficients.data();
+    block.size = WobbleHarmonics::kCoefficients;
+    block.free.resize(static_cast<size_t>(block.size));
+    std::iota(block.free.begin(), block.free.end(), 0);
+    block.name = "wobble " + std::to_string(&wobble - harmonics_.data());
+    for (const int i : wobble.images) {
+      if (static_cast<int>(blocks_[ObjectPoseBlock(i)].free.size()) < 6) continue;
+      block_of_image[static_cast<size_t>(i)] = static_cast<int>(blocks_.size());
+      block.used |= blocks_[ObjectPoseBlock(i)].used;
+    }
+    blocks_.push_back(std::move(block));
+  }
+  return block_of_image;
+}
+
 // Small deviations from pure turns: tilts add up like vectors, and the axis' point stays where they turn.
 void JointSystem::AddWobble(const JointProblem& problem, double scale_px) {
-  const Vector3d axis = problem.AxisDirection();
-  const Vector3d across = axis.unitOrthogonal();
+  const auto [across, beside] = AcrossAxis(axis_direction_);
+  const std::vector<int> harmonics = AddHarmonics(problem);
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const int block = ObjectPoseBlock(static_cast<int>(i));
     if (!blocks_[block].used || blocks_[block].free.size() < 6) continue;
     const WobbleOfPose wobble =
-        DeviationFromTurn(axis, problem.AxisPoint(), problem.images[i].world_from_object);
-    PriorTerm term;
-    term.scale_px = scale_px;
-    term.sigma = problem.priors.wobble->sigma_tilt_rad;
-    for (const Vector3d& about : {across, Vector3d(axis.cross(across))}) {
+        DeviationFromTurn(axis_direction_, problem.AxisPoint(), problem.images[i].world_from_object);
+    const WobbleHarmonics::Terms terms =
+        WobbleHarmonics::TermsAt(AngleAbout(axis_direction_, object_rotations_[i]));
+    const auto add = [&](int part, PriorTerm term) {
+      for (int k = 0; harmonics[i] >= 0 && k < WobbleHarmonics::kTerms; ++k)
+        term.parts.push_back({harmonics[i], part * WobbleHarmonics::kTerms + k, -terms(k)});
+      term.scale_px = scale_px;
+      priors_.push_back(std::move(term));
+    };
+    for (const auto& [part, about] : {std::make_pair(0, across), std::make_pair(1, beside)}) {
+      PriorTerm term;
+      term.sigma = problem.priors.wobble->sigma_tilt_rad;
       term.parts = {{block, 0, about.x()}, {block, 1, about.y()}, {block, 2, about.z()}};
       term.mean = -about.dot(wobble.tilt_rad);
-      priors_.push_back(term);
+      add(part, std::move(term));
     }
-    term.sigma = problem.priors.wobble->sigma_shift;
     for (int k = 0; k < 3; ++k) {
+      PriorTerm term;
+      term.sigma = problem.priors.wobble->sigma_shift;
       term.parts = {{block, 3 + k, 1}};
       term.mean = problem.images[i].world_from_object.translation(k) - wobble.shift(k);
-      priors_.push_back(term);
+      add(2 + k, std::move(term));
     }
   }
 }
@@ -361,6 +407,7 @@ void JointSystem::WriteBack(JointProblem* problem) const {
     problem->priors.turns[t].offset_rad = equal_steps_[t][0];
     problem->priors.turns[t].step_rad = equal_steps_[t][1];
   }
+  if (problem->priors.wobble) problem->priors.wobble->harmonics = harmonics_;
   problem->object.points = object_points_;
   problem->background.points = background_points_;
 }

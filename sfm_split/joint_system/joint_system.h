@@ -71,7 +71,12 @@ class JointSystem {
   void AddTerms(const JointProblem& problem, const JointBody& body, bool of_object);
   void AddPriors(const JointProblem& problem, const JointOptions& options);
   void AddStationTurn(const StationTurnPrior& turn, double scale_px);
+  void AddTurns(const JointProblem& problem, double scale_px);
   void AddWobble(const JointProblem& problem, double scale_px);
+  // The block of an image's smooth wobble; -1: its pose lies about a pure turn.
+  std::vector<int> AddHarmonics(const JointProblem& problem);
+  // The parts of a prior that say by how much an image's object turns about the axis.
+  void AddTurnOf(int image, double factor, PriorTerm* term) const;
   void TieByBackground(const JointProblem& problem);
   void FixGauge(const JointProblem& problem);
   void Hold(int block, int value);
@@ -82,6 +87,7 @@ class JointSystem {
   int anchor_ = 0;
   std::vector<int> ties_;  // per pose: equal where background points tie them to each other
   bool free_object_ = false;
+  Eigen::Vector3d axis_direction_;                   // that there is
   std::vector<std::array<double, 6>> poses_;         // (w, C)
   std::vector<Eigen::Matrix3d> pose_rotations_;      // R0
   std::vector<std::array<double, 6>> object_poses_;  // (w, t)
@@ -94,6 +100,7 @@ class JointSystem {
   std::vector<Block> blocks_;
   std::vector<Term> terms_;
   std::vector<std::array<double, 2>> equal_steps_;  // (offset, step)
+  std::vector<WobbleHarmonics> harmonics_;
   std::vector<PriorTerm> priors_;
 };
 

@@ -2,13 +2,10 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <memory>
 #include <vector>
 
-#include "sfm_split/base/rotation.h"
-#include "sfm_split/joint_system/joint_system.h"
+#include "sfm_split/joint_system/pose_information.h"
 
 namespace s2gs {
 namespace {
@@ -20,27 +17,6 @@ constexpr int kRounds = 50;               // of expectation and maximisation, at
 constexpr size_t kLeastPoses = 3;         // fewer tell no variance beside their mean
 constexpr double kLeastVariance = 1e-12;  // a millionth: no table is better
 constexpr double kSettled = 1e-3;         // relative change of a standard deviation
-
-// What the object's keypoints say of each image's object pose, the rest being held.
-std::vector<Matrix6> InformationOfPoses(const JointProblem& problem, const JointOptions& options,
-                                        double sigma_px) {
-  const JointSystem system(problem, options, true);
-  const std::unique_ptr<ceres::LossFunction> loss = MakeLoss(options);
-  std::vector<Matrix6> information(problem.images.size(), Matrix6::Zero());
-  for (const JointSystem::Term& term : system.terms()) {
-    if (!term.of_object) continue;
-    Eigen::Matrix<double, 2, 6, Eigen::RowMajor> by_pose;
-    std::array<double*, 5> jacobians{};
-    jacobians[1] = by_pose.data();
-    Eigen::Vector2d residual;
-    term.cost.Evaluate(term.values.data(), residual.data(), jacobians.data());
-    double rho[3] = {0, 1, 0};
-    if (loss) loss->Evaluate(residual.squaredNorm(), rho);
-    information[static_cast<size_t>(term.image)] +=
-        std::max(0.0, rho[1]) / (sigma_px * sigma_px) * by_pose.transpose() * by_pose;
-  }
-  return information;
-}
 
 // A variance from deviations that are themselves known only so well.
 class Moments {
@@ -65,27 +41,17 @@ class Moments {
 
 }  // namespace
 
-WobbleOfPose DeviationFromTurn(const Vector3d& axis_direction, const Vector3d& axis_point,
-                               const Rigid3& world_from_object) {
-  WobbleOfPose wobble;
-  const Eigen::Matrix3d rotation = world_from_object.rotation.toRotationMatrix();
-  const Eigen::Matrix3d turn = RotationAbout<double>(axis_direction, AngleAbout(axis_direction, rotation));
-  wobble.tilt_rad = LogRotation(Eigen::Matrix3d(rotation * turn.transpose()));
-  wobble.shift = world_from_object * axis_point - axis_point;
-  return wobble;
-}
-
 std::optional<WobblePrior> FitWobble(const JointProblem& problem, const JointOptions& options,
                                      double sigma_px) {
-  const std::vector<Matrix6> information = InformationOfPoses(problem, options, sigma_px);
+  const std::vector<PoseInformation> information = InformationOfPoses(problem, options, sigma_px);
   // The reference's pose is what all others are told from.
   std::vector<WobbleOfPose> deviations;
   std::vector<Matrix6> known;
   for (size_t i = 0; i < problem.images.size(); ++i) {
-    if (static_cast<int>(i) == problem.reference || !(information[i].trace() > 0)) continue;
+    if (static_cast<int>(i) == problem.reference || !(information[i].information.trace() > 0)) continue;
     deviations.push_back(
         DeviationFromTurn(problem.AxisDirection(), problem.AxisPoint(), problem.images[i].world_from_object));
-    known.push_back(information[i]);
+    known.push_back(information[i].information);
   }
   if (deviations.size() < kLeastPoses) return std::nullopt;
   const Vector3d axis = problem.AxisDirection();
@@ -128,7 +94,7 @@ std::optional<WobblePrior> FitWobble(const JointProblem& problem, const JointOpt
     shift_variance = next_shift;
     if (is_settled) break;
   }
-  return WobblePrior{std::sqrt(tilt_variance), std::sqrt(shift_variance)};
+  return WobblePrior{std::sqrt(tilt_variance), std::sqrt(shift_variance), {}};
 }
 
 }  // namespace s2gs

@@ -18,12 +18,4 @@ namespace s2gs {
 std::optional<WobblePrior> FitWobble(const JointProblem& problem, const JointOptions& options,
                                      double sigma_px);
 
-/// A pose's deviation from the nearest pure turn about an axis.
-struct WobbleOfPose {
-  Eigen::Vector3d tilt_rad = Eigen::Vector3d::Zero();  ///< rotation vector, across the axis.
-  Eigen::Vector3d shift = Eigen::Vector3d::Zero();     ///< of the object's point on the axis, in the world.
-};
-WobbleOfPose DeviationFromTurn(const Eigen::Vector3d& axis_direction, const Eigen::Vector3d& axis_point,
-                               const Rigid3& world_from_object);
-
 }  // namespace s2gs

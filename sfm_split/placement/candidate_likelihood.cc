@@ -4,6 +4,7 @@
 #include <cmath>
 #include <string>
 
+#include "sfm_split/joint_system/wobble_harmonics.h"
 #include "sfm_split/relocalise/triple_likelihood.h"
 
 namespace s2gs {
@@ -21,8 +22,12 @@ double Charge(const ScanCandidate& candidate, double inliers) {
   if (candidate.has_given_steps) {
     for (const double share : candidate.refined.joint.angle_prior_share) of_photos -= share;
   }
-  if (candidate.refined.model != JointModel::kSharedStations) of_photos += 6 * views;
-  const double of_stations = 6.0 * candidate.aligned.scene.num_stations;
+  double of_stations = 6.0 * candidate.aligned.scene.num_stations;
+  if (candidate.refined.model == JointModel::kWobblingTable) {
+    of_stations += WobbleHarmonics::kCoefficients * candidate.refined.joint.harmonics;
+  } else if (candidate.refined.model != JointModel::kSharedStations) {
+    of_photos += 6 * views;
+  }
   return 0.5 * of_photos * std::log(std::max(2.0, 2 * inliers / std::max(1.0, views))) +
          0.5 * of_stations * std::log(std::max(2.0, inliers));
 }

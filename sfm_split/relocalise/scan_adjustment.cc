@@ -147,14 +147,17 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   JointProblem problem = MakeJointProblem(*aligned_);
   problem.priors.lenses = LensPriors(problem);
-  if (problem.free_object) {
-    problem.priors.wobble = report_.priors.wobble;  // as the last adjustment found it
-  } else {
-    problem.priors.turns = GivenSteps(problem);
-    problem.priors.station_turns = GivenStationTurns(problem);
+  if (problem.free_object && report_.priors.wobble) {
+    // How far it wobbles, as the last adjustment found it, which may have had other photos.
+    problem.priors.wobble = report_.priors.wobble;
+    problem.priors.wobble->harmonics.clear();
   }
+  if (!problem.free_object || options.model == JointModel::kWobblingTable)
+    problem.priors.turns = GivenSteps(problem);
+  if (!problem.free_object) problem.priors.station_turns = GivenStationTurns(problem);
   const bool has_given_steps = !problem.priors.turns.empty();
-  if (has_given_steps && options.compute_covariance) WeighGivenSteps(options, &problem);
+  if (has_given_steps && !problem.free_object && options.compute_covariance)
+    WeighGivenSteps(options, &problem);
   JointReport report = AdjustJointly(options, reporter_, &problem);
   if (options.compute_covariance && report.model == JointModel::kSharedStations && !has_given_steps) {
     // What the scan itself says of its steps, now that their errors are known; and how much the data count.

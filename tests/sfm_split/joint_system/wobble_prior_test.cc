@@ -13,8 +13,7 @@
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/joint_system/joint_system.h"
 #include "sfm_split/scene/axis_turn.h"
-#include "tests/support/synthetic_aligned_object.h"
-#include "tests/support/synthetic_turntable.h"
+#include "tests/sfm_split/joint_system/wobbling_scan.h"
 
 namespace s2gs {
 namespace {
@@ -23,56 +22,19 @@ using Eigen::Vector3d;
 
 constexpr double kTilt = 0.4 * kDegree;
 constexpr double kShift = 0.002;
-constexpr double kNoisePx = 0.4;
+constexpr double kNoisePx = WobblingScan::kNoisePx;
 
-struct Scan {
-  JointProblem problem;
-  std::vector<Rigid3> world_from_object;  // true, per image
-};
-
-// One station whose table tilts and shifts at each image but the reference. Of every second image few
-// keypoints are left.
-Scan MakeScan(uint32_t seed, int few) {
-  SyntheticTurntableOptions options;
-  options.seed = seed;
-  options.stations = 1;
-  options.steps = 24;
-  options.step_deg = 15;
-  options.num_object_points = 250;
-  options.num_platter_points = 0;
-  options.num_background_points = 0;
-  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
-  const AlignedScene aligned = SyntheticAlignedObject(turntable);
-  Scan scan;
-  scan.problem = MakeJointProblem(aligned);
+// Each photo's tilt and shift is its own.
+WobblingScan MakeScan(uint32_t seed, int few) {
   std::mt19937 rng(seed);
-  std::normal_distribution<double> normal;
-  const auto vector = [&] { return Vector3d(normal(rng), normal(rng), normal(rng)); };
-  for (size_t i = 0; i < scan.problem.images.size(); ++i) {
-    const Rigid3 turn = scan.problem.WorldFromObject(static_cast<int>(i));
+  std::normal_distribution<double> distribution;
+  const auto normal = [&] { return distribution(rng); };
+  const auto vector = [&] { return Vector3d(normal(), normal(), normal()); };
+  return MakeWobblingScan(seed, few, normal, [&](size_t /*image*/, double /*angle*/) {
     Vector3d tilt = kTilt * vector();
-    tilt.z() = 0;  // the axis is z, through the origin
-    const Vector3d shift = kShift * vector();
-    const bool is_reference = static_cast<int>(i) == scan.problem.reference;
-    scan.world_from_object.push_back(
-        is_reference ? turn : Rigid3{Eigen::Quaterniond(ExpRotation<double>(tilt)), shift} * turn);
-  }
-  std::vector<int> seen(scan.problem.images.size(), 0);
-  std::vector<JointObservation> kept;
-  for (JointObservation& observation : scan.problem.object.observations) {
-    const auto i = static_cast<size_t>(observation.image);
-    if (i % 2 == 1 && seen[i] >= few) continue;
-    ++seen[i];
-    const JointImage& image = scan.problem.images[i];
-    const Vector3d& x = scan.problem.object.points[static_cast<size_t>(observation.point)];
-    observation.xy = *ProjectToImage(
-        scan.problem.cameras[static_cast<size_t>(image.camera)],
-        scan.problem.cam_from_world[static_cast<size_t>(image.pose)] * (scan.world_from_object[i] * x));
-    observation.xy += kNoisePx * Eigen::Vector2d(normal(rng), normal(rng));
-    kept.push_back(observation);
-  }
-  scan.problem.object.observations = std::move(kept);
-  return scan;
+    tilt.z() = 0;
+    return WobbleOfPose{tilt, kShift * vector()};
+  });
 }
 
 JointOptions FreeObject() {
@@ -83,7 +45,7 @@ JointOptions FreeObject() {
 }
 
 // Root mean square of the table angles' errors at images with few keypoints [degrees].
-double AngleError(const Scan& scan, const JointProblem& adjusted) {
+double AngleError(const WobblingScan& scan, const JointProblem& adjusted) {
   double squares = 0;
   int num = 0;
   for (size_t i = 1; i < adjusted.images.size(); i += 2) {
@@ -112,7 +74,7 @@ TEST(WobblePrior, ADeviationIsWhatWasDoneToTheTurn) {
 
 TEST(WobblePrior, PosesTellTheirOwnWidth) {
   for (const uint32_t seed : {1U, 2U, 3U}) {
-    Scan scan = MakeScan(seed, 1000);
+    WobblingScan scan = MakeScan(seed, 1000);
     Reporter reporter;
     AdjustJointly(FreeObject(), reporter, &scan.problem);
     ASSERT_TRUE(scan.problem.priors.wobble.has_value());
@@ -126,7 +88,7 @@ TEST(WobblePrior, FewKeypointsTellAnAngleWhereOthersTellTheWobble) {
   double with = 0;
   double without = 0;
   for (const uint32_t seed : {4U, 5U, 6U}) {
-    Scan scan = MakeScan(seed, 7);
+    WobblingScan scan = MakeScan(seed, 7);
     JointProblem free = WithFreeObject(scan.problem);
     Reporter reporter;
     JointOptions options = FreeObject();
