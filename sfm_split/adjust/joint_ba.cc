@@ -97,10 +97,12 @@ JointSolved SolveWithWobble(bool fit_loss, JointModel model, Reporter& reporter,
     if (fit_loss) options->loss_scale_px = LossScaleOf(*problem);
     const double sigma_px = SigmaOfLossPx(options->loss_scale_px);
     const std::optional<WobblePrior> before = problem->priors.wobble;
-    problem->priors.wobble = model == JointModel::kWobblingTable ? FitHarmonics(*problem, *options, sigma_px)
-                                                                 : FitWobble(*problem, *options, sigma_px);
+    std::optional<WobblePrior> now;
+    if (model == JointModel::kWobblingTable) now = FitHarmonics(*problem, *options, sigma_px);
+    // Few photos tell no function of the angle.
+    if (!now) now = FitWobble(*problem, *options, sigma_px);
+    problem->priors.wobble = now;
     const auto is_near = [](double a, double b) { return std::abs(a - b) <= kWobbleSettled * b; };
-    const std::optional<WobblePrior>& now = problem->priors.wobble;
     if (!now || (before && is_near(now->sigma_tilt_rad, before->sigma_tilt_rad) &&
                  is_near(now->sigma_shift, before->sigma_shift)))
       break;
