@@ -54,6 +54,7 @@ class ProvenPairs {
   std::array<std::vector<const ImagePairMatches*>, 2> PairsInOrder() const;
   std::optional<ProvenPair> Prove(const ImagePairMatches& pair, double risk, ScanEvidence* evidence);
   void RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidence* evidence) const;
+  void RecordDistant(const std::array<std::vector<ProvenPair>, 2>& proven, ScanEvidence* evidence) const;
 
   const PosedMatches& matches_;
   std::map<int, std::vector<int>> order_;  // images of a station, by name
@@ -113,31 +114,39 @@ void ProvenPairs::Record(ScanEvidence* evidence) {
   const auto num_pairs = static_cast<double>(pairs[kNeighbours].size() + pairs[kSeam].size());
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
-    AgreeingMatches& sum = kind == kNeighbours ? evidence->neighbours : evidence->seam;
     int& contradicted =
         kind == kNeighbours ? evidence->contradicted_neighbours : evidence->contradicted_seams;
     for (size_t p = 0; p < pairs[kind].size(); p += stride) {
       const std::optional<ProvenPair> pair = Prove(*pairs[kind][p], kScanRisk / num_pairs, evidence);
       if (!pair) continue;
       proven[kind].push_back(*pair);
-      sum.Add(pair->matches);
       contradicted += pair->is_contradicted ? 1 : 0;
     }
   }
   evidence->neighbour_pairs = static_cast<int>(proven[kNeighbours].size());
   evidence->seam_pairs = static_cast<int>(proven[kSeam].size());
   RecordClosing(proven[kSeam], evidence);
-  if (proven[kNeighbours].empty()) return;
+  RecordDistant(proven, evidence);
+}
+
+// Photos that the poses leave far apart may have been neighbours where they share as many details; what they
+// share of fewer is what things that look alike do, and says nothing of poses.
+void ProvenPairs::RecordDistant(const std::array<std::vector<ProvenPair>, 2>& proven,
+                                ScanEvidence* evidence) const {
   std::vector<double> angles;
-  for (const ProvenPair& pair : proven[kNeighbours]) angles.push_back(pair.apart_deg);
-  const double median = UpperMedian(angles);
-  evidence->neighbour_apart_deg = median;
-  const double mean = static_cast<double>(evidence->neighbours.all) / evidence->neighbour_pairs;
-  for (const auto& kind : proven) {
-    for (const ProvenPair& pair : kind) {
-      if (!pair.is_contradicted || pair.apart_deg <= kFarApart * median ||
-          2 * static_cast<double>(pair.matches.all) < mean)
-        continue;
+  for (const ProvenPair& pair : proven[kNeighbours]) {
+    angles.push_back(pair.apart_deg);
+    evidence->neighbours.Add(pair.matches);
+  }
+  if (!angles.empty()) evidence->neighbour_apart_deg = UpperMedian(angles);
+  const double far_deg = kFarApart * evidence->neighbour_apart_deg.value_or(360);
+  const double mean = static_cast<double>(evidence->neighbours.all) / std::max(1, evidence->neighbour_pairs);
+  for (const Kind kind : {kNeighbours, kSeam}) {
+    for (const ProvenPair& pair : proven[kind]) {
+      const bool is_far = pair.apart_deg > far_deg;
+      const bool shares_much = 2 * static_cast<double>(pair.matches.all) >= mean;
+      if (kind == kSeam && (!is_far || shares_much)) evidence->seam.Add(pair.matches);
+      if (!is_far || !shares_much || !pair.is_contradicted) continue;
       ++evidence->far_pairs;
       evidence->widest_far_pair_deg = std::max(evidence->widest_far_pair_deg.value_or(0), pair.apart_deg);
     }

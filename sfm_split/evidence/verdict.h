@@ -55,7 +55,8 @@ struct ScanEvidence {
   AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
   /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
   /// geometry, the poses' or their own, more of them than chance explains (ProvePair), whether or not the
-  /// split kept them. Of photos next to each other, and of a station's last photos with its first.
+  /// split kept them. Of photos next to each other, and of a station's last photos with its first, but for
+  /// those far apart by the poses that share fewer details than far_pairs do.
   AgreeingMatches neighbours;
   AgreeingMatches seam;
   /// Those of the last whose photos are neighbours across the end of a turn that goes round by the poses: an

@@ -428,6 +428,47 @@ TEST(ScanEvidence, AnArcIsNoTurnThatCameBack) {
   }
 }
 
+// The last photo shows what looks like a share of what the second does, though 132 degrees lie between them:
+// its matches with the first are those of the second with the first. \param every  one of so many details is
+// found again.
+Scan WithLookAlikes(size_t every) {
+  Scan scan = MakeScan(228.0 / 17);
+  const auto wanted =
+      std::find_if(scan.features.raw_pairs.begin(), scan.features.raw_pairs.end(),
+                   [](const ImagePairMatches& pair) { return pair.image1 == 0 && pair.image2 == 1; });
+  ImagePairMatches alike{0, 17, {}};
+  const ScanImage& second = scan.features.images[1];
+  ScanImage& last = scan.features.images[17];
+  for (size_t m = 0; m < wanted->matches.size(); m += every) {
+    const FeatureMatch& match = wanted->matches[m];
+    alike.matches.push_back({match.point2D_idx1, static_cast<uint32_t>(last.keypoints.size())});
+    last.keypoints.push_back(second.keypoints[match.point2D_idx2]);
+    last.labels.push_back(second.labels[match.point2D_idx2]);
+  }
+  scan.features.raw_pairs.push_back(alike);
+  return scan;
+}
+
+TEST(ScanEvidence, FewLookAlikesOverAGapSayNothingOfItsWidth) {
+  const Scan scan = WithLookAlikes(3);
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_EQ(evidence.contradicted_seams, 1);
+  EXPECT_EQ(evidence.seam.all, 0);
+  EXPECT_EQ(evidence.far_pairs, 0);
+  const ScanVerdict verdict = JudgeScan(evidence);
+  EXPECT_EQ(verdict.verdict, Verdict::kGood) << verdict.reasons[0];
+}
+
+// As many as neighbours share: the poses may have lost that they are.
+TEST(ScanEvidence, AsManyDetailsAsNeighboursShareOverAGapAreHeldAgainstIt) {
+  const Scan scan = WithLookAlikes(1);
+  const ScanEvidence evidence = Gather(scan, scan.turntable.scene);
+  EXPECT_EQ(evidence.contradicted_seams, 1);
+  EXPECT_GT(evidence.seam.all, 20);
+  EXPECT_EQ(evidence.far_pairs, 1);
+  EXPECT_NE(JudgeScan(evidence).verdict, Verdict::kGood);
+}
+
 // The second half of the angles, mirrored: the table went and came back the same way.
 TEST(ScanEvidence, ATurnThatCameBackIsFound) {
   const Scan scan = MakeScan();
