@@ -145,12 +145,9 @@ void AddRequest(Options* options, Request* request) {
   options->Add("jobs", &request->sweep.jobs, "runs at a time; wall times mean something with 1 alone");
   options->Add("keep_files", &request->sweep.keep_files,
                "keep all files of every run, not those alone that comparisons need");
-empty:
-  this one ");
-      options->Add(
-          "output_path", &request->paths.output,
-          "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
-          "first scan");
+  options->Add("output_path", &request->paths.output,
+               "beginning of the names PATH.csv, PATH.json and PATH.html; empty: work_precision/KNOB in the "
+               "first scan");
 }
 
 void RefuseWhatDoesNotGoTogether(const Request& request) {
