@@ -19,10 +19,10 @@ using Parts = WobbleHarmonics::Parts;
 using Terms = WobbleHarmonics::Terms;
 using Information = Eigen::Matrix<double, WobbleHarmonics::kParts, WobbleHarmonics::kParts>;
 
-constexpr int kCoefficients = WobbleHarmonics::kCoefficients;
-constexpr size_t kLeastImages = 2 * WobbleHarmonics::kTerms;  // as many tell how they scatter
-constexpr double kLeastVariance = 1e-12;                      // a millionth: no table is better
-constexpr double kMostVariance = 1;                           // a radian, the unit of length
+constexpr int kCoefficients = WobbleHarmonics::kCoefficients;  // of one station
+constexpr size_t kLeastImages = 2 * WobbleHarmonics::kTerms;   // as many tell how they scatter
+constexpr double kLeastVariance = 1e-12;                       // a millionth: no table is better
+constexpr double kMostVariance = 1;                            // a radian, the unit of length
 constexpr int kGrid = 28;       // variances that are tried at first: a factor of 2.7 from one to the next
 constexpr int kSearches = 4;    // of one variance and then the other
 constexpr int kBisections = 6;  // of a variance's place on the grid: to 2 %

@@ -23,8 +23,8 @@ std::pair<Eigen::Vector3d, Eigen::Vector3d> AcrossAxis(const Eigen::Vector3d& ax
 /// function of the table's angle.
 struct WobbleHarmonics {
   static constexpr int kTerms = 5;  ///< 1; cosine and sine of the angle; of twice the angle.
-  static constexpr int kParts = 5;
-  static constexpr int kCoefficients = kParts * kTerms;
+  static constexpr int kParts = 5;  ///< as Parts lists them.
+  static constexpr int kCoefficients = kParts * kTerms;  ///< of one station.
   using Terms = Eigen::Matrix<double, kTerms, 1>;
   /// Tilt about the two vectors of AcrossAxis [rad], shift of the axis' point in x, y and z [world units].
   using Parts = Eigen::Matrix<double, kParts, 1>;
