@@ -54,6 +54,15 @@ struct StationTurnPrior {
   double sigma_rad = 0;  ///< of the difference.
 };
 
+/// The rim of a round table as one camera place shows it: its picture goes through these places, and it is a
+/// circle about the axis, whose height and radius nobody knows.
+struct RimPrior {
+  int image = 0;                        ///< one of the camera place's.
+  std::vector<Eigen::Vector2d> places;  ///< [px]
+  double sigma_px = 0;                  ///< of each across the rim, as if they erred by themselves.
+  double log_odds = 0;                  ///< logarithm of the odds that edges lie on no such circle by chance.
+};
+
 /// Poses of an object that is free of its axis lie about pure turns: a table that wobbles does so by as much
 /// at every photo.
 struct WobblePrior {
@@ -67,6 +76,7 @@ struct JointPriors {
   std::vector<LensPrior> lenses;  ///< one per camera, or none at all.
   std::vector<EqualStepsPrior> turns;
   std::vector<StationTurnPrior> station_turns;
+  std::vector<RimPrior> rims;         ///< not asked where every image has its own object pose.
   std::optional<WobblePrior> wobble;  ///< where every image has its own object pose.
   /// How much larger variances of the data are than those of independent keypoint errors: the data count by
   /// so much less against the priors. At least 1.

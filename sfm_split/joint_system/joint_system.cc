@@ -9,6 +9,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/union_find.h"
+#include "sfm_split/joint_system/rim_circle.h"
 #include "sfm_split/joint_system/wobble_prior.h"
 
 namespace s2gs {
@@ -22,6 +23,34 @@ std::array<double, 6> PoseValues(const Vector3d& last) { return {0, 0, 0, last.x
 Eigen::Quaterniond RotationOf(const std::array<double, 6>& values, const Matrix3d& r0) {
   return Eigen::Quaterniond(Matrix3d(ExpRotation<double>(Vector3d(values[0], values[1], values[2])) * r0))
       .normalized();
+}
+
+// Of a circle that is not before the camera: no step leads there.
+constexpr double kLostPx = 1000;
+
+// A rim's offset by the values of a pose's block (w, C), the axis', the circle's and a camera's.
+double RimOffsetOfValues(Camera camera, const Matrix3d& r0, const Eigen::Vector2d& place,
+                         const std::vector<double>& values, std::vector<double>* derivatives) {
+  const Eigen::Map<const Vector3d> w(values.data());
+  const Eigen::Map<const Vector3d> centre(values.data() + 3);
+  const Eigen::Map<const Eigen::Vector4d> axis(values.data() + 6);
+  camera.params.assign(values.begin() + 12, values.end());
+  Rigid3 cam_from_world;
+  cam_from_world.rotation = Eigen::Quaterniond(Matrix3d(ExpRotation<double>(w) * r0)).normalized();
+  cam_from_world.translation = -(cam_from_world.rotation * centre);
+  const std::optional<RimOffset> offset =
+      OffsetFromRim(camera, cam_from_world, axis, {values[10], values[11]}, place);
+  if (derivatives != nullptr) derivatives->assign(values.size(), 0);
+  if (!offset) return kLostPx;
+  if (derivatives == nullptr) return offset->px;
+  const Eigen::RowVector3d by_w = offset->by_pose.head<3>() * LeftJacobian<double>(w);
+  for (int k = 0; k < 3; ++k) (*derivatives)[static_cast<size_t>(k)] = by_w(k);
+  for (int k = 3; k < 6; ++k) (*derivatives)[static_cast<size_t>(k)] = offset->by_pose(k);
+  for (int k = 0; k < 4; ++k) (*derivatives)[static_cast<size_t>(6 + k)] = offset->by_axis(k);
+  for (int k = 0; k < 2; ++k) (*derivatives)[static_cast<size_t>(10 + k)] = offset->by_circle(k);
+  for (int k = 0; k < offset->by_camera.cols(); ++k)
+    (*derivatives)[static_cast<size_t>(12 + k)] = offset->by_camera(k);
+  return offset->px;
 }
 
 constexpr double kLossSigmas = 2;      // of a coordinate
@@ -192,6 +221,47 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     return;
   }
   for (const StationTurnPrior& turn : problem.priors.station_turns) AddStationTurn(turn, scale_px);
+  AddRims(problem, scale_px);
+}
+
+void JointSystem::AddRims(const JointProblem& problem, double scale_px) {
+  rim_circles_.resize(problem.priors.rims.size());  // before any address is taken
+  for (size_t r = 0; r < problem.priors.rims.size(); ++r) {
+    const RimPrior& rim = problem.priors.rims[r];
+    const JointImage& image = problem.images[static_cast<size_t>(rim.image)];
+    const Camera& camera = problem.cameras[static_cast<size_t>(image.camera)];
+    const int pose = PoseBlock(image.pose);
+    if (!blocks_[pose].used || !blocks_[AxisBlock()].used) continue;
+    const std::optional<RimCircle> circle = NearestRimCircle(
+        camera, problem.cam_from_world[static_cast<size_t>(image.pose)], problem.axis, rim.places);
+    if (!circle) continue;
+    rim_circles_[r] = {circle->height, circle->radius};
+    Block block;
+    block.values = rim_circles_[r].data();
+    block.size = 2;
+    block.free = {0, 1};
+    block.name = "rim " + std::to_string(r);
+    block.used = true;
+    PriorTerm term;
+    const auto add = [&](int of, int size) {
+      for (int k = 0; k < size; ++k) term.parts.push_back({of, k, 1});
+    };
+    add(pose, 6);
+    add(AxisBlock(), 4);
+    add(static_cast<int>(blocks_.size()), 2);
+    add(IntrinsicsBlock(image.camera), static_cast<int>(camera.params.size()));
+    blocks_.push_back(std::move(block));
+    term.sigma = rim.sigma_px;
+    term.scale_px = scale_px;
+    term.is_seen = true;
+    for (const Eigen::Vector2d& place : rim.places) {
+      term.function = [lens = camera, r0 = pose_rotations_[static_cast<size_t>(image.pose)], place](
+                          const std::vector<double>& values, std::vector<double>* derivatives) {
+        return RimOffsetOfValues(lens, r0, place, values, derivatives);
+      };
+      priors_.push_back(term);
+    }
+  }
 }
 
 void JointSystem::AddTurnOf(int image, double factor, PriorTerm* term) const {

@@ -72,6 +72,7 @@ class JointSystem {
   void AddPriors(const JointProblem& problem, const JointOptions& options);
   void AddStationTurn(const StationTurnPrior& turn, double scale_px);
   void AddTurns(const JointProblem& problem, double scale_px);
+  void AddRims(const JointProblem& problem, double scale_px);
   void AddWobble(const JointProblem& problem, double scale_px);
   // The block of an image's smooth wobble; -1: its pose lies about a pure turn.
   std::vector<int> AddHarmonics(const JointProblem& problem);
@@ -101,6 +102,7 @@ class JointSystem {
   std::vector<Term> terms_;
   std::vector<std::array<double, 2>> equal_steps_;  // (offset, step)
   std::vector<WobbleHarmonics> harmonics_;
+  std::vector<std::array<double, 2>> rim_circles_;  // (height, radius)
   std::vector<PriorTerm> priors_;
 };
 

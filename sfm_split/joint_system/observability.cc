@@ -96,6 +96,7 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
     with_priors += priors.information / share;
     diagonal += priors.information.diagonal() / share;
     priors.of_gradients /= share * share;
+    priors.known_before /= share * share;
   }
   const VectorXd scale =
       (diagonal.array() > 0).select(diagonal.array().sqrt().inverse(), VectorXd::Zero(free).array());
@@ -121,18 +122,20 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
   const double variance = NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px;
   result.covariance = variance * inverse_system;
+  MatrixXd of_priors;
   if (has_priors) {
-    result.prior_covariance = inverse_system * priors.of_gradients * inverse_system;
-    result.covariance = variance * inverse_system * reduced.s * inverse_system + result.prior_covariance;
+    result.prior_covariance = inverse_system * priors.known_before * inverse_system;
+    of_priors = inverse_system * priors.of_gradients * inverse_system;
+    result.covariance = variance * inverse_system * reduced.s * inverse_system + of_priors;
   }
   const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system, options.num_threads);
   result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
   result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
   result.ring_covariance = inverse_system * scores.of_rings * inverse_system / (share * share);
   if (has_priors) {
-    result.ring_covariance += result.prior_covariance;
-    result.robust_covariance += result.prior_covariance;
-    result.regional_covariance += result.prior_covariance;
+    result.ring_covariance += of_priors;
+    result.robust_covariance += of_priors;
+    result.regional_covariance += of_priors;
   }
   return result;
 }

@@ -6,6 +6,12 @@
 namespace s2gs {
 
 double PriorTerm::Residual(const std::vector<double>& values, std::vector<double>* derivatives) const {
+  if (function) {
+    const double residual = function(values, derivatives) - mean;
+    for (size_t k = 0; derivatives != nullptr && k < derivatives->size(); ++k)
+      (*derivatives)[k] *= scale_px / sigma;
+    return residual * scale_px / sigma;
+  }
   double sum = -mean;
   if (derivatives != nullptr) derivatives->resize(parts.size());
   for (size_t k = 0; k < parts.size(); ++k) {

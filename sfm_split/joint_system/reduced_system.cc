@@ -185,7 +185,7 @@ ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system, con
 
 PriorSums SumPriors(const JointSystem& system, const ReducedSystem& reduced) {
   const auto size = reduced.s.rows();
-  PriorSums sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
+  PriorSums sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
   for (const PriorTerm& term : system.priors()) {
     std::vector<double> values;
     for (const PriorTerm::Part& part : term.parts)
@@ -197,8 +197,10 @@ PriorSums SumPriors(const JointSystem& system, const ReducedSystem& reduced) {
       const int column = reduced.column_of[term.parts[k].block][term.parts[k].value];
       if (column >= 0) jacobian(column) += derivatives[k];
     }
-    sums.information += jacobian * jacobian.transpose();
-    sums.of_gradients += term.scale_px * term.scale_px * jacobian * jacobian.transpose();
+    const MatrixXd squared = jacobian * jacobian.transpose();
+    sums.information += squared;
+    sums.of_gradients += term.scale_px * term.scale_px * squared;
+    if (!term.is_seen) sums.known_before += term.scale_px * term.scale_px * squared;
   }
   return sums;
 }

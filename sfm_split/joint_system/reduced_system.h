@@ -63,7 +63,8 @@ ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system, con
 /// The priors' second derivatives, and the covariance of their gradients, by the reduced system's columns.
 struct PriorSums {
   Eigen::MatrixXd information;
-  Eigen::MatrixXd of_gradients;
+  Eigen::MatrixXd of_gradients;  ///< of all.
+  Eigen::MatrixXd known_before;  ///< of those that no photo shows (PriorTerm::is_seen).
 };
 PriorSums SumPriors(const JointSystem& system, const ReducedSystem& reduced);
 

@@ -75,9 +75,10 @@ double CandidateLikelihood::LogPosterior(const MatchLikelihood& of_pairs, const 
          LogPriorOfLenses(aligned.scene);
 }
 
-double CandidateLikelihood::LogLikelihood(const ScanCandidate& candidate) const {
-  const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate.aligned, pairs_);
-  return LogPosterior(matches, candidate.aligned) - Charge(candidate, matches.inliers);
+void CandidateLikelihood::Judge(ScanCandidate* candidate) const {
+  const MatchLikelihood matches = LikelihoodOfMatches(features_, candidate->aligned, pairs_);
+  candidate->charge = Charge(*candidate, matches.inliers);
+  candidate->log_likelihood = LogPosterior(matches, candidate->aligned) - candidate->charge;
 }
 
 bool CandidateLikelihood::IsWorthAdjusting(const AlignedScene& aligned, double unknowns, bool inside_stations,

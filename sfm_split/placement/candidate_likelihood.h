@@ -29,9 +29,10 @@ class CandidateLikelihood {
   /// Of the object, all of them.
   const std::vector<PossiblePair>& pairs() const { return pairs_; }
 
-  /// What all poses explain with lenses that there are, less what their unknowns cost: half the logarithm of
-  /// the matches that tell each (the Bayesian information criterion), a photo's own or a station's.
-  double LogLikelihood(const ScanCandidate& candidate) const;
+  /// Sets what all poses explain with lenses that there are, less what their unknowns cost, and that charge:
+  /// half the logarithm of the matches that tell each (the Bayesian information criterion), a photo's own or
+  /// a station's.
+  void Judge(ScanCandidate* candidate) const;
 
   /// Whether poses that are not adjusted yet explain matches better than those of `best`, by more than their
   /// being fitted to these matches alone does. \param unknowns  as UnknownsOf has them.

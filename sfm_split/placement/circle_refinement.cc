@@ -76,7 +76,8 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
   // Matches that agree are cut off at the bound, and tell no noise.
   refine.noise_px = told.sigma_px;
   refine.equal_steps = told.steps.steps;
-  refine.station_turns = told.turns;
+  refine.station_turns = told.seen.turns;
+  refine.rims = told.seen.rims;
   candidate->has_given_steps = !told.steps.steps.empty();
   JointOptions joint = joint_;
   joint.model = model;
@@ -93,7 +94,7 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
 
 void CircleRefinement::Judge(ScanCandidate* candidate) const {
   candidate->is_usable = MostPhotosSeePoints(candidate->aligned);
-  candidate->log_likelihood = likelihood_.LogLikelihood(*candidate);
+  likelihood_.Judge(candidate);
 }
 
 // Poses of their own for photos, which their points ask for, cost more than all matches may gain by them.
@@ -171,18 +172,28 @@ std::pair<ScanCandidate, ScanCandidate> CircleRefinement::RefineBoth(const Align
   return {std::move(first), second.get()};
 }
 
+// Whether free angles explain more than they cost. Errors of matches that slide over the surface together
+// count as if they were many: by as much as the adjustment with free angles says that they do.
+bool CircleRefinement::IsWorthItsAngles(const ScanCandidate& free, const ScanCandidate& about_steps) {
+  if (!free.is_usable || !about_steps.is_usable) return !about_steps.is_usable;
+  const double cost = free.charge - about_steps.charge;
+  const double gain = free.log_likelihood - about_steps.log_likelihood + cost;
+  return gain > std::max(1.0, free.refined.priors.data_inflation) * cost;
+}
+
 ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
-                                       const std::vector<StationTurnPrior>& turns) const {
+                                       const SeenBesideMatches& seen) const {
   const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
   auto [about_steps, free] =
-      RefineBoth(aligned, {sigma_px, bound_px, steps, turns}, {sigma_px, bound_px, {}, turns});
+      RefineBoth(aligned, {sigma_px, bound_px, steps, seen}, {sigma_px, bound_px, {}, seen});
   if (about_steps.is_usable) {
     reporter_.Debug("log-likelihood about equal steps " + std::to_string(about_steps.log_likelihood) +
-                    ", with free angles " + std::to_string(free.log_likelihood));
+                    ", with free angles " + std::to_string(free.log_likelihood) + ", which is " +
+                    std::to_string(free.refined.priors.data_inflation) + " times too large");
   }
-  return about_steps.IsBetterThan(free) ? about_steps : free;
+  return IsWorthItsAngles(free, about_steps) ? free : about_steps;
 }
 
 }  // namespace s2gs

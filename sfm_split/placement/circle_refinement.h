@@ -18,6 +18,12 @@ namespace s2gs {
 /// that puts the points behind the cameras: then hardly a photo sees any that is left.
 bool MostPhotosSeePoints(const AlignedScene& aligned);
 
+/// What photos show beside their matches. By images of the features.
+struct SeenBesideMatches {
+  std::vector<StationTurnPrior> turns;  ///< of stations, that silhouettes told.
+  std::vector<RimPrior> rims;           ///< of the table.
+};
+
 /// Adjusts scenes that circular motion placed, by the matches that agree with it. Keeps references.
 class CircleRefinement {
  public:
@@ -32,9 +38,9 @@ class CircleRefinement {
   /// Free angles follow wrong matches where right ones are few; equal steps may be those of a turn that does
   /// not close. Both are adjusted where the steps are equal, and the likelihood of all matches decides, in
   /// which angles that are free cost what is not known of them. \param sigma_px  noise of right matches.
-  /// \param turns  that silhouettes told; may be empty. Returns a candidate that may not be usable.
+  /// Returns a candidate that may not be usable.
   ScanCandidate Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
-                       const std::vector<StationTurnPrior>& turns) const;
+                       const SeenBesideMatches& seen) const;
 
  private:
   // What an adjustment is told besides the matches.
@@ -42,7 +48,7 @@ class CircleRefinement {
     double sigma_px;
     double bound_px;  // of what agrees
     StepsFinding steps;
-    const std::vector<StationTurnPrior>& turns;
+    const SeenBesideMatches& seen;
   };
   void RefineAgreeing(const Told& told, JointModel model, ScanCandidate* candidate) const;
   // Whether it can be used, and what all matches say of it.
@@ -53,6 +59,7 @@ class CircleRefinement {
   std::pair<ScanCandidate, ScanCandidate> RefineBoth(const AlignedScene& aligned, const Told& about_steps,
                                                      const Told& free) const;
   StepsFinding EqualSteps(const TurntableScene& scene) const;
+  static bool IsWorthItsAngles(const ScanCandidate& free, const ScanCandidate& about_steps);
 
   const ScanFeatures& features_;
   const CandidateLikelihood& likelihood_;

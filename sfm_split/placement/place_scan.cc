@@ -103,6 +103,7 @@ ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel*
 
 ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
   const size_t found = aligned.scene.views.size();
+  finish_.AddCircle(aligned);
   const double sigma_px = circles_.MoveStations(finding.motion.sigma_px, &aligned);
   ScanCandidate candidate = circles_.Refine(aligned, sigma_px, finding.motion.steps_are_equal, {});
   const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
@@ -161,6 +162,7 @@ void Placement::TryRiggedCircle() {
       return;
     }
     const size_t found = circle.aligned.scene.views.size();
+    finish_.AddCircle(circle.aligned);
     ScanCandidate refined = circles_.Refine(circle.aligned, circle.sigma_px, true, {});
     if (!refined.is_usable) continue;
     candidate = std::move(refined);
@@ -189,7 +191,7 @@ ScanCandidate Placement::BySingleAxis() {
 
 void Placement::Consider(ScanCandidate candidate, const char* name) {
   if (candidate.is_usable) {
-    candidate.log_likelihood = likelihood_.LogLikelihood(candidate);
+    likelihood_.Judge(&candidate);
     reporter_.Debug(candidate.finding + ": log-likelihood " + std::to_string(candidate.log_likelihood));
   }
   result_.findings += (result_.findings.empty() ? "" : "; ") + candidate.finding;

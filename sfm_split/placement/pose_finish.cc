@@ -9,15 +9,19 @@
 
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/placement/rim_starts.h"
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/silhouette_ties.h"
 #include "sfm_split/relocalise/station_turns.h"
+#include "sfm_split/rim/rim_alignment.h"
+#include "sfm_split/rim/scene_rims.h"
 #include "sfm_split/sweep/swept_points.h"
 
 namespace s2gs {
 namespace {
 
-constexpr int kSurfaceRounds = 4;  // a judgement: bounds the time
+constexpr size_t kMostRimStarts = 2;  // that are adjusted
+constexpr int kSurfaceRounds = 4;     // a judgement: bounds the time
 // Standard deviation of the axis and of the table's angles that leaves nothing to ask for: a sixth of how far
 // the median photo of a good scan may be turned.
 constexpr double kSureDeg = 0.05;
@@ -114,7 +118,7 @@ bool PoseFinish::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCa
   result_.durations.emplace_back("silhouettes", watch_.Lap());
   if (ties.priors.empty()) return false;
   const double sigma_px = LikelihoodOfMatches(features_, from.aligned, likelihood_.pairs()).sigma_px;
-  ScanCandidate refined = circles_.Refine(ties.aligned, sigma_px, true, ties.priors);
+  ScanCandidate refined = circles_.Refine(ties.aligned, sigma_px, true, {ties.priors, rims_});
   result_.durations.emplace_back("silhouettes", watch_.Lap());
   if (!refined.is_usable || refined.aligned.scene.views.size() < from.aligned.scene.views.size())
     return false;
@@ -125,9 +129,60 @@ bool PoseFinish::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCa
   return true;
 }
 
+// Poses about rims: the likeliest of those that an adjustment comes to from where rims put the cameras. Not
+// usable where they lose photos, or more of what matches say than the rims' odds are. Errors of matches that
+// slide together count as if they were many, by as much as the adjustment says that they do.
+ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) const {
+  const ScanCandidate& before = result_.best;
+  std::vector<AlignedScene> scenes = circle_scenes_;
+  scenes.push_back(before.aligned);
+  ScanCandidate best;
+  for (const RimStart& start :
+       StartsByRims(features_, likelihood_.pairs(), rims, scenes, kMostRimStarts, reporter_)) {
+    ScanCandidate refined = circles_.Refine(start.aligned, start.sigma_px, true, {{}, rims});
+    if (!refined.is_usable || refined.aligned.scene.views.size() < before.aligned.scene.views.size())
+      continue;
+    likelihood_.Judge(&refined);
+    if (refined.IsBetterThan(best)) best = std::move(refined);
+  }
+  if (!best.is_usable) return best;
+  double log_odds = 0;
+  for (const RimPrior& rim : rims) log_odds += rim.log_odds;
+  const double lost = before.log_likelihood + before.charge - best.log_likelihood - best.charge;
+  const double as_one = std::max(1.0, before.refined.priors.data_inflation);
+  reporter_.Debug("about the table's rim the log-likelihood of the matches is " + std::to_string(lost) +
+                  " less, which counts " + std::to_string(as_one) + " times, against odds of " +
+                  std::to_string(log_odds) + "; the rim errs by " +
+                  std::to_string(RimErrorPx(rims, features_, before.aligned.scene)) + " and " +
+                  std::to_string(RimErrorPx(rims, features_, best.aligned.scene)) + " px");
+  best.is_usable = lost <= as_one * log_odds;
+  return best;
+}
+
+// Where matches do not tell the axis or the angles well, the table's rim may tell the axis; where not all of
+// a table's rims go with the matches, the surest may.
+void PoseFinish::LeanByRims(const ReadGreyPhoto& read_photo) {
+  if (result_.best.refined.model != JointModel::kSharedStations || IsSure(result_.best.refined.joint)) return;
+  likelihood_.Judge(&result_.best);
+  std::vector<RimPrior> rims = FindRims(read_photo, features_, result_.best.aligned, reporter_);
+  ScanCandidate refined;
+  if (!rims.empty()) refined = AdjustAboutRims(rims);
+  if (!refined.is_usable && rims.size() > 1) {
+    rims.resize(1);
+    refined = AdjustAboutRims(rims);
+  }
+  result_.durations.emplace_back("rims", watch_.Lap());
+  if (!refined.is_usable) return;
+  refined.finding = result_.best.finding;
+  result_.best = std::move(refined);
+  rims_ = std::move(rims);
+  result_.findings += "; the table's rim told its axis";
+}
+
 void PoseFinish::Finish(const ReadGreyPhoto& read_photo) {
   ScanCandidate before;
   if (read_photo) {
+    LeanByRims(read_photo);
     if (result_.best.aligned.scene.num_stations > 1) before = result_.best;
     AdjustToPhotos(read_photo);
   }

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "sfm_split/base/reporter.h"
@@ -35,6 +36,9 @@ class PoseFinish {
         watch_(*watch),
         result_(*result) {}
 
+  /// Where circular motion would have an adjustment start: another start, where the table's rim is asked.
+  void AddCircle(AlignedScene scene) { circle_scenes_.push_back(std::move(scene)); }
+
   /// All of it. \param read_photo  may be empty: then matches are asked alone.
   void Finish(const ReadGreyPhoto& read_photo);
 
@@ -45,6 +49,8 @@ class PoseFinish {
   void AdjustToPhotos(const ReadGreyPhoto& read_photo);
   void AdjustToSurface(const ReadGreyPhoto& read_photo);
   void AskAllMatches();
+  ScanCandidate AdjustAboutRims(const std::vector<RimPrior>& rims) const;
+  void LeanByRims(const ReadGreyPhoto& read_photo);
   bool TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from);
 
   const ScanFeatures& features_;
@@ -54,6 +60,8 @@ class PoseFinish {
   Reporter& reporter_;
   Stopwatch& watch_;
   ScanPlacement& result_;
+  std::vector<AlignedScene> circle_scenes_;
+  std::vector<RimPrior> rims_;            // that the poses are about
   std::map<int, double> told_turns_deg_;  // by silhouettes, of a station: their standard deviations
 };
 

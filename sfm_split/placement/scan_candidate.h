@@ -19,6 +19,7 @@ struct ScanCandidate {
   /// Of all matches, by LikelihoodOfMatches, less what the Bayesian information criterion charges for the
   /// poses' unknowns: ways of placing the same photos compare by it, whichever comes first.
   double log_likelihood = 0;
+  double charge = 0;  ///< that log_likelihood has been lessened by.
 
   MatchFindings matches;  ///< of the poses that were taken; nothing is known of others.
 

@@ -103,6 +103,20 @@ std::vector<StationTurnPrior> ScanRefiner::GivenStationTurns(const JointProblem&
   return result;
 }
 
+std::vector<RimPrior> ScanRefiner::GivenRims(const JointProblem& problem) const {
+  std::vector<RimPrior> result;
+  for (const RimPrior& given : options_.rims) {
+    const int station = StationOf(given.image);
+    for (size_t k = 0; k < problem.images.size(); ++k) {
+      if (StationOf(image_of_name_.at(problem.images[k].name)) != station) continue;
+      result.push_back(given);
+      result.back().image = static_cast<int>(k);
+      break;
+    }
+  }
+  return result;
+}
+
 // How much the data count beside steps that were given is told by an adjustment without them; and angles that
 // are stated are compared with its angles.
 void ScanRefiner::WeighGivenSteps(JointOptions options, JointProblem* problem) {
@@ -154,7 +168,10 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   }
   if (!problem.free_object || options.model == JointModel::kWobblingTable)
     problem.priors.turns = GivenSteps(problem);
-  if (!problem.free_object) problem.priors.station_turns = GivenStationTurns(problem);
+  if (!problem.free_object) {
+    problem.priors.station_turns = GivenStationTurns(problem);
+    problem.priors.rims = GivenRims(problem);
+  }
   const bool has_given_steps = !problem.priors.turns.empty();
   if (has_given_steps && !problem.free_object && options.compute_covariance)
     WeighGivenSteps(options, &problem);

@@ -34,6 +34,8 @@ struct RefineOptions {
   std::vector<EqualStepsPrior> equal_steps;
   /// How stations are turned that silhouettes tell. By images of the features.
   std::vector<StationTurnPrior> station_turns;
+  /// The table's rim as camera places show it. By images of the features.
+  std::vector<RimPrior> rims;
 
   /// The scene's poses are rough and have no points: before the first round these are triangulated within
   /// twice the bound, and everything is adjusted to them as to SfM's.

@@ -114,6 +114,7 @@ class ScanRefiner {
   std::map<int, int> ImagesOf(const JointProblem& problem) const;
   std::vector<EqualStepsPrior> GivenSteps(const JointProblem& problem) const;
   std::vector<StationTurnPrior> GivenStationTurns(const JointProblem& problem) const;
+  std::vector<RimPrior> GivenRims(const JointProblem& problem) const;
   void WeighGivenSteps(JointOptions options, JointProblem* problem);
   void Relabel(double max_error_px);
   void WriteModels();

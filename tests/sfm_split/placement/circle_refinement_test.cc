@@ -153,9 +153,13 @@ TEST(CandidateLikelihood, PosesOfPhotosCostByWhatTellsThem) {
   ScanCandidate candidate;
   candidate.aligned = SyntheticAlignedObject(turntable);
   candidate.refined.model = JointModel::kSharedStations;
-  const double shared = likelihood.LogLikelihood(candidate);
+  likelihood.Judge(&candidate);
+  const double shared = candidate.log_likelihood;
+  const double charge = candidate.charge;
   candidate.refined.model = JointModel::kFreeObject;
-  const double free = likelihood.LogLikelihood(candidate);
+  likelihood.Judge(&candidate);
+  const double free = candidate.log_likelihood;
+  EXPECT_NEAR(candidate.charge - charge, shared - free, 1e-9);
   const double inliers = LikelihoodOfMatches(features, candidate.aligned, likelihood.pairs()).inliers;
   const auto photos = static_cast<double>(features.images.size());
   ASSERT_GT(inliers, 10 * photos);

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <vector>
+
+#include "sfm_split/base/reporter.h"
+#include "sfm_split/joint_system/joint_priors.h"
+#include "sfm_split/relocalise/match_likelihood.h"
+#include "sfm_split/scene/scan_features.h"
+#include "sfm_split/turntable/align_scene.h"
+
+namespace s2gs {
+
+/// A scene from which an adjustment starts.
+struct RimStart {
+  AlignedScene aligned;
+  double sigma_px = 0;  ///< noise of right matches.
+  double gain = 0;      ///< in the logarithm of the likelihood of all matches and lenses.
+};
+
+/// Where the table's rim is the picture of a circle about the axis: each scene's stations are moved there
+/// with focal lengths about those that it has, or as they are known, since a rim tells the axis before a
+/// camera once its focal length is known; the likeliest by all matches, at most `most` of them, the best
+/// first. \param rims  by images of the features. \param pairs  of the object, all of them.
+std::vector<RimStart> StartsByRims(const ScanFeatures& features, const std::vector<PossiblePair>& pairs,
+                                   const std::vector<RimPrior>& rims, const std::vector<AlignedScene>& scenes,
+                                   size_t most, Reporter& reporter);
+
+}  // namespace s2gs
