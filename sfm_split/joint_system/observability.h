@@ -30,7 +30,7 @@ struct Observability {
   /// And when those of the points of one ring about the axis do: of highlights, say. From few rings, and not
   /// for a photo's own parameters, which the points of one may tell alone.
   Eigen::MatrixXd ring_covariance;
-  /// What of each of these comes from priors; empty without priors.
+  /// What of each of these was known before (PriorTerm::is_seen); empty without priors.
   Eigen::MatrixXd prior_covariance;
   /// What wrong observations pull the parameters by (PullOfWrongOnes); empty when not computed.
   Eigen::VectorXd pull;

@@ -77,9 +77,9 @@ class CoarseSearch {
     const int count = (2 * num_leans_ + 1) * rolls;
     std::vector<std::vector<RimCandidate>> found(static_cast<size_t>(count));
     ParallelFor(count, 0, [&](int64_t k) {
-      const double lean = (static_cast<int>(k) / rolls - num_leans_) * lean_step_;
-      const double roll = (static_cast<int>(k) % rolls - num_rolls_) * lean_step_;
-      found[static_cast<size_t>(k)] = BestOf(lean, roll);
+      const int lean = static_cast<int>(k) / rolls - num_leans_;
+      const int roll = static_cast<int>(k) % rolls - num_rolls_;
+      found[static_cast<size_t>(k)] = BestOf(lean * lean_step_, roll * lean_step_);
     });
     std::vector<RimCandidate> all;
     for (const std::vector<RimCandidate>& some : found) all.insert(all.end(), some.begin(), some.end());

@@ -57,6 +57,7 @@ std::optional<GreyPicture> StillPicture(const ReadGreyPhoto& read, const ScanFea
   }
   if (pictures.size() < kPicturesForMedian) return std::nullopt;
   std::vector<const GreyPicture*> all;
+  all.reserve(pictures.size());
   for (const GreyPicture& picture : pictures) all.push_back(&picture);
   return MedianPicture(all);
 }
