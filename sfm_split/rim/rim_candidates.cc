@@ -27,9 +27,9 @@ constexpr double kHopeful = 0.7;  // of the best score so far, by the first part
 constexpr double kReach = 4;      // in radii of what turns: a small thing on a large table
 constexpr double kDown = 1;       // below what turns, in its heights: a thing whose foot shows nothing
 constexpr double kUp = 0.5;       // from its lowest, in its heights
-constexpr size_t kStarts = 200;  // a judgement: among clutter some fifty lie along more edges than the rim
-constexpr double kApartPx = 3;  // of the small picture, of two starts
-constexpr double kOnePx = 1;    // that tells two circles of the picture apart
+constexpr size_t kStarts = 200;   // a judgement: among clutter 24 missed the rim
+constexpr double kApartPx = 3;    // of the small picture, of two starts
+constexpr double kOnePx = 1;      // that tells two circles of the picture apart
 
 // The directions of a picture's edges as a pinhole camera without distortion sees them, in few cells.
 EdgeDirections DirectionsOf(const RimView& view) {
