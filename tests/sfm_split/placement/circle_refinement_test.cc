@@ -125,7 +125,9 @@ Wobbling RefineWobbling(double degrees) {
   Wobble(degrees, &turntable, &features);
   Reporter reporter;
   const CandidateLikelihood likelihood(features);
-  const CircleRefinement circles(features, likelihood, {}, {}, reporter);
+  const RefineOptions refine;
+  const JointOptions joint;
+  const CircleRefinement circles(features, likelihood, refine, joint, reporter);
   const ScanCandidate refined = circles.Refine(start, 0.4, true, {});
   EXPECT_TRUE(refined.is_usable);
   return {refined.refined.model, MedianRotationErrorDeg(refined.aligned.scene, turntable.scene)};
@@ -175,7 +177,9 @@ TEST(CircleRefinement, FeaturesThatSlideDoNotHoldThePoses) {
   const AlignedScene truth = SyntheticAlignedObject(turntable);
   Reporter reporter;
   const CandidateLikelihood likelihood(features);
-  const CircleRefinement circles(features, likelihood, {}, {}, reporter);
+  const RefineOptions refine;
+  const JointOptions joint;
+  const CircleRefinement circles(features, likelihood, refine, joint, reporter);
   // As large a noise as rough poses make of .15 px.
   const ScanCandidate refined = circles.Refine(truth, 1, false, {});
   ASSERT_TRUE(refined.is_usable);
