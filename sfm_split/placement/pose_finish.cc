@@ -142,7 +142,6 @@ ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) con
     ScanCandidate refined = circles_.Refine(start.aligned, start.sigma_px, true, {{}, rims});
     if (!refined.is_usable || refined.aligned.scene.views.size() < before.aligned.scene.views.size())
       continue;
-    likelihood_.Judge(&refined);
     if (refined.IsBetterThan(best)) best = std::move(refined);
   }
   if (!best.is_usable) return best;
