@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "sfm_split/base/error.h"
 #include "sfm_split/solvers/eigen_solvers.h"
 
 namespace s2gs {
