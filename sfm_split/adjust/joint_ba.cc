@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -15,7 +15,6 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/number_text.h"
-#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/joint_system/joint_residuals.h"
@@ -24,7 +23,6 @@
 #include "sfm_split/joint_system/smooth_wobble.h"
 #include "sfm_split/joint_system/track_weights.h"
 #include "sfm_split/joint_system/wobble_prior.h"
-#include "sfm_split/scene/projection_jacobians.h"
 
 namespace s2gs {
 namespace {
@@ -38,12 +36,11 @@ constexpr double kScoreWorthFitting = 1.5;
 // residuals (CompareModels), and its score says by how much they do to within a factor: in 73 fits they
 // lowered it by 2.6 times the score at most, by 1.9 in those that were taken.
 constexpr double kMostOverScore = 3;
-constexpr double kCoarseTolerance = 1e-6;      // of rounds that are followed by another
-constexpr int kWeightRounds = 6;               // at most
-constexpr double kWeightSettled = 0.05;        // of a weight's logarithm
-constexpr int kWobbleRounds = 8;               // at most: its deviations and the poses are found by turns
-constexpr int64_t kObservationsAtOnce = 4096;  // by one thread: some .2 ms
-constexpr double kWobbleSettled = 0.05;        // relative change of its standard deviations
+constexpr double kCoarseTolerance = 1e-6;  // of rounds that are followed by another
+constexpr int kWeightRounds = 6;           // at most
+constexpr double kWeightSettled = 0.05;    // of a weight's logarithm
+constexpr int kWobbleRounds = 8;           // at most: its deviations and the poses are found by turns
+constexpr double kWobbleSettled = 0.05;    // relative change of its standard deviations
 
 // The loss' scale that the residuals of a problem ask for.
 double LossScaleOf(const JointProblem& problem) {
@@ -225,26 +222,12 @@ FilterCounts FilterObservations(const JointOptions& options, double max_error_px
   const std::vector<Rigid3> world_from_object = problem->WorldFromObjects();
   for (const bool of_object : {true, false}) {
     JointBody& body = of_object ? problem->object : problem->background;
-    std::vector<char> is_far(body.observations.size(), 0);
-    ParallelFor(static_cast<int64_t>(is_far.size()), 0, kObservationsAtOnce, [&](int64_t k) {
-      const JointObservation& observation = body.observations[static_cast<size_t>(k)];
-      if (!observation.active) return;
-      const JointImage& image = problem->images[observation.image];
-      Vector3d x = body.points[observation.point];
-      if (of_object) x = world_from_object[observation.image] * x;
-      const Camera& camera = problem->cameras[image.camera];
-      Vector2d xy;
-      const bool is_near =
-          ProjectWithJacobians(camera.model, camera.params.data(), problem->cam_from_world[image.pose] * x,
-                               &xy, nullptr, nullptr) &&
-          (xy - observation.xy).norm() <= max_error_px * observation.spread;
-      is_far[static_cast<size_t>(k)] = is_near ? 0 : 1;
-    });
+    const std::vector<std::optional<Vector2d>> errors = ReprojectionErrors(*problem, of_object);
     std::vector<std::vector<size_t>> of_point(body.points.size());
     for (size_t k = 0; k < body.observations.size(); ++k) {
       JointObservation& observation = body.observations[k];
       if (!observation.active) continue;
-      if (is_far[k] == 0) {
+      if (errors[k] && errors[k]->norm() <= max_error_px * observation.spread) {
         of_point[observation.point].push_back(k);
       } else {
         observation.active = false;

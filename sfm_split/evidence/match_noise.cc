@@ -42,7 +42,7 @@ NoiseFit FitNoise(const std::vector<double>& errors, double range) {
   return fit;
 }
 
-NoiseFit MeasureMatchNoise(const std::vector<PosedImage>& images, const std::vector<Keypoints>& keypoints,
+NoiseFit MeasureMatchNoise(const std::vector<PosedImage>& images, const MatchErrors& errors,
                            const std::vector<ImagePairMatches>& pairs, double range_px, size_t max_matches) {
   const auto are_posed = [&](const ImagePairMatches& pair) {
     return images[static_cast<size_t>(pair.image1)].is_posed &&
@@ -51,21 +51,19 @@ NoiseFit MeasureMatchNoise(const std::vector<PosedImage>& images, const std::vec
   size_t all = 0;
   for (const ImagePairMatches& pair : pairs) all += are_posed(pair) ? pair.matches.size() : 0;
   const size_t stride = std::max<size_t>(1, all / std::max<size_t>(1, max_matches));
-  std::vector<double> errors;
-  errors.reserve(all / stride + 1);
+  std::vector<ImagePairMatches> looked_at;
   size_t next = 0;
   for (const ImagePairMatches& pair : pairs) {
     if (!are_posed(pair)) continue;
-    const auto i = static_cast<size_t>(pair.image1);
-    const auto j = static_cast<size_t>(pair.image2);
-    for (; next < pair.matches.size(); next += stride) {
-      const FeatureMatch& match = pair.matches[next];
-      errors.push_back(MatchErrorPx(images[i], images[j], keypoints[i][match.point2D_idx1].cast<double>(),
-                                    keypoints[j][match.point2D_idx2].cast<double>()));
-    }
+    looked_at.push_back({pair.image1, pair.image2, {}});
+    for (; next < pair.matches.size(); next += stride) looked_at.back().matches.push_back(pair.matches[next]);
     next -= pair.matches.size();
   }
-  return FitNoise(errors, range_px);
+  std::vector<double> of_all;
+  of_all.reserve(all / stride + 1);
+  for (const std::vector<double>& of_pair : errors.Of(looked_at))
+    of_all.insert(of_all.end(), of_pair.begin(), of_pair.end());
+  return FitNoise(of_all, range_px);
 }
 
 }  // namespace s2gs

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "sfm_split/adjust/match_errors.h"
 #include "sfm_split/adjust/track_triangulation.h"
 
 namespace s2gs {
@@ -19,8 +20,8 @@ NoiseFit FitNoise(const std::vector<double>& errors, double range);
 
 /// The same for the matches of posed images: their Sampson errors [px], whose standard deviation is that of a
 /// keypoint's coordinate, enlarged by what the poses are wrong by. At most `max_matches` are looked at,
-/// evenly.
-NoiseFit MeasureMatchNoise(const std::vector<PosedImage>& images, const std::vector<Keypoints>& keypoints,
+/// evenly. \param errors  of matches against these images' poses.
+NoiseFit MeasureMatchNoise(const std::vector<PosedImage>& images, const MatchErrors& errors,
                            const std::vector<ImagePairMatches>& pairs, double range_px,
                            size_t max_matches = 50000);
 

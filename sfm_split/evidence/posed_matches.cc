@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <map>
 #include <string>
-#include <utility>
 
 namespace s2gs {
 
@@ -22,10 +21,7 @@ PosedMatches::PosedMatches(const ScanFeatures& features, const TurntableScene& s
     view_of_[i] = found->second;
     posed_[i] = {true, cameras.at(found->second->camera_id), found->second->CamFromObject()};
   }
-  std::vector<const Keypoints*> keypoints;
-  keypoints.reserve(features.images.size());
-  for (const ScanImage& image : features.images) keypoints.push_back(&image.keypoints);
-  errors_.emplace(posed_, std::move(keypoints));
+  errors_.emplace(posed_, AllKeypoints(features));
 }
 
 AgreeingMatches PosedMatches::Compare(const ImagePairMatches& pair, const FeatureMatches& matches) const {

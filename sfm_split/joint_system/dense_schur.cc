@@ -83,9 +83,9 @@ double Damping(double square, double radius) {
   return std::clamp(square, kMinDiagonal, kMaxDiagonal) / radius;
 }
 
-// s D s - g s of some unknowns.
+// Twice what some unknowns' steps take from the linearised cost: s D s - g s.
 template <typename Step, typename Gradient, typename Squares>
-double SumOf(const Step& step, const Gradient& gradient, const Squares& squares, double radius) {
+double TwiceDecrease(const Step& step, const Gradient& gradient, const Squares& squares, double radius) {
   double sum = 0;
   for (Eigen::Index k = 0; k < step.size(); ++k)
     sum += step(k) * (Damping(squares(k), radius) * step(k) - gradient(k));
@@ -168,12 +168,12 @@ bool Solver::FindStep(double radius) {
 
 // By how much the linearised cost falls: with (H + D) s = -g it is -g s - s H s / 2 = (s D s - g s) / 2.
 double Solver::ModelDecrease(double radius) {
-  double twice = SumOf(step_, system_.gradient(), system_.square().diagonal(), radius);
+  double twice = TwiceDecrease(step_, system_.gradient(), system_.square().diagonal(), radius);
   twice += system_.SumParts([&](size_t part) {
     double sum = 0;
     for (size_t p = system_.PartBegin(part); p < system_.PartEnd(part); ++p) {
       const LinearisedSystem::Point& point = system_.points()[p];
-      sum += SumOf(point_steps_[p], point.gradient, point.square.diagonal(), radius);
+      sum += TwiceDecrease(point_steps_[p], point.gradient, point.square.diagonal(), radius);
     }
     return sum;
   });

@@ -18,34 +18,39 @@ constexpr int64_t kAtOnce = 4096;  // observations: some .2 ms
 
 }  // namespace
 
+std::vector<std::optional<Vector2d>> ReprojectionErrors(const JointProblem& problem, bool of_object) {
+  const std::vector<Rigid3> world_from_object = problem.WorldFromObjects();
+  const JointBody& body = of_object ? problem.object : problem.background;
+  std::vector<std::optional<Vector2d>> errors(body.observations.size());
+  ParallelFor(static_cast<int64_t>(errors.size()), 0, kAtOnce, [&](int64_t k) {
+    const JointObservation& observation = body.observations[static_cast<size_t>(k)];
+    if (!observation.active) return;
+    const JointImage& image = problem.images[observation.image];
+    Vector3d x = body.points[observation.point];
+    if (of_object) x = world_from_object[observation.image] * x;
+    const Camera& camera = problem.cameras[image.camera];
+    Vector2d xy;
+    if (ProjectWithJacobians(camera.model, camera.params.data(), problem.cam_from_world[image.pose] * x, &xy,
+                             nullptr, nullptr)) {
+      errors[static_cast<size_t>(k)] = xy - observation.xy;
+    }
+  });
+  return errors;
+}
+
 JointResiduals MeasureJointResiduals(const JointProblem& problem) {
   JointResiduals all;
-  const std::vector<Rigid3> world_from_object = problem.WorldFromObjects();
   for (const bool of_object : {true, false}) {
     const JointBody& body = of_object ? problem.object : problem.background;
-    std::vector<Vector2d> residuals(body.observations.size());
-    ParallelFor(static_cast<int64_t>(residuals.size()), 0, kAtOnce, [&](int64_t k) {
-      const JointObservation& observation = body.observations[static_cast<size_t>(k)];
-      if (!observation.active) return;
-      const JointImage& image = problem.images[observation.image];
-      Vector3d x = body.points[observation.point];
-      if (of_object) x = world_from_object[observation.image] * x;
-      Vector2d xy;
-      Vector2d residual = Vector2d::Constant(ReprojectionCost::kBehindCameraError);
-      const Camera& camera = problem.cameras[image.camera];
-      if (ProjectWithJacobians(camera.model, camera.params.data(), problem.cam_from_world[image.pose] * x,
-                               &xy, nullptr, nullptr)) {
-        residual = xy - observation.xy;
-      }
-      residuals[static_cast<size_t>(k)] = residual;
-    });
-    for (size_t k = 0; k < residuals.size(); ++k) {
+    const std::vector<std::optional<Vector2d>> errors = ReprojectionErrors(problem, of_object);
+    for (size_t k = 0; k < errors.size(); ++k) {
       const JointObservation& observation = body.observations[k];
       if (!observation.active) continue;
-      (of_object ? all.object_squares : all.background_squares) += residuals[k].squaredNorm();
+      const Vector2d residual = errors[k].value_or(Vector2d::Constant(ReprojectionCost::kBehindCameraError));
+      (of_object ? all.object_squares : all.background_squares) += residual.squaredNorm();
       ++(of_object ? all.object : all.background);
-      all.coordinates.push_back(residuals[k].x() / observation.spread);
-      all.coordinates.push_back(residuals[k].y() / observation.spread);
+      all.coordinates.push_back(residual.x() / observation.spread);
+      all.coordinates.push_back(residual.y() / observation.spread);
     }
   }
   return all;

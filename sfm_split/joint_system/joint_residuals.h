@@ -1,7 +1,9 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "sfm_split/joint_system/joint_problem.h"
@@ -23,6 +25,10 @@ struct JointResiduals {
 };
 
 JointResiduals MeasureJointResiduals(const JointProblem& problem);
+
+/// Of each observation of one body: how far its point's projection lies from it [px]. None of inactive ones
+/// and of points behind the camera.
+std::vector<std::optional<Eigen::Vector2d>> ReprojectionErrors(const JointProblem& problem, bool of_object);
 
 /// Robust standard deviation of one coordinate, of the median of their lengths. \param parameters  fitted.
 double RobustSigmaPx(std::vector<double> residuals, int parameters);

@@ -31,13 +31,6 @@ struct PairErrors {
   std::vector<Error> errors;
 };
 
-std::vector<const Keypoints*> KeypointsOf(const ScanFeatures& features) {
-  std::vector<const Keypoints*> keypoints;
-  keypoints.reserve(features.images.size());
-  for (const ScanImage& image : features.images) keypoints.push_back(&image.keypoints);
-  return keypoints;
-}
-
 // One round of expectation and maximisation over all pairs' errors. Matches inside stations tell the noise
 // where there are any: between stations, shading that hardly turns lies alike off its lines in all of them,
 // and widens it until it is right.
@@ -73,7 +66,7 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs) {
   const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
-  const MatchErrors against_poses(posed, KeypointsOf(features));
+  const MatchErrors against_poses(posed, AllKeypoints(features));
   std::vector<std::optional<PairErrors>> of_pairs(object_pairs.size());
   ParallelFor(static_cast<int64_t>(object_pairs.size()), 0, [&](int64_t p) {
     const PossiblePair& pair = object_pairs[static_cast<size_t>(p)];
@@ -118,8 +111,8 @@ std::vector<ImagePairMatches> MatchesThatAgree(const ScanFeatures& features, con
   // Between stations, where the background knows how cameras stand, it explains what agrees with it better.
   std::vector<PosedImage> unmoved(posed.size());
   if (!aligned.background.images.empty()) unmoved = PosedImages(features, aligned.scene, false);
-  const MatchErrors against_poses(posed, KeypointsOf(features));
-  const MatchErrors against_background(unmoved, KeypointsOf(features));
+  const MatchErrors against_poses(posed, AllKeypoints(features));
+  const MatchErrors against_background(unmoved, AllKeypoints(features));
   const std::vector<ImagePairMatches>& all = AllPairs(features);
   std::vector<FeatureMatches> agreeing(all.size());
   ParallelFor(static_cast<int64_t>(all.size()), 0, [&](int64_t p) {

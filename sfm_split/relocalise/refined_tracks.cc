@@ -59,11 +59,8 @@ std::vector<TrackPoint> ScanRefiner::Triangulate(bool of_object, double max_erro
 
 // Of the object's matches against the poses [px]; none of pairs without two poses.
 std::vector<std::vector<double>> ScanRefiner::ErrorsOf(const std::vector<ImagePairMatches>& pairs) const {
-  std::vector<const Keypoints*> keypoints;
-  keypoints.reserve(keypoints_.size());
-  for (const Keypoints& of_image : keypoints_) keypoints.push_back(&of_image);
   const std::vector<PosedImage> posed = Posed(true);
-  return MatchErrors(posed, std::move(keypoints)).Of(pairs);
+  return MatchErrors(posed, AllKeypoints(features_)).Of(pairs);
 }
 
 void ScanRefiner::MeasureNoise() {
@@ -71,9 +68,10 @@ void ScanRefiner::MeasureNoise() {
     noise_px_ = options_.noise_px;
     return;
   }
-  const NoiseFit noise =
-      MeasureMatchNoise(Posed(true), keypoints_, features_.object_pairs, kNoiseRange * options_.max_error_px);
-  noise_px_ = noise.sigma;
+  const std::vector<PosedImage> posed = Posed(true);
+  const MatchErrors against_poses(posed, AllKeypoints(features_));
+  const double range_px = kNoiseRange * options_.max_error_px;
+  noise_px_ = MeasureMatchNoise(posed, against_poses, features_.object_pairs, range_px).sigma;
 }
 
 // The error bound for keypoints of a standard deviation; wider than the options' where the matches themselves

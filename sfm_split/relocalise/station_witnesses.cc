@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <utility>
 
+#include "sfm_split/adjust/match_errors.h"
 #include "sfm_split/adjust/posed_images.h"
-#include "sfm_split/adjust/track_triangulation.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/union_find.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 
@@ -83,6 +83,8 @@ std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const A
   const std::vector<PosedImage> standing = PosedImages(features, aligned.scene, false);
   // Without a background nobody knows how cameras of two stations stand.
   const bool may_stand = !aligned.background.images.empty();
+  const MatchErrors against_poses(posed, AllKeypoints(features));
+  const MatchErrors against_standing(standing, AllKeypoints(features));
   std::vector<uint32_t> first_keypoint = {0};
   for (const ScanImage& image : features.images)
     first_keypoint.push_back(first_keypoint.back() + static_cast<uint32_t>(image.keypoints.size()));
@@ -93,21 +95,20 @@ std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const A
     const auto j = static_cast<size_t>(pair.image2);
     if (!posed[i].is_posed || !posed[j].is_posed) continue;
     const bool is_one_station = features.images[i].station == features.images[j].station;
+    const std::vector<double> errors_px = against_poses.Of(pair.image1, pair.image2, pair.matches);
+    std::vector<double> standing_px(pair.matches.size(), kInfinity);
+    if (!is_one_station && may_stand)
+      standing_px = against_standing.Of(pair.image1, pair.image2, pair.matches);
     for (size_t m = 0; m < pair.matches.size(); ++m) {
       const FeatureMatch& match = pair.matches[m];
-      const Eigen::Vector2d xy1 = features.images[i].keypoints[match.point2D_idx1].cast<double>();
-      const Eigen::Vector2d xy2 = features.images[j].keypoints[match.point2D_idx2].cast<double>();
-      const double error_px = MatchErrorPx(posed[i], posed[j], xy1, xy2);
-      if (is_one_station && !(error_px <= kAgreeingPx)) continue;
+      if (is_one_station && !(errors_px[m] <= kAgreeingPx)) continue;
       const uint32_t one = first_keypoint[i] + match.point2D_idx1;
       const uint32_t two = first_keypoint[j] + match.point2D_idx2;
       if (is_one_station) {
         details.Join(one, two);
         continue;
       }
-      const double standing_px = may_stand ? MatchErrorPx(standing[i], standing[j], xy1, xy2)
-                                           : std::numeric_limits<double>::infinity();
-      between.push_back({&pair, m, {one, two}, error_px, standing_px, pair.chance[m]});
+      between.push_back({&pair, m, {one, two}, errors_px[m], standing_px[m], pair.chance[m]});
     }
   }
   const Kinds kinds = FitKinds(between);

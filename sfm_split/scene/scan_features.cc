@@ -15,6 +15,13 @@ const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features) {
   return features.raw_pairs.empty() ? features.object_pairs : features.raw_pairs;
 }
 
+std::vector<const Keypoints*> AllKeypoints(const ScanFeatures& features) {
+  std::vector<const Keypoints*> keypoints;
+  keypoints.reserve(features.images.size());
+  for (const ScanImage& image : features.images) keypoints.push_back(&image.keypoints);
+  return keypoints;
+}
+
 FeatureMatches PossibleObjectMatches(const ScanFeatures& features, const ImagePairMatches& pair) {
   const ScanImage& first = features.images[static_cast<size_t>(pair.image1)];
   const ScanImage& second = features.images[static_cast<size_t>(pair.image2)];

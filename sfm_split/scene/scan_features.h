@@ -50,6 +50,9 @@ bool IsStatic(const ScanImage& image, uint32_t keypoint);
 /// All matches that there are, right and wrong ones: the raw ones, else the verified ones.
 const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features);
 
+/// Of each image, in their order; the features must outlive them.
+std::vector<const Keypoints*> AllKeypoints(const ScanFeatures& features);
+
 /// The matches of a pair that may be the object's, as far as the photos alone tell.
 FeatureMatches PossibleObjectMatches(const ScanFeatures& features, const ImagePairMatches& pair);
 

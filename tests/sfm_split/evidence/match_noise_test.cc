@@ -57,11 +57,11 @@ TEST(MatchNoise, IsThatOfAKeypointsCoordinate) {
   const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
   const ScanFeatures features = SyntheticScanFeatures(turntable);
   const std::vector<PosedImage> posed = TruePosesOfObject(turntable);
-  const std::vector<Keypoints> keypoints = KeypointsOf(features);
-  const NoiseFit fit = MeasureMatchNoise(posed, keypoints, features.object_pairs, 24);
+  const MatchErrors errors(posed, AllKeypoints(features));
+  const NoiseFit fit = MeasureMatchNoise(posed, errors, features.object_pairs, 24);
   EXPECT_NEAR(fit.sigma, 1.5, 0.05);  // measured 1.50
   // Every other match tells nearly the same.
-  EXPECT_NEAR(MeasureMatchNoise(posed, keypoints, features.object_pairs, 24, 5000).sigma, 1.5, 0.1);
+  EXPECT_NEAR(MeasureMatchNoise(posed, errors, features.object_pairs, 24, 5000).sigma, 1.5, 0.1);
 }
 
 }  // namespace
