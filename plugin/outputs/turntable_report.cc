@@ -266,7 +266,7 @@ class SummaryPrinter {
         fmt::format("{} of {}", CountAt(report_, "registered"), CountAt(report_, "images")));
     for (const auto& name : report_.at("missing")) Row("  missing", name.get<std::string>());
     if (report_.contains("untied") && !report_.at("untied").empty()) {
-      Row("  untied", fmt::format("{} of these: nothing on the background ties their station to the others",
+      Row("  untied", fmt::format("{}: nothing on the background ties their station to the others",
                                   report_.at("untied").size()));
     }
     PrintVerdict(report_.value("verdict", json()), out_);

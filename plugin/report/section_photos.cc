@@ -60,10 +60,9 @@ std::set<std::string> Names(const nlohmann::json& mapper, const char* key) {
 }
 
 // Why a photo has no pose, as far as the mapper said.
-std::string WhyMissing(const ReportInput& input, const std::string& name, const std::set<std::string>& untied,
+std::string WhyMissing(const ReportInput& input, const std::string& name,
                        const std::set<std::string>& doubted) {
   if (input.mapper.is_null()) return "the poses have not been computed yet";
-  if (untied.count(name) > 0) return "nothing on the background ties its station to the others";
   if (doubted.count(name) > 0) return "its matches contradict the poses of the other photos";
   if (input.split && input.split->images.count(name) == 0) return "it has no features";
   return "too few of its matches on the rotating part agree on one table angle";
@@ -148,7 +147,9 @@ std::vector<Photo> CollectPhotos(const ReportInput& input, Reporter& reporter) {
         photo.background_keypoints = found->second.size();
       }
     }
-    if (!photo.is_placed) photo.missing = WhyMissing(input, name, untied, doubted);
+    if (!photo.is_placed) photo.missing = WhyMissing(input, name, doubted);
+    if (untied.count(name) > 0)
+      photo.warnings.emplace_back("nothing on the background ties its station to the others");
     photos.push_back(std::move(photo));
   }
   if (input.mapper.is_object() && input.mapper.contains("mended")) {

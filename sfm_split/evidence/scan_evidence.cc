@@ -146,16 +146,32 @@ void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& came
   }
 }
 
+// Stations that see points of the background, which lie where several stations do.
+std::set<int> StationsOfBackground(const AlignedScene& aligned) {
+  std::set<std::string> photos;
+  for (const auto& [id, point] : aligned.background.points3D) {
+    for (const ColmapTrackElement& seen : point.track)
+      photos.insert(aligned.background.images.at(seen.image_id).name);
+  }
+  std::set<int> stations;
+  for (const View& view : aligned.scene.views) {
+    if (photos.count(view.name) > 0) stations.insert(view.station);
+  }
+  return stations;
+}
+
 // How surely the adjustment tells each photo's angle [degrees]; those that it holds have none.
 std::vector<double> AngleSigmas(const AlignedScene& aligned, const JointReport& joint,
                                 const MatchFindings& findings, bool is_object_free) {
+  const std::set<int> tied = StationsOfBackground(aligned);
   std::vector<double> sigmas;
   for (size_t v = 0; v < joint.angle_sigma_deg.size(); ++v) {
     double sigma = joint.angle_sigma_deg[v];
     // Where no background ties a station to the reference's, the angle between them is anybody's choice, and
     // how surely the object tells its poses is what counts: by its points, and where photos share a camera,
     // by all matches of their station.
-    if (std::isinf(sigma) && aligned.background.images.empty() && v < aligned.scene.views.size()) {
+    if (std::isinf(sigma) && v < aligned.scene.views.size() &&
+        tied.count(aligned.scene.views[v].station) == 0) {
       const double of_points = v < joint.turn_sigma_deg.size() ? joint.turn_sigma_deg[v] : 0;
       const auto found = findings.turn_sigma_deg.find(aligned.scene.views[v].station);
       if (found != findings.turn_sigma_deg.end()) {

@@ -231,13 +231,18 @@ StepsFinding StepsByMatches(const ScanFeatures& features, const std::vector<cons
     const TurnLikelihood likelihood(cameras, of_image, axis);
     const std::vector<std::vector<double>> of_station =
         TurnsOfPhotos(NearPairs(features, of_image, images, images, {}), likelihood, images, turns_deg);
+    int num_elsewhere = 0;
     for (size_t k = 0; k < images.size(); ++k) {
       bool is_elsewhere = false;
       for (size_t t = 0; t < turns_deg.size(); ++t)
         is_elsewhere |= std::abs(turns_deg[t]) >= kLeastElsewhereDeg && of_station[k][t] > least;
-      if (is_elsewhere) finding.elsewhere.push_back(images[k]);
-      of_photos.push_back(of_station[k]);
+      if (!is_elsewhere) continue;
+      finding.elsewhere.push_back(images[k]);
+      ++num_elsewhere;
     }
+    if (LogPoissonTail(num_elsewhere, kAnywhere * static_cast<double>(images.size())) < std::log(risk))
+      continue;
+    of_photos.insert(of_photos.end(), of_station.begin(), of_station.end());
     finding.steps.push_back(std::move(steps));
   }
   if (of_photos.empty()) return finding;

@@ -22,7 +22,8 @@ struct AngleAtPlace {
 EqualStepsPrior NearestEqualSteps(const std::vector<AngleAtPlace>& angles, int num_photos);
 
 struct StepsFinding {
-  std::vector<EqualStepsPrior> steps;  ///< per station; images are those of the features.
+  /// Per station whose steps may be equal; images are those of the features.
+  std::vector<EqualStepsPrior> steps;
   /// Images whose matches, right ones beside wrong ones, are surer of another place than chance explains.
   std::vector<int> elsewhere;
 };
@@ -32,7 +33,8 @@ struct StepsFinding {
 /// equal steps, all others stand at theirs, and its deviation, normal with the width, is integrated over; one
 /// photo in ten may be anywhere. The width is the median of its posterior between .01 degrees (better than
 /// keypoints tell) and one, all orders of magnitude alike before. It is that of the table and so one for all
-/// stations: where a station's matches tell nothing, the others' do.
+/// stations: where a station's matches tell nothing, the others' do. A station of which far more photos than
+/// that tenth stand elsewhere has no equal steps.
 /// \param cameras, views  of each image of the features; null without a pose.
 /// \param risk  that chance puts a photo elsewhere, for all of them together.
 StepsFinding StepsByMatches(const ScanFeatures& features, const std::vector<const Camera*>& cameras,

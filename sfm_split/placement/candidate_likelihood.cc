@@ -32,13 +32,11 @@ double Charge(const ScanCandidate& candidate, double inliers) {
          0.5 * of_stations * std::log(std::max(2.0, inliers));
 }
 
-// What poses gain over the true ones in the likelihood of matches that they alone were fitted to, but for a
-// chance of e^-8: half of chi squared with a degree of freedom for each unknown.
+}  // namespace
+
 double GainByFitting(double unknowns) {
   return 0.5 * unknowns + kCertainDeviations * std::sqrt(0.5 * unknowns);
 }
-
-}  // namespace
 
 double UnknownsOf(const CircularMotion& motion) {
   auto unknowns = static_cast<double>(motion.cameras.size());

@@ -21,6 +21,10 @@ double UnknownsOf(const CircularMotion& motion);
 /// lenses.
 double UnknownsOf(const TurntableScene& scene);
 
+/// What poses gain over the true ones in the likelihood of matches that they alone were fitted to, but for a
+/// chance of e^-8: half of chi squared with a degree of freedom for each unknown.
+double GainByFitting(double unknowns);
+
 /// What all of a scan's matches say of poses, from whichever way of placing these came. Keeps references.
 class CandidateLikelihood {
  public:

@@ -21,6 +21,7 @@ namespace s2gs {
 namespace {
 
 constexpr size_t kMostRimStarts = 2;  // that are adjusted
+constexpr double kToldByRim = 3;      // an ellipse's five numbers, less the height and radius of the circle
 constexpr int kSurfaceRounds = 4;     // a judgement: bounds the time
 // Standard deviation of the axis and of the table's angles that leaves nothing to ask for: a sixth of how far
 // the median photo of a good scan may be turned.
@@ -130,8 +131,10 @@ bool PoseFinish::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCa
 }
 
 // Poses about rims: the likeliest of those that an adjustment comes to from where rims put the cameras. Not
-// usable where they lose photos, or more of what matches say than the rims' odds are. Errors of matches that
-// slide together count as if they were many, by as much as the adjustment says that they do.
+// usable where they lose photos, or more of what matches say than the true poses would: a circle along edges
+// may be another thing's, or made of the table's two rims, and whatever odds chance gives edges, a true rim
+// is where the matches' poses are, but for what these gained by being fitted. Errors of matches that slide
+// together count as if they were many, by as much as the adjustment says that they do.
 ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) const {
   const ScanCandidate& before = result_.best;
   std::vector<AlignedScene> scenes = circle_scenes_;
@@ -145,16 +148,15 @@ ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) con
     if (refined.IsBetterThan(best)) best = std::move(refined);
   }
   if (!best.is_usable) return best;
-  double log_odds = 0;
-  for (const RimPrior& rim : rims) log_odds += rim.log_odds;
   const double lost = before.log_likelihood + before.charge - best.log_likelihood - best.charge;
   const double as_one = std::max(1.0, before.refined.priors.data_inflation);
+  const double by_fitting = GainByFitting(kToldByRim * static_cast<double>(rims.size()));
   reporter_.Debug("about the table's rim the log-likelihood of the matches is " + std::to_string(lost) +
-                  " less, which counts " + std::to_string(as_one) + " times, against odds of " +
-                  std::to_string(log_odds) + "; the rim errs by " +
+                  " less, which counts " + std::to_string(as_one) + " times, of which " +
+                  std::to_string(by_fitting) + " may come of fitting; the rim errs by " +
                   std::to_string(RimErrorPx(rims, features_, before.aligned.scene)) + " and " +
                   std::to_string(RimErrorPx(rims, features_, best.aligned.scene)) + " px");
-  best.is_usable = lost <= as_one * log_odds;
+  best.is_usable = lost <= as_one * by_fitting;
   return best;
 }
 

@@ -417,44 +417,34 @@ void ScanRefiner::MakeReference(const View& reference) {
   from_object.rotation = (new_from_old.rotation * from_object.rotation).normalized();
 }
 
-// Photos whose station nothing ties to the others would put the background in two places.
-void ScanRefiner::DropUntiedStations() {
-  if (!has_background_) {
-    std::set<int> stations;
-    for (const View& view : aligned_->scene.views) stations.insert(view.station);
-    if (stations.size() > 1 && stations.size() <= kMaxTiedStations) {
-      reporter_.Warn("nothing on the background ties the " + std::to_string(stations.size()) +
-                     " stations to each other: their angles about the axis are unknown");
-    }
-    return;
-  }
-  std::vector<View>& views = aligned_->scene.views;
+// Where nothing ties a station to the others the object alone says how its camera stands, but for a turn
+// about the axis that is anybody's choice: its photos show the object like any others, and keep their poses.
+void ScanRefiner::ReportUntiedStations() {
   std::set<int> all;
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
     if (view_of_image_[i] >= 0) all.insert(StationOf(static_cast<int>(i)));
   }
-  if (all.size() > kMaxTiedStations) return;
-  std::vector<std::string> gone;
+  if (all.size() < 2 || all.size() > kMaxTiedStations) return;
+  if (!has_background_) {
+    reporter_.Warn("nothing on the background ties the " + std::to_string(all.size()) +
+                   " stations to each other: their angles about the axis are unknown");
+    return;
+  }
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
-    if (view_of_image_[i] < 0 || placed_stations_.count(StationOf(static_cast<int>(i))) > 0) continue;
-    gone.push_back(features_.images[i].name);
+    if (view_of_image_[i] >= 0 && placed_stations_.count(StationOf(static_cast<int>(i))) == 0)
+      report_.untied.push_back(features_.images[i].name);
   }
-  if (gone.empty()) return;
-  const std::set<std::string> names(gone.begin(), gone.end());
-  const bool loses_reference = names.count(aligned_->scene.Reference()->name) > 0;
-  views.erase(std::remove_if(views.begin(), views.end(),
-                             [&](const View& view) { return names.count(view.name) > 0; }),
-              views.end());
-  RemoveImages(gone, &aligned_->object);
-  RemoveImages(gone, &aligned_->background);
-  report_.untied = gone;
-  reporter_.Warn(std::to_string(gone.size()) + " images left out, the first " + gone[0] +
-                 ": nothing on the background ties their station to the others");
-  IndexViews();
-  if (loses_reference) {
-    const View reference = views[0];
-    MakeReference(reference);
+  if (report_.untied.empty()) return;
+  // Angles are told against the reference: one of those that are tied.
+  const std::set<std::string> names(report_.untied.begin(), report_.untied.end());
+  if (names.count(aligned_->scene.Reference()->name) > 0) {
+    const View tied = *std::find_if(aligned_->scene.views.begin(), aligned_->scene.views.end(),
+                                    [&](const View& view) { return names.count(view.name) == 0; });
+    MakeReference(tied);
   }
+  reporter_.Warn(std::to_string(report_.untied.size()) + " images, the first " + report_.untied[0] +
+                 ", stand to the others as the object alone says: nothing on the background ties their "
+                 "station to them");
 }
 
 }  // namespace s2gs

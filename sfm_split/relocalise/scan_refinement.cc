@@ -171,7 +171,7 @@ void ScanRefiner::RecordRound(int round, double seconds) {
 
 // The last adjustment, the models of all that agrees with it, and what the report says of the scene.
 void ScanRefiner::Finish(JointModel model, double max_error_px) {
-  DropUntiedStations();
+  ReportUntiedStations();
   if (model == JointModel::kSharedStations) ShareCameras();
   report_.joint = Adjust(model, joint_options_.compute_covariance);
   report_.model = model;

@@ -73,7 +73,7 @@ struct RefineReport {
   std::vector<RelocalisedImage> relocalised;
   std::vector<RelocalisedImage>
       placed_stations;              ///< turned about the axis to where the background's matches say.
-  std::vector<std::string> untied;  ///< images left out: nothing ties their station to the others.
+  std::vector<std::string> untied;  ///< of stations that nothing on the background ties to the others.
   std::vector<std::string>
       doubted;  ///< images that were taken out for a while: their matches contradicted them.
   std::vector<std::string> missing;  ///< images with no place in the scene.

@@ -78,7 +78,7 @@ class ScanRefiner {
   void ShareCameras();
   std::vector<StationMatches> MatchesOfStations() const;
   void TurnStation(int station, double turn_rad, const RelocalisedImage& how);
-  void DropUntiedStations();
+  void ReportUntiedStations();
   void MakeReference(const View& reference);
   int NewStation() const;
   bool RelocaliseStationByObject(const std::vector<int>& images, double max_error_px);

@@ -191,7 +191,7 @@ bool StandStillTogether(const std::vector<const GreyPicture*>& window, const Pic
 // Where what turns fills the pictures, as on a plain disc before a plain wall, no photo tells what stays: its
 // tiles are the thing's, and of the table's rim and a shadow's edge each photo has its own share. The median
 // of photos that follow one another has what stays alone, if the camera stood still: so this is tried of
-// photos that found no station. \param loose  these, in their order.
+// photos whose stations are in doubt. \param loose  these, in their order.
 void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector<int> loose,
                            const StationOptions& options, Reporter& reporter, PictureStations* stations) {
   size_t begin = 0;
@@ -232,14 +232,31 @@ void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector
   }
 }
 
-// Photos of stations that are too small for what stays in them to show.
+// Photos of stations that are too small for what stays in them to show, and of those that alternate in the
+// photos' order, none of them with most: a camera is not put back to the pixel time and again, so that these
+// are more likely what turns, seen alike. Photos whose names say nothing alternate, too, and then their
+// medians say that the camera moved.
 std::vector<int> LoosePhotos(const PictureStations& stations) {
+  const std::vector<int>& of_image = stations.station_of_image;
   std::map<int, size_t> num_photos;
-  for (const int station : stations.station_of_image) ++num_photos[station];
+  std::map<int, size_t> last_of;
+  for (size_t i = 0; i < of_image.size(); ++i) {
+    ++num_photos[of_image[i]];
+    last_of[of_image[i]] = i;
+  }
   std::vector<int> loose;
-  for (size_t i = 0; i < stations.station_of_image.size(); ++i) {
-    if (num_photos[stations.station_of_image[i]] < kMinPersistencePhotos)
-      loose.push_back(static_cast<int>(i));
+  for (size_t begin = 0, end = 0; begin < of_image.size(); begin = end) {
+    size_t most = 0;  // of one station, among those that alternate
+    end = begin + 1;
+    for (size_t i = begin; i < end; ++i) {
+      end = std::max(end, last_of[of_image[i]] + 1);
+      most = std::max(most, num_photos[of_image[i]]);
+    }
+    const bool is_settled = 2 * most > end - begin;
+    for (size_t i = begin; i < end; ++i) {
+      if (!is_settled || num_photos[of_image[i]] < kMinPersistencePhotos)
+        loose.push_back(static_cast<int>(i));
+    }
   }
   return loose;
 }

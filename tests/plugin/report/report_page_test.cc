@@ -76,8 +76,8 @@ json Mapper(const SyntheticTurntable& table) {
   return {{"case", "turntable"},
           {"images", 15},
           {"registered", 12},
-          {"missing", json::array({"x_doubted.jpg", "x_lost.jpg", "x_untied.jpg"})},
-          {"untied", json::array({"x_untied.jpg"})},
+          {"missing", json::array({"x_doubted.jpg", "x_lost.jpg"})},
+          {"untied", json::array({table.scene.views[3].name})},
           {"doubted", json::array({{{"name", "x_doubted.jpg"}}})},
           {"mended", json::array({{{"name", table.scene.views[2].name}, {"how", "by its matches"}}})},
           {"rounds", json::array({{{"seconds", 0.5}, {"object_rms_px", 2.0}, {"background_rms_px", 1.0}},
@@ -113,7 +113,7 @@ json Labels(const SyntheticTurntable& table) {
   for (const View& view : table.scene.views) {
     images.push_back({{"name", view.name}, {"station", view.station}, {"labels", "oosu"}});
   }
-  for (const char* name : {"x_doubted.jpg", "x_lost.jpg", "x_untied.jpg"}) {
+  for (const char* name : {"x_doubted.jpg", "x_lost.jpg"}) {
     images.push_back({{"name", name}, {"station", 1}, {"labels", "uuus"}});
   }
   return {{"case", "turntable"}, {"reason", "two bodies"}, {"images", images}};

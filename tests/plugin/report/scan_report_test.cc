@@ -182,7 +182,7 @@ TEST(ScanReport, SaysWhyPhotosHaveNoPose) {
   const Workspace workspace{folder.path()};
   TurntableFile turntable;
   turntable.num_stations = 1;
-  for (const char* name : {"doubted.jpg", "featureless.jpg", "few.jpg", "untied.jpg"}) {
+  for (const char* name : {"doubted.jpg", "featureless.jpg", "few.jpg"}) {
     TurntableImage image;
     image.name = name;
     turntable.images.push_back(image);
@@ -197,11 +197,10 @@ TEST(ScanReport, SaysWhyPhotosHaveNoPose) {
     return of_name;
   };
   EXPECT_THAT(reasons().at("few.jpg"), HasSubstr("not been computed"));
-  WriteAll(workspace.TurntableMapper(),
-           R"({"untied": ["untied.jpg"], "doubted": [{"name": "doubted.jpg"}]})");
+  WriteAll(workspace.TurntableMapper(), R"({"doubted": [{"name": "doubted.jpg"}]})");
   EXPECT_THAT(reasons().at("featureless.jpg"), HasSubstr("too few of its matches"));
   json images = json::array();
-  for (const char* name : {"doubted.jpg", "few.jpg", "untied.jpg"}) {
+  for (const char* name : {"doubted.jpg", "few.jpg"}) {
     images.push_back({{"name", name}, {"station", 0}, {"labels", "o"}});
   }
   WriteAll(workspace.SplitLabels(), json{{"case", "turntable"}, {"images", images}}.dump());
@@ -209,7 +208,6 @@ TEST(ScanReport, SaysWhyPhotosHaveNoPose) {
   EXPECT_THAT(all.at("doubted.jpg"), HasSubstr("contradict"));
   EXPECT_THAT(all.at("featureless.jpg"), HasSubstr("it has no features"));
   EXPECT_THAT(all.at("few.jpg"), HasSubstr("too few of its matches"));
-  EXPECT_THAT(all.at("untied.jpg"), HasSubstr("nothing on the background ties"));
 }
 
 TEST(ScanReport, OneBodyHasNoTableAngles) {

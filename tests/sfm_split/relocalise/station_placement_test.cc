@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -98,7 +100,18 @@ TEST(ScanRefinement, ABackgroundsReconstructionThatContradictsTheObjectPlacesNoS
   Reporter reporter;
   const RefineReport report = RefineScan(features, nullptr, {}, {}, reporter, &aligned);
   EXPECT_EQ(report.untied.size(), 12U);
-  EXPECT_EQ(aligned.scene.views.size(), 24U);
+  EXPECT_EQ(aligned.scene.views.size(), 36U);
+  const std::set<std::string> untied(report.untied.begin(), report.untied.end());
+  for (const auto& [id, point] : aligned.background.points3D) {
+    for (const auto& element : point.track)
+      EXPECT_EQ(untied.count(aligned.background.images.at(element.image_id).name), 0U);
+  }
+  EXPECT_EQ(untied.count(aligned.scene.reference), 0U);
+  for (size_t v = 0; v < aligned.scene.views.size(); ++v) {
+    const std::string& name = aligned.scene.views[v].name;
+    if (untied.count(name) > 0) EXPECT_TRUE(std::isinf(report.joint.angle_sigma_deg[v])) << name;
+  }
+  EXPECT_LT(Measure(turntable, aligned).rotation_max_deg, 0.1);
 }
 
 // As a photo that the object's points placed stands, which sees none of the background.
