@@ -350,5 +350,22 @@ TEST_F(UnequalSteps, AreWide) {
   EXPECT_FALSE(finding.elsewhere.empty());
 }
 
+class NoSteps : public StepWidth {
+ protected:
+  static SyntheticTurntableOptions Wild() {
+    SyntheticTurntableOptions options = Options();
+    options.step_jitter = 0.8;  // +- 40 % of 15 degrees
+    return options;
+  }
+  NoSteps() : StepWidth(Wild()) {}
+};
+
+// Far more photos than one in ten stand elsewhere: as many as a third of each station's.
+TEST_F(NoSteps, AreNotEqual) {
+  const StepsFinding finding = Find();
+  EXPECT_TRUE(finding.steps.empty());
+  EXPECT_GE(finding.elsewhere.size(), 16U);
+}
+
 }  // namespace
 }  // namespace s2gs

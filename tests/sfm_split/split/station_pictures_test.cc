@@ -383,6 +383,21 @@ TEST(FindPictureStations, MediansTellWhereWhatTurnsFillsTheDisc) {
   EXPECT_GT(*std::max_element(places.station_of_image.begin(), places.station_of_image.end()), 12);
 }
 
+// What turns looks the same in every sixth photo: these look like places of four photos each, to which a
+// camera would have come back time and again.
+TEST(FindPictureStations, WhatLooksAlikeTimeAndAgainIsNoPlace) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 24; ++i) {
+    PlainShot shot;
+    shot.turn_deg = 60.0 * (i % 6);
+    shot.turning = 120;
+    shot.seed = static_cast<uint64_t>(i + 1);
+    pictures.push_back(TakePlain(shot));
+  }
+  Reporter reporter;
+  EXPECT_EQ(FindPictureStations(pictures, {}, reporter).station_of_image, std::vector<int>(24, 0));
+}
+
 // Somebody hides most of what stays in one photo. Amid the station's photos it belongs to them; at the end,
 // and where the camera stood elsewhere for it, it does not.
 TEST(FindPictureStations, OrderSpeaksForAPhotoAmidAStation) {
