@@ -390,7 +390,7 @@ TEST(FindPictureStations, WhatLooksAlikeTimeAndAgainIsNoPlace) {
   for (int i = 0; i < 24; ++i) {
     PlainShot shot;
     shot.turn_deg = 60.0 * (i % 6);
-    shot.turning = 120;
+    shot.turning = 127;
     shot.seed = static_cast<uint64_t>(i + 1);
     pictures.push_back(TakePlain(shot));
   }
