@@ -426,8 +426,8 @@ void ScanRefiner::ReportUntiedStations() {
   }
   if (all.size() < 2 || all.size() > kMaxTiedStations) return;
   if (!has_background_) {
-    reporter_.Warn("nothing on the background ties the " + std::to_string(all.size()) +
-                   " stations to each other: their angles about the axis are unknown");
+    reporter_.Debug("nothing on the background ties the " + std::to_string(all.size()) +
+                    " stations to each other: their angles about the axis are unknown");
     return;
   }
   for (size_t i = 0; i < view_of_image_.size(); ++i) {
@@ -442,9 +442,9 @@ void ScanRefiner::ReportUntiedStations() {
                                     [&](const View& view) { return names.count(view.name) == 0; });
     MakeReference(tied);
   }
-  reporter_.Warn(std::to_string(report_.untied.size()) + " images, the first " + report_.untied[0] +
-                 ", stand to the others as the object alone says: nothing on the background ties their "
-                 "station to them");
+  reporter_.Debug(std::to_string(report_.untied.size()) + " images, the first " + report_.untied[0] +
+                  ", stand to the others as the object alone says: nothing on the background ties their "
+                  "station to them");
 }
 
 }  // namespace s2gs
