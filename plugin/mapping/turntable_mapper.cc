@@ -250,11 +250,7 @@ void TurntableMapper::JoinStations(const std::vector<ColmapModel>& objects,
 void TurntableMapper::PlaceWithModels(const ReadDescriptors& read_descriptors,
                                       std::vector<ColmapModel> objects,
                                       std::vector<ColmapModel> backgrounds) {
-  // A wrong focal length is of second order to a turn, but a few photos alone may ask for any distortion.
-  const bool is_told = !objects.empty() && static_cast<double>(objects[0].images.size()) >=
-                                               settings_.placement.enough_share *
-                                                   static_cast<double>(input_.features.images.size());
-  Steadied steadied = Steady(is_told ? objects[0].cameras : std::map<uint32_t, Camera>());
+  Steadied steadied = Steady(objects.empty() ? std::map<uint32_t, Camera>() : objects[0].cameras);
   steadied.Steady(&objects);
   steadied.Steady(&backgrounds);
   SayTurn(steadied);

@@ -2,10 +2,13 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <optional>
 #include <utility>
+#include <vector>
 
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/scene/camera_model.h"
 
@@ -13,24 +16,34 @@ namespace s2gs {
 namespace {
 
 constexpr int kGridSide = 9;  // places across the picture at which two maps of it are compared
+// To which the move of a picture is measured [px]: by tiles of it that lie a third of a pixel off at most.
+constexpr double kMeasuredPx = 0.5;
+
+// Places across a camera's picture.
+std::vector<Eigen::Vector2d> Grid(const Camera& camera) {
+  std::vector<Eigen::Vector2d> grid;
+  for (int y = 0; y < kGridSide; ++y) {
+    for (int x = 0; x < kGridSide; ++x) {
+      grid.emplace_back((x + 0.5) / kGridSide * static_cast<double>(camera.width),
+                        (y + 0.5) / kGridSide * static_cast<double>(camera.height));
+    }
+  }
+  return grid;
+}
 
 // The rotation that takes the rays of pixels nearest to those of the pixels that a map takes them to.
 Eigen::Quaterniond NearestTurn(
     const Camera& camera, const std::function<std::optional<Eigen::Vector2d>(const Eigen::Vector2d&)>& map) {
   Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
   int num = 0;
-  for (int y = 0; y < kGridSide; ++y) {
-    for (int x = 0; x < kGridSide; ++x) {
-      const Eigen::Vector2d xy((x + 0.5) / kGridSide * static_cast<double>(camera.width),
-                               (y + 0.5) / kGridSide * static_cast<double>(camera.height));
-      const std::optional<Eigen::Vector2d> moved = map(xy);
-      if (!moved) continue;
-      const std::optional<Eigen::Vector3d> from = UnprojectFromImage(camera, xy);
-      const std::optional<Eigen::Vector3d> to = UnprojectFromImage(camera, *moved);
-      if (!from || !to) continue;
-      sum += to->normalized() * from->normalized().transpose();
-      ++num;
-    }
+  for (const Eigen::Vector2d& xy : Grid(camera)) {
+    const std::optional<Eigen::Vector2d> moved = map(xy);
+    if (!moved) continue;
+    const std::optional<Eigen::Vector3d> from = UnprojectFromImage(camera, xy);
+    const std::optional<Eigen::Vector3d> to = UnprojectFromImage(camera, *moved);
+    if (!from || !to) continue;
+    sum += to->normalized() * from->normalized().transpose();
+    ++num;
   }
   if (num < 3) return Eigen::Quaterniond::Identity();
   return Eigen::Quaterniond(ClosestRotation(sum)).normalized();
@@ -57,6 +70,18 @@ Eigen::Quaterniond TurnOf(const Camera& camera, const Eigen::Matrix3d& photo_fro
   });
 }
 
+// Root mean square by which the camera, turned, moves its picture otherwise than `photo_from_first` [px].
+double MoveErrorPx(const Camera& camera, const Eigen::Quaterniond& turn,
+                   const Eigen::Matrix3d& photo_from_first) {
+  double squares = 0;
+  for (const Eigen::Vector2d& xy : Grid(camera)) {
+    const std::optional<Eigen::Vector2d> turned = TurnedPixel(camera, turn, xy);
+    if (!turned) return kInfinity;
+    squares += (*turned - (photo_from_first * xy.homogeneous()).hnormalized()).squaredNorm();
+  }
+  return std::sqrt(squares) / kGridSide;
+}
+
 }  // namespace
 
 SteadyCameras::SteadyCameras(const ScanFeatures& features, const std::map<uint32_t, Camera>& cameras) {
@@ -68,7 +93,18 @@ SteadyCameras::SteadyCameras(const ScanFeatures& features, const std::map<uint32
     photo.camera = known != cameras.end() ? known->second : stated->second;
     photo.has_moved =
         image.photo_from_first != Eigen::Matrix3d::Identity() && InfoOf(photo.camera.model).has_projection;
-    if (photo.has_moved) photo.turn = TurnOf(photo.camera, image.photo_from_first);
+    if (photo.has_moved) {
+      photo.turn = TurnOf(photo.camera, image.photo_from_first);
+      // A model that is none has a lens that no turn moves the picture by as it was measured.
+      if (known != cameras.end() && stated != features.cameras.end()) {
+        const Eigen::Quaterniond by_stated = TurnOf(stated->second, image.photo_from_first);
+        if (MoveErrorPx(photo.camera, photo.turn, image.photo_from_first) >
+            MoveErrorPx(stated->second, by_stated, image.photo_from_first) + kMeasuredPx) {
+          photo.camera = stated->second;
+          photo.turn = by_stated;
+        }
+      }
+    }
     any_moved_ = any_moved_ || photo.has_moved;
     photos_.emplace(image.name, std::move(photo));
   }

@@ -17,8 +17,9 @@ namespace s2gs {
 /// the station's first photo, so that a station's photos share one pose exactly, and back.
 class SteadyCameras {
  public:
-  /// \param cameras  the best intrinsics known so far, by id; those of `features` for others. A wrong focal
-  ///     length is of second order: the middle of the picture moves as it was measured.
+  /// \param cameras  the best intrinsics known so far, by id; those of `features` for others, and for photos
+  ///     whose picture these move by half a pixel less off the measured one. A wrong focal length is of
+  ///     second order: the middle of the picture moves as it was measured.
   SteadyCameras(const ScanFeatures& features, const std::map<uint32_t, Camera>& cameras);
 
   /// Whether any camera moved.

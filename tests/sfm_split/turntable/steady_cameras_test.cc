@@ -111,6 +111,17 @@ TEST(SteadyCameras, ALensWithDistortionOrAnotherFocalLengthIsOfSecondOrder) {
   }
 }
 
+// A model of a few photos may ask for any lens; the stated one moves the picture as it was measured.
+TEST(SteadyCameras, ALensThatMovesThePictureOtherwiseIsNotTaken) {
+  const Knocked scan = Knock(Lens(700, 0), 0.5);
+  for (const Camera& absurd : {Lens(700, -1.2), Lens(60, 0)}) {
+    const SteadyCameras cameras(scan.features, {{kCamera, absurd}});
+    EXPECT_NEAR(cameras.LargestTurn() / kDegree, 0.5, 1e-9);
+    const ScanFeatures steady = cameras.Steady(scan.features);
+    EXPECT_LT(LargestDistance(steady.images[0].keypoints, steady.images[1].keypoints), 2e-4);
+  }
+}
+
 TEST(SteadyCameras, PosesOfAReconstructionAreThoseOfTheFirstPhoto) {
   const Knocked scan = Knock(Lens(700, -0.1), 0.3);
   const SteadyCameras cameras(scan.features, scan.model.cameras);
