@@ -1,9 +1,12 @@
 #include "plugin/colmap/extract_features.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <optional>
+#include <string_view>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -15,6 +18,8 @@
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/parse_number.h"
+#include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_database.h"
 
 namespace s2gs {
@@ -124,12 +129,14 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
   std::vector<ColmapOption> options = {
       {"database_path", database.string()},
       {"image_path", extraction.image_path.string()},
-      {"ImageReader.camera_model", extraction.camera_model},
+      {"ImageReader.camera_model", extraction.reader.camera_model},
       {"ImageReader.single_camera", set.sharing == CameraSharing::kOne ? "1" : "0"},
       {"ImageReader.single_camera_per_folder", set.sharing == CameraSharing::kPerFolder ? "1" : "0"},
       {"SiftExtraction.max_num_features", std::to_string(sift.max_num_features)},
       {"SiftExtraction.use_gpu", use_gpu ? "1" : "0"},
   };
+  if (!extraction.reader.camera_params.empty())
+    options.push_back({"ImageReader.camera_params", extraction.reader.camera_params});
   AddIfGiven("max_image_size", sift.max_image_size, &options);
   AddIfGiven("first_octave", sift.first_octave, &options);
   AddIfGiven("peak_threshold", sift.peak_threshold, &options);
@@ -146,13 +153,39 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
 
 }  // namespace
 
+OptionCheck ImageReaderOptions::Check() const {
+  if (camera_params.empty()) return std::nullopt;
+  size_t count = 0;
+  for (size_t at = 0; at <= camera_params.size(); ++count) {
+    const size_t end = std::min(camera_params.find(',', at), camera_params.size());
+    double value = 0;
+    const std::string_view word = std::string_view(camera_params).substr(at, end - at);
+    if (ParseNumber(word, &value) != std::errc() || !std::isfinite(value))
+      return OptionFault{"camera_params", camera_params, "numbers with commas between them"};
+    at = end + 1;
+  }
+  const CameraModelInfo* model = FindCameraModel(camera_model);
+  if (model != nullptr && count != model->NumParams()) {
+    return OptionFault{
+        "camera_params", camera_params,
+        fmt::format("the {} parameters of {}: {}", model->NumParams(), camera_model, model->param_names)};
+  }
+  return std::nullopt;
+}
+
 OptionCheck SiftExtractionOptions::Check() const {
   if (max_num_features < 1) return OptionFault{"max_num_features", std::to_string(max_num_features), ">= 1"};
   return std::nullopt;
 }
 
 void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction) {
-  options.Add("ImageReader.camera_model", &extraction->camera_model, "COLMAP's camera model");
+  using Reader = ImageReaderOptions;
+  auto reader = options.Group("ImageReader", &extraction->reader,
+                              "the cameras that photos start with, as COLMAP names it");
+  reader.Add("camera_model", &Reader::camera_model, "COLMAP's camera model");
+  reader.Add("camera_params", &Reader::camera_params,
+             "the lens where it is known: the model's parameters in pixels, with commas, f,cx,cy,k of "
+             "SIMPLE_RADIAL; they are refined. Empty: by EXIF, or a guess");
   using Sift = SiftExtractionOptions;
   auto sift =
       options.Group("SiftExtraction", &extraction->sift, "features of the photos, as COLMAP names it");

@@ -33,14 +33,24 @@ struct SiftExtractionOptions {
   OptionCheck Check() const;
 };
 
+/// The cameras that photos start with.
+struct ImageReaderOptions {
+  std::string camera_model = "SIMPLE_RADIAL";
+  /// Of that model, in pixels and COLMAP's order with commas: "f,cx,cy,k" of SIMPLE_RADIAL. Like what EXIF
+  /// says, poses start with them and may move them by a few percent. Empty: by EXIF, or a guess.
+  std::string camera_params;
+
+  OptionCheck Check() const;
+};
+
 struct FeatureExtraction {
   std::filesystem::path image_path;
   std::filesystem::path database_path;
-  std::string camera_model = "SIMPLE_RADIAL";
+  ImageReaderOptions reader;
   SiftExtractionOptions sift;
 };
 
-/// Declares --SiftExtraction.* and --ImageReader.camera_model.
+/// Declares --SiftExtraction.* and --ImageReader.*.
 void AddFeatureExtractionOptions(Options& options, FeatureExtraction* extraction);
 
 /// How photos share cameras.

@@ -107,8 +107,7 @@ struct Paths {
 // The options that change the features, and those that change the split.
 std::map<std::string, std::string> FeatureOptions(const Options& options) {
   std::map<std::string, std::string> values = options.Values("SiftExtraction");
-  const std::map<std::string, std::string> all = options.Values();
-  values["ImageReader.camera_model"] = all.at("ImageReader.camera_model");
+  values.merge(options.Values("ImageReader"));
   return values;
 }
 

@@ -16,6 +16,7 @@
 #include "sfm_split/evidence/step_evidence.h"
 #include "sfm_split/evidence/verified_matches.h"
 #include "sfm_split/scene/focal_prior.h"
+#include "sfm_split/turntable/tied_stations.h"
 
 namespace s2gs {
 namespace {
@@ -146,24 +147,10 @@ void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& came
   }
 }
 
-// Stations that see points of the background, which lie where several stations do.
-std::set<int> StationsOfBackground(const AlignedScene& aligned) {
-  std::set<std::string> photos;
-  for (const auto& [id, point] : aligned.background.points3D) {
-    for (const ColmapTrackElement& seen : point.track)
-      photos.insert(aligned.background.images.at(seen.image_id).name);
-  }
-  std::set<int> stations;
-  for (const View& view : aligned.scene.views) {
-    if (photos.count(view.name) > 0) stations.insert(view.station);
-  }
-  return stations;
-}
-
 // How surely the adjustment tells each photo's angle [degrees]; those that it holds have none.
 std::vector<double> AngleSigmas(const AlignedScene& aligned, const JointReport& joint,
                                 const MatchFindings& findings, bool is_object_free) {
-  const std::set<int> tied = StationsOfBackground(aligned);
+  const std::set<int> tied = TiedStations(aligned);
   std::vector<double> sigmas;
   for (size_t v = 0; v < joint.angle_sigma_deg.size(); ++v) {
     double sigma = joint.angle_sigma_deg[v];

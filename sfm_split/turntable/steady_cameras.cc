@@ -16,8 +16,15 @@ namespace s2gs {
 namespace {
 
 constexpr int kGridSide = 9;  // places across the picture at which two maps of it are compared
-// To which the move of a picture is measured [px]: by tiles of it that lie a third of a pixel off at most.
+// To which the move of a picture is measured, by tiles of it that lie a third of a pixel off at most [px of a
+// picture whose longer side is kMeasuredSidePx, to which larger photos are shrunk for it].
 constexpr double kMeasuredPx = 0.5;
+constexpr double kMeasuredSidePx = 480;
+
+double MeasuredPx(const Camera& camera) {
+  const auto side = static_cast<double>(std::max(camera.width, camera.height));
+  return kMeasuredPx * std::max(1.0, side / kMeasuredSidePx);
+}
 
 // Places across a camera's picture.
 std::vector<Eigen::Vector2d> Grid(const Camera& camera) {
@@ -99,7 +106,7 @@ SteadyCameras::SteadyCameras(const ScanFeatures& features, const std::map<uint32
       if (known != cameras.end() && stated != features.cameras.end()) {
         const Eigen::Quaterniond by_stated = TurnOf(stated->second, image.photo_from_first);
         if (MoveErrorPx(photo.camera, photo.turn, image.photo_from_first) >
-            MoveErrorPx(stated->second, by_stated, image.photo_from_first) + kMeasuredPx) {
+            MoveErrorPx(stated->second, by_stated, image.photo_from_first) + MeasuredPx(photo.camera)) {
           photo.camera = stated->second;
           photo.turn = by_stated;
         }

@@ -54,7 +54,8 @@ class ExtractFeaturesTest : public testing::Test {
   void Install(bool cuda, const std::string& before = "") const {
     std::string options =
         "  --database_path arg\n  --image_path arg\n  --ImageReader.camera_model arg\n"
-        "  --ImageReader.single_camera arg\n  --ImageReader.single_camera_per_folder arg\n";
+        "  --ImageReader.camera_params arg\n  --ImageReader.single_camera arg\n"
+        "  --ImageReader.single_camera_per_folder arg\n";
     for (const char* name : kSiftOptions) options += std::string("  --SiftExtraction.") + name + " arg\n";
     folder_.Write("colmap",
                   "#!/bin/sh\n"
@@ -156,12 +157,17 @@ TEST(FeatureMemory, IsWhatColmapTakes) {
 
 TEST_F(ExtractFeaturesTest, OptionsOfTheCommandLineReachColmap) {
   Install(/*cuda=*/true);
-  const std::map<std::string, std::string> given = {
-      {"--ImageReader.camera_model", "OPENCV"},        {"--SiftExtraction.max_num_features", "1234"},
-      {"--SiftExtraction.max_image_size", "2000"},     {"--SiftExtraction.first_octave", "-1"},
-      {"--SiftExtraction.peak_threshold", "0.0125"},   {"--SiftExtraction.edge_threshold", "7.5"},
-      {"--SiftExtraction.estimate_affine_shape", "1"}, {"--SiftExtraction.domain_size_pooling", "0"},
-      {"--SiftExtraction.num_threads", "3"},           {"--SiftExtraction.use_gpu", "0"}};
+  const std::map<std::string, std::string> given = {{"--ImageReader.camera_model", "RADIAL"},
+                                                    {"--ImageReader.camera_params", "500,320,240,-0.1,2e-3"},
+                                                    {"--SiftExtraction.max_num_features", "1234"},
+                                                    {"--SiftExtraction.max_image_size", "2000"},
+                                                    {"--SiftExtraction.first_octave", "-1"},
+                                                    {"--SiftExtraction.peak_threshold", "0.0125"},
+                                                    {"--SiftExtraction.edge_threshold", "7.5"},
+                                                    {"--SiftExtraction.estimate_affine_shape", "1"},
+                                                    {"--SiftExtraction.domain_size_pooling", "0"},
+                                                    {"--SiftExtraction.num_threads", "3"},
+                                                    {"--SiftExtraction.use_gpu", "0"}};
   std::vector<std::string> line = {"motion_splitter",      "--log_level",      "error",
                                    "--colmap_path",        folder_ / "colmap", "--image_path",
                                    extraction_.image_path, "--database_path",  extraction_.database_path};
@@ -177,6 +183,25 @@ TEST_F(ExtractFeaturesTest, OptionsOfTheCommandLineReachColmap) {
     ASSERT_EQ(arguments.count(name), 1U) << name;
     EXPECT_EQ(arguments.at(name), value) << name;
   }
+}
+
+TEST(ImageReaderOptions, ParametersAreThoseOfTheModel) {
+  ImageReaderOptions reader;
+  EXPECT_FALSE(reader.Check());
+  reader.camera_params = "500,320,240,-0.1";
+  EXPECT_FALSE(reader.Check());
+  for (const char* wrong : {"500", "500,320,240", "500,320,240,0,0", "500 320 240 0", "500,320,240,",
+                            "f,320,240,0", "500,320,240,nan", ",500,320,240,0"}) {
+    reader.camera_params = wrong;
+    const OptionCheck fault = reader.Check();
+    ASSERT_TRUE(fault) << wrong;
+    EXPECT_EQ(fault->field, "camera_params");
+  }
+  reader.camera_model = "PINHOLE";
+  reader.camera_params = "500,510,320,240";
+  EXPECT_FALSE(reader.Check());
+  reader.camera_params = "500,320,240";
+  EXPECT_THAT(reader.Check()->bound, HasSubstr("fx, fy, cx, cy"));
 }
 
 TEST_F(ExtractFeaturesTest, TheProcessorWhereTheGpuFails) {
