@@ -11,6 +11,7 @@
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/image/srgb.h"
 #include "s2gs/table/opaque_region.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/solvers/eigen_solvers.h"
@@ -28,7 +29,13 @@ constexpr double kFirstLimit = 0.1;  // of the logarithm, about a ring's most fr
 // .05 to .08 where shadows were taken for it.
 constexpr double kMaxDeviation = 0.03;
 constexpr double kLitShare = 0.3;  // of a ring, at least, in any photo
-constexpr double kDarkest = 0.2;   // of the lit colour, in a shadow
+// Cells of a ring that turns with the table, of about a patch, by whose texture patterns are told.
+constexpr int kRingRows = 3;
+constexpr int kRingColumns = 120;
+constexpr int kLeastPhotos = 3;  // that see a cell
+// Of the cells, by a pattern: speckles have .43, plain tops 0, borders of still shadows .04.
+constexpr double kPattern = 0.1;
+constexpr double kDarkest = 0.2;  // of the lit colour, in a shadow
 // A normal law's standard deviation over a quarter's largest absolute value.
 constexpr double kSigmaOfQuartile = 1 / 0.3186;
 constexpr double kLeastDeviation = 0.004;  // of the logarithm: a grey level of 255
@@ -185,9 +192,57 @@ std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& stat
     }
   }
   color.deviation = DeviationOfLit(std::move(errors));
-  if (!(color.deviation < kMaxDeviation)) return std::nullopt;
+  if (!(color.deviation < kMaxDeviation) || PatternOn(color, station) > kPattern) return std::nullopt;
   color.shadow = LearnShadow(color, station);
   return color;
+}
+
+// Share of the ring's cells that differ from most of their row by texture, or none, in most photos: spots,
+// which go round with the table. What hides a pattern is a thing, though the gaps in it have the thing's
+// colour.
+double PlainTop::PatternOn(const TopColor& color, const StationPhotos& station) const {
+  struct Cell {
+    int num_seen = 0;
+    int num_textured = 0;
+  };
+  std::vector<Cell> cells(size_t{kRingRows} * kRingColumns);
+  for (size_t i = 0; i < station.images.size(); ++i) {
+    const Rigid3 object_from_world =
+        station.views[i].cam_from_object.Inverse() * station.views[i].cam_from_world;
+    std::vector<Cell> of_photo(cells.size());
+    for (const TopPixel& pixel : PixelsOf(station.views[i])) {
+      const Eigen::Vector2d level = LevelOf(object_from_world * pixel.x_in_world);
+      if (!IsOnRing(level)) continue;
+      const auto row =
+          static_cast<size_t>((level.norm() - kRingInner) / (kRingOuter - kRingInner) * kRingRows);
+      const auto column =
+          static_cast<size_t>((std::atan2(level.y(), level.x()) / (2 * kPi) + 0.5) * kRingColumns);
+      Cell& cell = of_photo[std::min<size_t>(row, kRingRows - 1) * kRingColumns + column % kRingColumns];
+      ++cell.num_seen;
+      cell.num_textured +=
+          TextureAt(station.images[i], pixel.x, pixel.y, kPatchRadius) >= color.least_texture ? 1 : 0;
+    }
+    for (size_t k = 0; k < cells.size(); ++k) {
+      if (of_photo[k].num_seen == 0) continue;
+      ++cells[k].num_seen;
+      cells[k].num_textured += 2 * of_photo[k].num_textured > of_photo[k].num_seen ? 1 : 0;
+    }
+  }
+  int num_seen = 0;
+  int num_told = 0;
+  for (size_t row = 0; row < kRingRows; ++row) {
+    int with = 0;
+    int without = 0;
+    for (size_t column = 0; column < kRingColumns; ++column) {
+      const Cell& cell = cells[row * kRingColumns + column];
+      if (cell.num_seen < kLeastPhotos) continue;
+      (2 * cell.num_textured > cell.num_seen ? with : without) += 1;
+    }
+    num_seen += with + without;
+    // All around is the border of a round shadow.
+    num_told += std::min(with, without);
+  }
+  return num_seen > 0 ? static_cast<double>(num_told) / num_seen : 0;
 }
 
 // A shadow that falls next to the rim has only the sky's light there. Nothing where none does, or shadows

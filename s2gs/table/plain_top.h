@@ -26,8 +26,9 @@ enum class TopSight : uint8_t {
 /// photo tells the shape of a plain surface, but where it is seen.
 class PlainTop {
  public:
-  /// Nothing where no station sees the top, with one smooth colour on a ring just within the rim.
-  /// \param table  from photos, to a pixel; its top has no texture (TexturedShareOfTop).
+  /// Nothing where no station sees the top, with one smooth colour and no pattern on a ring just within the
+  /// rim.
+  /// \param table  from photos, to a pixel.
   static std::optional<PlainTop> Learn(const std::vector<StationPhotos>& stations,
                                        const RotatingRegion& table);
 
@@ -62,6 +63,7 @@ class PlainTop {
   std::vector<TopPixel> PixelsOf(const PinholeView& view) const;
   float TextureOverGrain(const StationPhotos& station) const;
   std::optional<TopColor> LearnColor(const StationPhotos& station) const;
+  double PatternOn(const TopColor& color, const StationPhotos& station) const;
   std::optional<ShadowColor> LearnShadow(const TopColor& color, const StationPhotos& station) const;
   std::vector<Eigen::RowVector3d> ErrorsOf(const TopColor& color, const Image8& photo,
                                            const std::vector<TopPixel>& pixels, int radius) const;

@@ -153,6 +153,29 @@ TEST_P(PlainTopTest, ItsGrainIsNoTexture) {
   EXPECT_GT(Count(of_grain->Look(grainy(2), View(2), 0), TopSight::kLit), lit * 8 / 10);
 }
 
+// A speckled top has one colour between its spots: what hides the spots is a thing, whatever its colour.
+TEST_P(PlainTopTest, SpotsWithGapsBetweenThemAreAPattern) {
+  ASSERT_TRUE(top);
+  constexpr double kApart = 0.2;
+  const auto speckled = [&](int i, double spot_radius) {
+    const Rigid3 object_from_world = View(i).cam_from_object.Inverse() * View(i).cam_from_world;
+    const auto is_spot = [&](const Eigen::Vector2d& x_in_world) {
+      const Eigen::Vector3d x =
+          object_from_world * Eigen::Vector3d(x_in_world.x(), x_in_world.y(), kTableTop);
+      const auto off = [&](double along) { return along - kApart * std::round(along / kApart); };
+      return std::hypot(off(x.x()), off(x.y())) < spot_radius;
+    };
+    return ShadeTop(Photo(i), View(i), is_spot, {0.45, 0.45, 0.45});
+  };
+  const auto learn = [&](double spot_radius) {
+    for (int i = 0; i < kTablePhotos; ++i) stations[0].images[i] = speckled(i, spot_radius);
+    stations[0].still = MedianPicture(stations[0].images);
+    return PlainTop::Learn(stations, TableRegion());
+  };
+  EXPECT_FALSE(learn(kApart / 4));
+  EXPECT_TRUE(learn(0));
+}
+
 TEST(PlainTop, ATopWithTextureHasNoColor) {
   EXPECT_FALSE(PlainTop::Learn(LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled)), TableRegion()));
 }
