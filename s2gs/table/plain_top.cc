@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 #include <utility>
 
 #include "s2gs/image/picture_noise.h"
@@ -30,10 +31,11 @@ constexpr double kFirstLimit = 0.1;  // of the logarithm, about a ring's most fr
 constexpr double kMaxDeviation = 0.03;
 constexpr double kLitShare = 0.3;  // of a ring, at least, in any photo
 // Cells of a ring that turns with the table, of about a patch, by whose texture patterns are told.
-constexpr int kRingRows = 3;
+constexpr int kRingRows = 5;
+constexpr int kRowsOfABorder = 2;  // of a round thing's shadow, which looks the same all around
 constexpr int kRingColumns = 120;
 constexpr int kLeastPhotos = 3;  // that see a cell
-// Of the cells, by a pattern: speckles have .43, plain tops 0, borders of still shadows .04.
+// Of the cells: speckles have .3 to .4, plain tops 0, borders of shadows that stand still .04.
 constexpr double kPattern = 0.1;
 constexpr double kDarkest = 0.2;  // of the lit colour, in a shadow
 // A normal law's standard deviation over a quarter's largest absolute value.
@@ -229,19 +231,14 @@ double PlainTop::PatternOn(const TopColor& color, const StationPhotos& station) 
     }
   }
   int num_seen = 0;
-  int num_told = 0;
-  for (size_t row = 0; row < kRingRows; ++row) {
-    int with = 0;
-    int without = 0;
-    for (size_t column = 0; column < kRingColumns; ++column) {
-      const Cell& cell = cells[row * kRingColumns + column];
-      if (cell.num_seen < kLeastPhotos) continue;
-      (2 * cell.num_textured > cell.num_seen ? with : without) += 1;
-    }
-    num_seen += with + without;
-    // All around is the border of a round shadow.
-    num_told += std::min(with, without);
+  std::array<int, kRingRows> num_textured{};
+  for (size_t k = 0; k < cells.size(); ++k) {
+    if (cells[k].num_seen < kLeastPhotos) continue;
+    ++num_seen;
+    num_textured[k / kRingColumns] += 2 * cells[k].num_textured > cells[k].num_seen ? 1 : 0;
   }
+  std::sort(num_textured.begin(), num_textured.end());
+  const int num_told = std::accumulate(num_textured.begin(), num_textured.end() - kRowsOfABorder, 0);
   return num_seen > 0 ? static_cast<double>(num_told) / num_seen : 0;
 }
 

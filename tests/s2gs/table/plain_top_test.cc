@@ -172,8 +172,7 @@ TEST_P(PlainTopTest, SpotsWithGapsBetweenThemAreAPattern) {
     stations[0].still = MedianPicture(stations[0].images);
     return PlainTop::Learn(stations, TableRegion());
   };
-  EXPECT_FALSE(learn(kApart / 4));
-  EXPECT_TRUE(learn(0));
+  EXPECT_FALSE(learn(kApart / 9));
 }
 
 TEST(PlainTop, ATopWithTextureHasNoColor) {
