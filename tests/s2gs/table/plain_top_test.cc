@@ -173,6 +173,7 @@ TEST_P(PlainTopTest, SpotsWithGapsBetweenThemAreAPattern) {
     return PlainTop::Learn(stations, TableRegion());
   };
   EXPECT_FALSE(learn(kApart / 9));
+  EXPECT_TRUE(learn(0));
 }
 
 TEST(PlainTop, ATopWithTextureHasNoColor) {
