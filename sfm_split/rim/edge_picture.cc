@@ -1,6 +1,8 @@
 #include "sfm_split/rim/edge_picture.h"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -68,9 +70,21 @@ EdgeDirections::EdgeDirections(double focal_px, const Eigen::Vector2i& reach)
 }
 
 int EdgeDirections::DirectionOf(const Eigen::Vector2d& normal) {
-  // The same for both senses.
-  const double half_turns = std::atan2(normal.y(), normal.x()) / kPi + 1;
-  return static_cast<int>(half_turns * kDirections) % kDirections;
+  // Asked a hundred million times a picture: by the side of the sectors' borders, which are half as dear as
+  // an angle. The same for both senses.
+  static const std::array<Eigen::Vector2d, kDirections - 1> kBorders = [] {
+    std::array<Eigen::Vector2d, kDirections - 1> borders;
+    for (int k = 1; k < kDirections; ++k)
+      borders[static_cast<size_t>(k) - 1] = {std::cos(k * kPi / kDirections),
+                                             std::sin(k * kPi / kDirections)};
+    return borders;
+  }();
+  const bool is_turned = normal.y() < 0 || (normal.y() == 0 && normal.x() < 0);
+  const double x = is_turned ? -normal.x() : normal.x();
+  const double y = is_turned ? -normal.y() : normal.y();
+  int direction = 0;
+  for (const Eigen::Vector2d& border : kBorders) direction += border.x() * y >= border.y() * x ? 1 : 0;
+  return direction;
 }
 
 void EdgeDirections::Add(const Eigen::Vector2d& xy, const Eigen::Vector2d& normal) {
