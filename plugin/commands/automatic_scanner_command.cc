@@ -134,6 +134,10 @@ void AddModelOptions(Options& options, ScanSettings* settings) {
            "longer side of the photos in training; empty: as --quality says")
       .Unit("px");
   options.Add(
+      "camera_params", &settings->camera_params,
+      "the photos' lens where it is known: f,cx,cy,k of COLMAP's SIMPLE_RADIAL in pixels, which poses "
+      "refine by a few percent; empty: by EXIF, or a guess");
+  options.Add(
       "first_octave", &settings->first_octave,
       "0: features are looked for at the photos' own size, not at twice that: poses take half of the CPU "
       "seconds, errors are up to twice as large, and plain objects may find no place; empty: COLMAP's, -1");

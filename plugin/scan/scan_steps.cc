@@ -88,10 +88,12 @@ std::vector<ScanStep> ScanSteps(const ScanSettings& settings) {
         With(arguments, "--ffmpeg_path", settings.ffmpeg_path.string()));
   }
   add("motion_splitter", "What stands still and what turns",
-      With(With(With({"--database_path", workspace.Database().string(), "--image_path", images,
-                      "--SiftExtraction.max_num_features", std::to_string(MaxNumFeatures(settings.quality))},
-                     "--SiftExtraction.first_octave",
-                     settings.first_octave ? std::to_string(*settings.first_octave) : ""),
+      With(With(With(With({"--database_path", workspace.Database().string(), "--image_path", images,
+                           "--SiftExtraction.max_num_features",
+                           std::to_string(MaxNumFeatures(settings.quality))},
+                          "--SiftExtraction.first_octave",
+                          settings.first_octave ? std::to_string(*settings.first_octave) : ""),
+                     "--ImageReader.camera_params", settings.camera_params),
                 "--mask_path", settings.forced.count("motion") > 0 ? "" : settings.mask_path.string()),
            "--colmap_path", settings.colmap_path.string()));
   add("turntable_mapper", "Cameras, table, and both sparse models",

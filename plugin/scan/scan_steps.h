@@ -36,6 +36,7 @@ struct ScanSettings {
   int test_every = 0;
   std::optional<int64_t> num_iterations;
   std::optional<int> first_octave;
+  std::string camera_params;  ///< of SIMPLE_RADIAL, where they are known: "f,cx,cy,k" [px].
   std::optional<int32_t> max_image_size;
   bool keep_disc = true;
   std::string plain_table = "object";

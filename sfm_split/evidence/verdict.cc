@@ -97,8 +97,7 @@ class Judge {
   static constexpr const char* kLight =
       "soft, even light, so that highlights and shadows do not look like texture";
   static constexpr const char* kFocal =
-      "a known focal length: photos with their EXIF data, or the camera's parameters by "
-      "--ImageReader.camera_params";
+      "a known focal length: photos with their EXIF data, or the camera's parameters by --camera_params";
   static constexpr const char* kWhole =
       "the photos as the camera took them: these look cut from larger ones, beside their middle";
   static constexpr const char* kBetween =

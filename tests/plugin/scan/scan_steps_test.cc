@@ -32,6 +32,7 @@ ScanSettings Most() {
   settings.test_every = 8;
   settings.num_iterations = 5000;
   settings.first_octave = 0;
+  settings.camera_params = "500,320,240,-0.1";
   settings.max_image_size = 1200;
   settings.keep_disc = false;
   settings.plain_table = "background";
