@@ -199,9 +199,8 @@ std::optional<PlainTop::TopColor> PlainTop::LearnColor(const StationPhotos& stat
   return color;
 }
 
-// Share of the ring's cells that differ from most of their row by texture, or none, in most photos: spots,
-// which go round with the table. What hides a pattern is a thing, though the gaps in it have the thing's
-// colour.
+// Share of the ring's cells that have texture in most photos, as spots have that go round with the table.
+// What hides a pattern is a thing, though the gaps in it have the thing's colour.
 double PlainTop::PatternOn(const TopColor& color, const StationPhotos& station) const {
   struct Cell {
     int num_seen = 0;
