@@ -6,7 +6,6 @@
 #include <cmath>
 #include <map>
 #include <optional>
-#include <string_view>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -18,7 +17,6 @@
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/machine_share.h"
 #include "sfm_split/base/parallel_for.h"
-#include "sfm_split/base/parse_number.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/io/colmap_database.h"
 
@@ -155,17 +153,14 @@ void RunExtractor(const FeatureExtraction& extraction, const fs::path& database,
 
 OptionCheck ImageReaderOptions::Check() const {
   if (camera_params.empty()) return std::nullopt;
-  size_t count = 0;
-  for (size_t at = 0; at <= camera_params.size(); ++count) {
-    const size_t end = std::min(camera_params.find(',', at), camera_params.size());
-    double value = 0;
-    const std::string_view word = std::string_view(camera_params).substr(at, end - at);
-    if (ParseNumber(word, &value) != std::errc() || !std::isfinite(value))
-      return OptionFault{"camera_params", camera_params, "numbers with commas between them"};
-    at = end + 1;
+  std::vector<double> params;
+  try {
+    ParseValue(camera_params, &params);
+  } catch (const BadValue&) {
+    return OptionFault{"camera_params", camera_params, "numbers with commas between them"};
   }
   const CameraModelInfo* model = FindCameraModel(camera_model);
-  if (model != nullptr && count != model->NumParams()) {
+  if (model != nullptr && params.size() != model->NumParams()) {
     return OptionFault{
         "camera_params", camera_params,
         fmt::format("the {} parameters of {}: {}", model->NumParams(), camera_model, model->param_names)};
