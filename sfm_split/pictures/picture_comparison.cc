@@ -33,7 +33,6 @@ constexpr double kLargestThreshold = 0.9;  // unrelated tiles that correlate bet
 constexpr int kMaxNullTiles = 64;          // evenly chosen, of which unrelated correlations are taken
 constexpr int kMinTextured = 8;            // fewer tiles tell no shift: a debt, chosen and not derived
 constexpr int kMinAgreeing = 6;            // a debt, chosen and not derived: kMaxLogChance is what proves
-constexpr double kMaxLogChance = -14;      // one in a million
 // Where an edge lies across itself says nothing of what it is an edge of: any place in reach is as likely.
 constexpr double kChanceOfEdge = 2 * kMaxResidualPx / (2 * kSearchRadius + 1);
 // Edges' worth that agree along the direction that knows least: by chance once in 2,000.

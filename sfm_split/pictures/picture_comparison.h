@@ -26,6 +26,9 @@ struct GreyPicture {
 /// .03 px, which is less than a tenth of a pixel of a photo of 1280.
 constexpr int kPictureSidePx = 480;
 
+/// PictureComparison::log_chance of what is no accident: one in a million.
+constexpr double kMaxLogChance = -14;
+
 /// A picture of the size that a photo is reduced to, without its pixels.
 GreyPicture PictureFor(const Eigen::Vector2i& photo_size);
 

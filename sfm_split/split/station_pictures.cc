@@ -24,8 +24,8 @@ constexpr double kMaxMovedShare =
     0.25;  // of that background that may lie elsewhere in a photo of the station
 // Fewer lie elsewhere by chance in a crowd of tiles: a debt, chosen and not derived.
 constexpr int kMinMovedTiles = 4;
-// Chance, where order speaks for a place: a camera that is carried off for one photo and put back to the
-// pixel is so unlikely that agreement which chance has once in twenty is enough. A judgement.
+// Chance, where order speaks for a place: a camera that is carried off and put back to the pixel is so
+// unlikely that agreement which chance has once in twenty is enough. A judgement.
 constexpr double kLogChanceBetween = -3;
 // Of tiles that lie elsewhere, beyond as many as in the other photos, in standard deviations: one in 160.
 constexpr double kMovedSigmas = 2.5;
@@ -136,7 +136,7 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
 // \param still   pictures in the standard's frame, those of members apart. \param images  those that were
 // compared.
 void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const GreyPicture*> still,
-                    const std::vector<int>& images, const StationOptions& options,
+                    const std::vector<int>& images, const StationOptions& options, bool by_chance,
                     std::vector<PictureComparison>* comparisons, std::vector<int>* members) {
   const std::vector<const GreyPicture*> apart = still;
   std::vector<char> is_taken(images.size(), 0);
@@ -158,7 +158,9 @@ void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const 
     const WhatStays stays(anew, *members);
     for (size_t i = 0; i < images.size(); ++i) {
       // The members', too: a median tells their shake better than one photo did, and so the next median.
-      if (anew[i].verdict != Verdict::kStill || (is_taken[i] == 0 && stays.HasMovedIn(anew[i]))) continue;
+      const bool agrees =
+          by_chance ? anew[i].log_chance <= kMaxLogChance : anew[i].verdict == Verdict::kStill;
+      if (!agrees || (is_taken[i] == 0 && stays.HasMovedIn(anew[i]))) continue;
       (*comparisons)[i] = std::move(anew[i]);
       is_taken[i] = 1;
     }
@@ -169,50 +171,81 @@ void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const 
   }
 }
 
-// Whether pictures are those of a camera that stood still: most stand still before their median, and before
-// the median of the others.
-bool StandStillTogether(const std::vector<const GreyPicture*>& window, const PictureStandard& median,
-                        const StationOptions& options) {
-  size_t num_before_all = 0;
-  for (const GreyPicture* picture : window)
-    num_before_all += median.CompareWith(*picture).verdict == Verdict::kStill ? 1 : 0;
-  const double needed = kMinPersistence * static_cast<double>(window.size());
-  if (static_cast<double>(num_before_all) <= needed) return false;
-  size_t num_before_others = 0;
-  for (size_t k = 0; k < window.size(); ++k) {
+// Logarithm of how likely chance has half of the pictures agree as well as they do: what share agreeing tiles
+// are of all says how much of the picture turns, and is not asked. Two that look alike do not speak for all.
+double LogChanceOfHalf(std::vector<double> log_chances) {
+  const size_t half = log_chances.size() / 2;
+  std::nth_element(log_chances.begin(), log_chances.begin() + static_cast<std::ptrdiff_t>(half - 1),
+                   log_chances.end());
+  const auto num = static_cast<double>(log_chances.size());
+  const auto k = static_cast<double>(half);
+  const double log_choices = std::lgamma(num + 1) - std::lgamma(k + 1) - std::lgamma(num - k + 1);
+  return log_choices + k * log_chances[half - 1];
+}
+
+// Photos of a window in which the camera stood still, and those that show what its median shows.
+// \param comparisons  of all loose photos with the window's median, those of the window with that of the
+// others.
+std::vector<int> FindStillWindow(const std::vector<const GreyPicture*>& loose, size_t begin, size_t size,
+                                 const StationOptions& options, std::vector<PictureComparison>* comparisons) {
+  std::vector<int> members;
+  const std::vector<const GreyPicture*> window(loose.begin() + static_cast<std::ptrdiff_t>(begin),
+                                               loose.begin() + static_cast<std::ptrdiff_t>(begin + size));
+  const bool is_one_size = std::all_of(window.begin(), window.end(), [&](const GreyPicture* picture) {
+    return picture->width == window.front()->width && picture->height == window.front()->height;
+  });
+  if (!is_one_size) return members;
+  const PictureStandard median = StandardOf(MedianPicture(window), options, true);
+  std::vector<double> log_chances(size);
+  const auto stand_still = [&] {
+    for (size_t k = 0; k < size; ++k) log_chances[k] = (*comparisons)[begin + k].log_chance;
+    return LogChanceOfHalf(log_chances) <= kMaxLogChance;
+  };
+  ParallelFor(static_cast<int64_t>(size), 0,
+              [&](int64_t k) { (*comparisons)[begin + k] = median.CompareWith(*window[k]); });
+  if (!stand_still()) return members;
+  ParallelFor(static_cast<int64_t>(size), 0, [&](int64_t k) {
     std::vector<const GreyPicture*> others = window;
-    others.erase(others.begin() + static_cast<std::ptrdiff_t>(k));
-    const PictureStandard of_others = StandardOf(MedianPicture(others), options, true);
-    num_before_others += of_others.CompareWith(*window[k]).verdict == Verdict::kStill ? 1 : 0;
+    others.erase(others.begin() + k);
+    (*comparisons)[begin + k] = StandardOf(MedianPicture(others), options, true).CompareWith(*window[k]);
+  });
+  if (!stand_still()) return members;
+  ParallelFor(static_cast<int64_t>(loose.size()), 0, [&](int64_t i) {
+    const auto at = static_cast<size_t>(i);
+    if (at < begin || at >= begin + size) (*comparisons)[at] = median.CompareWith(*loose[at]);
+  });
+  for (size_t i = 0; i < loose.size(); ++i) {
+    const bool is_in_window = i >= begin && i < begin + size;
+    if ((*comparisons)[i].log_chance <= (is_in_window ? kLogChanceBetween : kMaxLogChance))
+      members.push_back(static_cast<int>(i));
   }
-  return static_cast<double>(num_before_others) > needed;
+  return members;
 }
 
 // Where what turns fills the pictures, as on a plain disc before a plain wall, no photo tells what stays: its
 // tiles are the thing's, and of the table's rim and a shadow's edge each photo has its own share. The median
-// of photos that follow one another has what stays alone, if the camera stood still: so this is tried of
-// photos whose stations are in doubt. \param loose  these, in their order.
+// of photos that follow one another has what stays alone, if the camera stood still, and the more of a turn
+// they span, the less of the thing: so this is tried of photos whose stations are in doubt, of few and of
+// many, and what most photos agree with is taken. \param loose  these, in their order.
 void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector<int> loose,
                            const StationOptions& options, Reporter& reporter, PictureStations* stations) {
   size_t begin = 0;
   while (begin + kPicturesForMedian <= loose.size()) {
     if (reporter.StopRequested()) throw Interrupted();
-    std::vector<const GreyPicture*> window;
-    for (size_t k = begin; k < begin + kPicturesForMedian; ++k) window.push_back(&pictures[loose[k]]);
-    const bool is_one_size = std::all_of(window.begin(), window.end(), [&](const GreyPicture* picture) {
-      return picture->width == window.front()->width && picture->height == window.front()->height;
-    });
-    std::vector<PictureComparison> comparisons(loose.size());
+    std::vector<const GreyPicture*> shown;
+    for (const int image : loose) shown.push_back(&pictures[image]);
+    std::vector<PictureComparison> comparisons;
     std::vector<int> members;
-    if (is_one_size) {
-      const PictureStandard median = StandardOf(MedianPicture(window), options, true);
-      if (StandStillTogether(window, median, options)) {
-        ParallelFor(static_cast<int64_t>(loose.size()), 0,
-                    [&](int64_t i) { comparisons[i] = median.CompareWith(pictures[loose[i]]); });
-        members = StillAmong(comparisons);
-        LeaveOutMoved(comparisons, &members);
-        TakeInByMedian(pictures, {}, loose, options, &comparisons, &members);
-      }
+    for (const size_t size : {kPicturesForMedian, 2 * kPicturesForMedian, 3 * kPicturesForMedian}) {
+      if (begin + size > loose.size()) break;
+      std::vector<PictureComparison> by_window(loose.size());
+      std::vector<int> still = FindStillWindow(shown, begin, size, options, &by_window);
+      if (still.empty()) continue;
+      LeaveOutMoved(by_window, &still);
+      TakeInByMedian(pictures, {}, loose, options, true, &by_window, &still);
+      if (still.size() <= members.size()) continue;
+      members = std::move(still);
+      comparisons = std::move(by_window);
     }
     if (members.size() < kMinPersistencePhotos) {
       begin += kPicturesForMedian / 2;
@@ -274,21 +307,35 @@ std::vector<GreyPicture> SteadiedPictures(const std::vector<GreyPicture>& pictur
   return steadied;
 }
 
-// Whether the photos before and after one, in their order, are of a station.
-bool IsAmong(int image, int station, const PictureStations& stations) {
+// Per photo of a station that is too small for what stays in it to show: the station that has the nearest
+// photos of larger ones before and after it, in their order; -1 where these are two, and of other photos.
+std::vector<int> StationsAround(const PictureStations& stations) {
   const std::vector<int>& of_image = stations.station_of_image;
-  return image > 0 && image + 1 < static_cast<int>(of_image.size()) && of_image[image - 1] == station &&
-         of_image[image + 1] == station;
+  std::map<int, size_t> num_photos;
+  for (const int station : of_image) ++num_photos[station];
+  std::vector<int> around(of_image.size(), -1);
+  int before = -1;
+  for (size_t begin = 0, end = 0; begin < of_image.size(); begin = end) {
+    const bool is_small = num_photos[of_image[begin]] < kMinPersistencePhotos;
+    for (end = begin + 1; is_small && end < of_image.size(); ++end) {
+      if (num_photos[of_image[end]] >= kMinPersistencePhotos) break;
+    }
+    const int after = is_small && end < of_image.size() ? of_image[end] : -1;
+    for (size_t i = begin; i < end && after == before; ++i) around[i] = after;
+    before = of_image[end - 1];
+  }
+  return around;
 }
 
 // Joins stations whose medians, or a smaller one's first photo, show that the camera stood still: each has
 // had a photo for its standard, and what that shows of the thing is not what the other's photos show. Of a
-// single photo amid a station's less is asked.
+// few photos amid a station's less is asked.
 void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOptions& options,
                    Reporter& reporter, PictureStations* stations) {
   std::map<int, std::vector<int>> images;
   for (size_t i = 0; i < pictures.size(); ++i)
     images[stations->station_of_image[i]].push_back(static_cast<int>(i));
+  const std::vector<int> around = StationsAround(*stations);
   std::vector<int> by_size;
   std::map<int, GreyPicture> shown;
   for (const auto& [station, members] : images) {
@@ -314,12 +361,13 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     });
     const auto is_between = [&](size_t b) {
       const std::vector<int>& joined = images[by_size[b]];
-      return joined.size() == 1 && comparisons[b].log_chance <= kLogChanceBetween &&
-             IsAmong(joined.front(), by_size[a], *stations);
+      return comparisons[b].log_chance <= kLogChanceBetween &&
+             std::all_of(joined.begin(), joined.end(),
+                         [&](int image) { return around[image] == by_size[a]; });
     };
     bool is_any = false;
     for (size_t b = a + 1; b < by_size.size(); ++b)
-      is_any |= comparisons[b].verdict == Verdict::kStill || is_between(b);
+      is_any |= comparisons[b].log_chance <= kMaxLogChance || is_between(b);
     if (!is_any) continue;
     std::vector<PictureComparison> of_kept(kept.size());
     ParallelFor(static_cast<int64_t>(kept.size()), 0,
@@ -330,7 +378,7 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
     for (size_t b = a + 1; b < by_size.size(); ++b) {
       const std::vector<int>& joined = images[by_size[b]];
       if (stations->station_of_image[joined.front()] != by_size[b]) continue;
-      const bool is_still = comparisons[b].verdict == Verdict::kStill && !stays.HasMovedIn(comparisons[b]);
+      const bool is_still = comparisons[b].log_chance <= kMaxLogChance && !stays.HasMovedIn(comparisons[b]);
       if (!is_between(b) && !is_still) continue;
       const Eigen::Matrix3d joined_from_kept = InPhotos(comparisons[b].second_from_first, picture);
       for (const int image : joined) {
@@ -383,7 +431,7 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
     CompareByWhatStays(standard, pictures, left, &comparisons);
     std::vector<int> members = StillAmong(comparisons);
     LeaveOutMoved(comparisons, &members);
-    TakeInByMedian(pictures, {&picture}, left, options, &comparisons, &members);
+    TakeInByMedian(pictures, {&picture}, left, options, false, &comparisons, &members);
     result.station_of_image[first] = num_stations;
     for (const int m : members) {
       result.station_of_image[left[m]] = num_stations;

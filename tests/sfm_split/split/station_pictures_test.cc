@@ -398,16 +398,33 @@ TEST(FindPictureStations, WhatLooksAlikeTimeAndAgainIsNoPlace) {
   EXPECT_EQ(FindPictureStations(pictures, {}, reporter).station_of_image, std::vector<int>(24, 0));
 }
 
-// Somebody hides most of what stays in one photo. Amid the station's photos it belongs to them; at the end,
-// and where the camera stood elsewhere for it, it does not.
-TEST(FindPictureStations, OrderSpeaksForAPhotoAmidAStation) {
-  const auto stations_of = [](int odd, double hidden, double flatness) {
+// What turns by small steps looks alike from photo to photo and is the median of eight of them, too: that of
+// many shows what stays, to which each photo bears witness by less than a station's share of tiles.
+TEST(FindPictureStations, MediansOfManyTellWhereSmallStepsLookAlike) {
+  std::vector<GreyPicture> pictures;
+  for (int i = 0; i < 48; ++i) {
+    PlainShot shot;
+    shot.turn_deg = 15.0 * i + (i < 24 ? 0 : 7.5);
+    shot.turning = 124;
+    shot.seed = static_cast<uint64_t>(i + 1);
+    if (i >= 24) shot.flatness = 0.56;
+    pictures.push_back(TakePlain(shot));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  for (int i = 0; i < 48; ++i) EXPECT_EQ(stations.station_of_image[i], i < 24 ? 0 : 1) << i;
+}
+
+// Somebody hides most of what stays in a photo, or in two. Amid the station's photos they belong to them; at
+// the end, and where the camera stood elsewhere for one, it does not.
+TEST(FindPictureStations, OrderSpeaksForPhotosAmidAStation) {
+  const auto stations_of = [](int odd, double hidden, double flatness, int num_odd = 1) {
     std::vector<GreyPicture> pictures;
     for (int i = 0; i < 12; ++i) {
       PlainShot shot;
       shot.turn_deg = 30.0 * i;
       shot.seed = static_cast<uint64_t>(i + 1);
-      if (i == odd) {
+      if (i >= odd && i < odd + num_odd) {
         shot.hidden = hidden;
         shot.flatness = flatness;
       }
@@ -421,6 +438,8 @@ TEST(FindPictureStations, OrderSpeaksForAPhotoAmidAStation) {
   one_at_the_end[11] = 1;
   EXPECT_EQ(stations_of(11, 0.6, 0.5), one_at_the_end);
   EXPECT_EQ(stations_of(5, 0, 0.56)[5], 1);
+  EXPECT_EQ(stations_of(5, 0.6, 0.5, 2), std::vector<int>(12, 0));
+  EXPECT_EQ(stations_of(5, 0, 0.56, 2)[6], 1);
 }
 
 TEST(JoinStations, FeaturesJoinWhatPicturesDoNotTellButNotWhatTheyContradict) {
