@@ -27,6 +27,9 @@ constexpr double kRisk = 0.01;            // that chance takes a photo off its p
 // other; with few threads they would wait for each other's loops.
 constexpr int kEnoughThreads = 4;
 
+// Within which matches agree, by the noise of right ones.
+double BoundPx(double sigma_px) { return std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx); }
+
 }  // namespace
 
 bool MostPhotosSeePoints(const AlignedScene& aligned) {
@@ -181,9 +184,20 @@ bool CircleRefinement::IsWorthItsAngles(const ScanCandidate& free, const ScanCan
   return gain > std::max(1.0, free.refined.priors.data_inflation) * cost;
 }
 
+ScanCandidate CircleRefinement::RefineAs(const ScanCandidate& other, const AlignedScene& aligned,
+                                         double sigma_px, const SeenBesideMatches& seen) const {
+  Told told{sigma_px, BoundPx(sigma_px), {}, seen};
+  if (other.has_given_steps) told.steps = EqualSteps(aligned.scene);
+  ScanCandidate candidate;
+  candidate.aligned = aligned;
+  for (int round = 0; round < 2; ++round) RefineAgreeing(told, other.refined.model, &candidate);
+  Judge(&candidate);
+  return candidate;
+}
+
 ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
                                        const SeenBesideMatches& seen) const {
-  const double bound_px = std::max(kAgreeingSigmas * sigma_px, kLeastAgreeingPx);
+  const double bound_px = BoundPx(sigma_px);
   StepsFinding steps;
   if (steps_are_equal) steps = EqualSteps(aligned.scene);
   auto [about_steps, free] =

@@ -42,6 +42,11 @@ class CircleRefinement {
   ScanCandidate Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
                        const SeenBesideMatches& seen) const;
 
+  /// A first look at what Refine() comes to, in a small part of its time: the model, and whether steps are
+  /// given, stay as another candidate has them, and no narrower bounds are tried.
+  ScanCandidate RefineAs(const ScanCandidate& other, const AlignedScene& aligned, double sigma_px,
+                         const SeenBesideMatches& seen) const;
+
  private:
   // What an adjustment is told besides the matches.
   struct Told {

@@ -13,7 +13,6 @@
 #include "sfm_split/relocalise/match_likelihood.h"
 #include "sfm_split/relocalise/silhouette_ties.h"
 #include "sfm_split/relocalise/station_turns.h"
-#include "sfm_split/rim/rim_alignment.h"
 #include "sfm_split/rim/scene_rims.h"
 #include "sfm_split/sweep/swept_points.h"
 
@@ -135,29 +134,39 @@ bool PoseFinish::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCa
 // may be another thing's, or made of the table's two rims, and whatever odds chance gives edges, a true rim
 // is where the matches' poses are, but for what these gained by being fitted. Errors of matches that slide
 // together count as if they were many, by as much as the adjustment says that they do.
-ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) const {
+bool PoseFinish::MatchesBear(const std::vector<RimPrior>& rims, const ScanCandidate& about_rims) const {
   const ScanCandidate& before = result_.best;
-  std::vector<AlignedScene> scenes = circle_scenes_;
-  scenes.push_back(before.aligned);
-  ScanCandidate best;
-  for (const RimStart& start :
-       StartsByRims(features_, likelihood_.pairs(), rims, scenes, kMostRimStarts, reporter_)) {
-    ScanCandidate refined = circles_.Refine(start.aligned, start.sigma_px, true, {{}, rims});
-    if (!refined.is_usable || refined.aligned.scene.views.size() < before.aligned.scene.views.size())
-      continue;
-    if (refined.IsBetterThan(best)) best = std::move(refined);
-  }
-  if (!best.is_usable) return best;
-  const double lost = before.log_likelihood + before.charge - best.log_likelihood - best.charge;
+  if (!about_rims.is_usable || about_rims.aligned.scene.views.size() < before.aligned.scene.views.size())
+    return false;
+  const double lost =
+      before.log_likelihood + before.charge - about_rims.log_likelihood - about_rims.charge;
   const double as_one = std::max(1.0, before.refined.priors.data_inflation);
   const double by_fitting = GainByFitting(kToldByRim * static_cast<double>(rims.size()));
   reporter_.Debug("about the table's rim the log-likelihood of the matches is " + std::to_string(lost) +
                   " less, which counts " + std::to_string(as_one) + " times, of which " +
-                  std::to_string(by_fitting) + " may come of fitting; the rim errs by " +
-                  std::to_string(RimErrorPx(rims, features_, before.aligned.scene)) + " and " +
-                  std::to_string(RimErrorPx(rims, features_, best.aligned.scene)) + " px");
-  best.is_usable = lost <= as_one * by_fitting;
-  return best;
+                  std::to_string(by_fitting) + " may come of fitting");
+  return lost <= as_one * by_fitting;
+}
+
+// Most circles are refused, and a first look says so; what passes is adjusted as poses without rims were.
+ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) const {
+  const ScanCandidate& before = result_.best;
+  std::vector<AlignedScene> scenes = circle_scenes_;
+  scenes.push_back(before.aligned);
+  ScanCandidate look;
+  RimStart from;
+  for (const RimStart& start :
+       StartsByRims(features_, likelihood_.pairs(), rims, scenes, kMostRimStarts, reporter_)) {
+    ScanCandidate candidate = circles_.RefineAs(before, start.aligned, start.sigma_px, {{}, rims});
+    if (!MatchesBear(rims, candidate) || !candidate.IsBetterThan(look)) continue;
+    look = std::move(candidate);
+    from = start;
+  }
+  if (!look.is_usable) return look;
+  ScanCandidate refined =
+      circles_.Refine(from.aligned, from.sigma_px, before.has_given_steps, {{}, rims});
+  if (!MatchesBear(rims, refined)) return look;
+  return refined.IsBetterThan(look) ? refined : look;
 }
 
 // Where matches do not tell the axis or the angles well, the table's rim may tell the axis; where not all of

@@ -49,6 +49,7 @@ class PoseFinish {
   void AdjustToPhotos(const ReadGreyPhoto& read_photo);
   void AdjustToSurface(const ReadGreyPhoto& read_photo);
   void AskAllMatches();
+  bool MatchesBear(const std::vector<RimPrior>& rims, const ScanCandidate& about_rims) const;
   ScanCandidate AdjustAboutRims(const std::vector<RimPrior>& rims) const;
   void LeanByRims(const ReadGreyPhoto& read_photo);
   bool TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCandidate& from);

@@ -183,6 +183,11 @@ double LogChanceOfHalf(std::vector<double> log_chances) {
   return log_choices + k * log_chances[half - 1];
 }
 
+// Order says that a camera stood at a place, not how it moved there.
+void KeepProvenMotion(PictureComparison* comparison) {
+  if (comparison->log_chance > kMaxLogChance) comparison->second_from_first.setIdentity();
+}
+
 // Photos of a window in which the camera stood still, and those that show what its median shows.
 // \param comparisons  of all loose photos with the window's median, those of the window with that of the
 // others.
@@ -216,8 +221,10 @@ std::vector<int> FindStillWindow(const std::vector<const GreyPicture*>& loose, s
   });
   for (size_t i = 0; i < loose.size(); ++i) {
     const bool is_in_window = i >= begin && i < begin + size;
-    if ((*comparisons)[i].log_chance <= (is_in_window ? kLogChanceBetween : kMaxLogChance))
-      members.push_back(static_cast<int>(i));
+    PictureComparison& comparison = (*comparisons)[i];
+    if (comparison.log_chance > (is_in_window ? kLogChanceBetween : kMaxLogChance)) continue;
+    members.push_back(static_cast<int>(i));
+    KeepProvenMotion(&comparison);
   }
   return members;
 }
@@ -380,12 +387,24 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
       if (stations->station_of_image[joined.front()] != by_size[b]) continue;
       const bool is_still = comparisons[b].log_chance <= kMaxLogChance && !stays.HasMovedIn(comparisons[b]);
       if (!is_between(b) && !is_still) continue;
+      KeepProvenMotion(&comparisons[b]);
       const Eigen::Matrix3d joined_from_kept = InPhotos(comparisons[b].second_from_first, picture);
       for (const int image : joined) {
         stations->station_of_image[image] = by_size[a];
         stations->photo_from_first[image] = stations->photo_from_first[image] * joined_from_kept;
       }
     }
+  }
+}
+
+// What turns and fills the picture moves as one from photo to photo, by as much as a tripod shakes: only the
+// median of many photos takes it apart from what stays, so that in fewer no motion is told.
+void KeepMotionsOfMany(PictureStations* stations) {
+  std::map<int, size_t> num_photos;
+  for (const int station : stations->station_of_image) ++num_photos[station];
+  for (size_t i = 0; i < stations->station_of_image.size(); ++i) {
+    if (num_photos[stations->station_of_image[i]] < kPicturesForMedian)
+      stations->photo_from_first[i].setIdentity();
   }
 }
 
@@ -446,6 +465,7 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
   }
   FindStationsByMedians(pictures, LoosePhotos(result), options, reporter, &result);
   JoinByMedians(pictures, options, reporter, &result);
+  KeepMotionsOfMany(&result);
   Renumber(&result);
   return result;
 }
