@@ -24,8 +24,8 @@ constexpr double kHalfTolerance = 1e-6;   // of adjustments that only tell wheth
 constexpr double kMostOverdispersion = 2;
 // Of links between two stations, at least: the rest may be patches of something else.
 constexpr double kRightShare = 0.5;
-// More than patches can mend, where it is not less than what the focal length is known to: something else is
-// wrong.
+// More than standard deviations that fall are a reason for, where it is not less than what the focal length
+// is known to: something else is wrong.
 constexpr double kMaxFocalChange = 1.1;
 constexpr double kFocalSigmas = 3;
 
@@ -77,6 +77,15 @@ bool CamerasHold(const JointProblem& before, const JointProblem& after,
     if (!(std::abs(std::log(FocalLengths(after.cameras[c]).x() / focal_px)) < most)) return false;
   }
   return true;
+}
+
+// By how far others lie off. What is held (0) or was not computed (negative) stays.
+void WidenFocalSigmas(const std::vector<double>& others_px, const std::vector<Camera>& cameras,
+                      JointReport* joint) {
+  for (size_t c = 0; c < std::min(others_px.size(), joint->focal_sigma_px.size()); ++c) {
+    double& sigma_px = joint->focal_sigma_px[c];
+    if (sigma_px > 0) sigma_px = std::hypot(sigma_px, others_px[c] - FocalLengths(cameras[c]).x());
+  }
 }
 
 // The mean change of the logarithms of standard deviations that both adjustments state: of focal lengths,
@@ -136,6 +145,7 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   by_patches.model = input.model;
   by_patches.loss_scale_px = 0;
   std::vector<ErrorPair> errors;
+  std::vector<double> log_focal(adjuster.problem().cameras.size(), 0);  // the mean of both halves
   JointOptions of_half = by_patches;
   of_half.compute_covariance = false;
   of_half.function_tolerance = std::max(kHalfTolerance, of_half.function_tolerance);
@@ -146,6 +156,8 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
     AdjustJointly(of_half, reporter, &problem);
     const std::vector<ErrorPair> of_other = adjuster.ErrorsOf(half, problem, true);
     errors.insert(errors.end(), of_other.begin(), of_other.end());
+    for (size_t c = 0; c < log_focal.size(); ++c)
+      log_focal[c] += 0.5 * std::log(FocalLengths(problem.cameras[c]).x());
   }
   result.patches = ChangeOf(errors);
   result.patches.overdispersion = std::max(1.0, kSigmaOfMedian * result.patches.after_px / result.sigma_px);
@@ -155,9 +167,12 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   const std::string no_better = "patches do not tell better poses for each other: " + change;
   if (result.patches.HasRisen()) return finish(no_better);
   const bool is_noise = result.patches.overdispersion <= kMostOverdispersion;
-  if (result.places_beside > 0 && !is_noise)
+  if (result.places_beside > 0 && !is_noise) {
+    for (size_t c = 0; result.patches.HasFallen() && c < log_focal.size(); ++c)
+      result.refused_focal_px.push_back(std::exp(log_focal[c]));
     return finish("patches are not the same from all around: " + PxText(result.patches.after_px) + ", not " +
                   PxText(result.sigma_px / kSigmaOfMedian));
+  }
   adjuster.ActivateAll(&problem);  // from a half's poses on
   JointReport report = AdjustJointly(by_patches, reporter, &problem);
   result.log_sigma_change = LogSigmaChange(*joint, report);
@@ -165,7 +180,7 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   const bool is_surer = is_noise && result.log_sigma_change < 0;
   if (!result.patches.HasFallen() && !is_surer) return finish(no_better);
   result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, problem, false));
-  if (!CamerasHold(adjuster.problem(), problem, joint->focal_sigma_px))
+  if (!result.patches.HasFallen() && !CamerasHold(adjuster.problem(), problem, joint->focal_sigma_px))
     return finish("patches ask for another focal length");
   if (Contradict(result.keypoints, result.patches))
     return finish("keypoints that were held back contradict the patches");
@@ -222,10 +237,13 @@ PhotoAdjustment AdjustByTracks(const FindTracks& find, const ScanFeatures& featu
   if (!result.is_taken && result.places_beside > 0) {
     // What bends or is lit otherwise as it turns is one thing from neighbouring angles only.
     const std::string facing_finding = result.finding;
+    const std::vector<double> refused_focal_px = std::move(result.refused_focal_px);
     result = AdjustOnce(input, find(PhotosLookedIn::kTracks), PhotosLookedIn::kTracks,
                         std::numeric_limits<int>::max(), reporter, aligned, joint);
     result.facing_finding = facing_finding;
+    result.refused_focal_px = refused_focal_px;
   }
+  WidenFocalSigmas(result.refused_focal_px, aligned->scene.cameras, joint);
   result.seconds = SteadySeconds() - start;
   return result;
 }

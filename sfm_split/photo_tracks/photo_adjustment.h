@@ -65,6 +65,9 @@ struct PhotoAdjustment {
   double sigma_px = 0;       ///< of a place, as its patch says (median).
   HeldBackChange patches;    ///< of each half's places by poses of the other half.
   HeldBackChange keypoints;  ///< of points that no adjustment saw.
+  /// Per camera, the focal length [px] that patches ask for which bear each other out and are refused because
+  /// their errors are more than noise; empty where there are none.
+  std::vector<double> refused_focal_px;
   /// Stations that patches seen from them and from the reference's, or from others in between, tie to it,
   /// where poses are taken: what one station's patches say of the other's is right by more than chance
   /// explains.
@@ -92,9 +95,10 @@ using FindTracks = std::function<std::vector<AlignedTrack>(PhotosLookedIn where)
 /// out that they were not adjusted to (of either half of the points by the other half) better than the
 /// scene's own, or no worse while the adjustment states smaller standard deviations; where these patches'
 /// errors are mostly noise; and where keypoints that no adjustment saw lie no farther off than patches' own
-/// errors explain (they carry the bias that patches remove). Where they are not taken, the same is tried with
-/// the photos of the tracks alone, beside all other keypoints by their own noise; the scene is untouched
-/// where neither is. Where poses are taken, both models' points are adjusted to them all, and the object's
+/// errors explain (they carry the bias that patches remove). A focal length that standard deviations before
+/// do not allow is taken on the former ground alone. Where they are not taken, the same is tried with the
+/// photos of the tracks alone, beside all other keypoints by their own noise; the scene is untouched where
+/// neither is. Where poses are taken, both models' points are adjusted to them all, and the object's
 /// keypoints in `aligned->object` are where patches were found.
 /// \param priors  of the adjustment that the scene comes from.
 /// \param model   what the poses share.
