@@ -129,17 +129,15 @@ bool PoseFinish::TurnBySilhouettes(const ReadGreyPhoto& read_photo, const ScanCa
   return true;
 }
 
-// Poses about rims: the likeliest of those that an adjustment comes to from where rims put the cameras. Not
-// usable where they lose photos, or more of what matches say than the true poses would: a circle along edges
-// may be another thing's, or made of the table's two rims, and whatever odds chance gives edges, a true rim
-// is where the matches' poses are, but for what these gained by being fitted. Errors of matches that slide
-// together count as if they were many, by as much as the adjustment says that they do.
+// Whether poses about rims lose no photos, and no more of what matches say than the true poses would: a
+// circle along edges may be another thing's, or made of the table's two rims, and whatever odds chance gives
+// edges, a true rim is where the matches' poses are, but for what these gained by being fitted. Errors of
+// matches that slide together count as if they were many, by as much as the adjustment says that they do.
 bool PoseFinish::MatchesBear(const std::vector<RimPrior>& rims, const ScanCandidate& about_rims) const {
   const ScanCandidate& before = result_.best;
   if (!about_rims.is_usable || about_rims.aligned.scene.views.size() < before.aligned.scene.views.size())
     return false;
-  const double lost =
-      before.log_likelihood + before.charge - about_rims.log_likelihood - about_rims.charge;
+  const double lost = before.log_likelihood + before.charge - about_rims.log_likelihood - about_rims.charge;
   const double as_one = std::max(1.0, before.refined.priors.data_inflation);
   const double by_fitting = GainByFitting(kToldByRim * static_cast<double>(rims.size()));
   reporter_.Debug("about the table's rim the log-likelihood of the matches is " + std::to_string(lost) +
@@ -148,7 +146,9 @@ bool PoseFinish::MatchesBear(const std::vector<RimPrior>& rims, const ScanCandid
   return lost <= as_one * by_fitting;
 }
 
-// Most circles are refused, and a first look says so; what passes is adjusted as poses without rims were.
+// Poses about rims: the likeliest of those that an adjustment comes to from where rims put the cameras; not
+// usable where matches bear none. Most circles are refused, and a first look says so; what passes is adjusted
+// as poses without rims were.
 ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) const {
   const ScanCandidate& before = result_.best;
   std::vector<AlignedScene> scenes = circle_scenes_;
@@ -163,8 +163,7 @@ ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) con
     from = start;
   }
   if (!look.is_usable) return look;
-  ScanCandidate refined =
-      circles_.Refine(from.aligned, from.sigma_px, before.has_given_steps, {{}, rims});
+  ScanCandidate refined = circles_.Refine(from.aligned, from.sigma_px, before.has_given_steps, {{}, rims});
   if (!MatchesBear(rims, refined)) return look;
   return refined.IsBetterThan(look) ? refined : look;
 }

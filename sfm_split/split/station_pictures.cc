@@ -134,7 +134,7 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
 // Takes photos in that show what the others show without what turns: one of them, which the rest were
 // compared with, has its share of the thing before the wall, and of a plain wall's few tiles that is many.
 // \param still   pictures in the standard's frame, those of members apart. \param images  those that were
-// compared.
+// compared. \param by_chance  what agrees need be no share of all there is.
 void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const GreyPicture*> still,
                     const std::vector<int>& images, const StationOptions& options, bool by_chance,
                     std::vector<PictureComparison>* comparisons, std::vector<int>* members) {
