@@ -240,6 +240,7 @@ void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector
   while (begin + kPicturesForMedian <= loose.size()) {
     if (reporter.StopRequested()) throw Interrupted();
     std::vector<const GreyPicture*> shown;
+    shown.reserve(loose.size());
     for (const int image : loose) shown.push_back(&pictures[image]);
     std::vector<PictureComparison> comparisons;
     std::vector<int> members;
