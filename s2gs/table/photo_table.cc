@@ -32,8 +32,10 @@ constexpr double kSameView = 0.5;  // [px]: as near as rims are found.
 constexpr int kShadesOfOne = 4;    // photos that one outweighs in which the ground is lit: a judgement.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
 constexpr double kFew = 0.05;      // of the points: outliers.
-// The table lies where the rotating points begin, so many of their heights about it.
-constexpr double kAround = 0.5;
+// The table lies where the rotating points begin, so many of their heights above it, or below: a thing hides
+// its lower half from cameras that look down.
+constexpr double kAbove = 0.5;
+constexpr double kBelow = 1;
 constexpr double kReach = 4;          // the same: a small thing on a large table.
 constexpr double kFootOfThing = 0.1;  // of its points' heights
 constexpr size_t kThingRings = 16;
@@ -197,11 +199,10 @@ std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
   if (heights.empty()) return std::nullopt;
   const double low = Quantile(heights, kFew);
   const double high = Quantile(heights, 1 - kFew);
-  const double around = kAround * (high - low);
   CircleSearch search;
   search.axis = axis;
-  search.low = low - around;
-  search.high = low + around;
+  search.low = low - kBelow * (high - low);
+  search.high = low + kAbove * (high - low);
   search.thing = ThingOver(low, high, heights, radii);
   search.max_radius = kReach * Quantile(std::move(radii), 1 - kFew);
   std::vector<StillPicture> pictures;

@@ -37,6 +37,22 @@ TEST(PhotoTable, ItsRimIsFoundInTheMedianOfAStation) {
   EXPECT_FALSE(FindTableInPhotos(scene, {}));
 }
 
+// Cameras that look down see no points of a thing's lower part.
+TEST(PhotoTable, ItsRimIsFoundBelowAThingOfWhichTheUpperPartIsSeen) {
+  TrainingScene scene = TableOnGround(12, TopLook::kPlain);
+  scene.points.clear();
+  // A fifth of the table's radius high, of which the upper three fifths are seen.
+  for (int i = 0; i <= 40; ++i) {
+    const Eigen::AngleAxisd turn(0.7 * i, Eigen::Vector3d::UnitZ());
+    const double height = kTableTop + kTableRadius * (0.08 + 0.12 * i / 40);
+    scene.points.push_back({turn * Eigen::Vector3d(0.3 * kTableRadius, 0, height), {0, 0, 0}, true});
+  }
+  const std::optional<TableCircle> circle = FindTableInPhotos(scene, LoadStations(scene));
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->radius, kTableRadius, kTablePixel);
+  EXPECT_NEAR(circle->height, kTableTop, 1.5 * kTablePixel);
+}
+
 TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
   TrainingScene scene = TableOnGround(41, TopLook::kPlain);
   for (size_t i = 0; i < 30; i += 10) scene.photos[i].held_out = true;
