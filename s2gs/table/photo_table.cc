@@ -32,9 +32,9 @@ constexpr double kSameView = 0.5;  // [px]: as near as rims are found.
 constexpr int kShadesOfOne = 4;    // photos that one outweighs in which the ground is lit: a judgement.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
 constexpr double kFew = 0.05;      // of the points: outliers.
-// The table lies where the rotating points begin, so many of their heights above it, or below: a thing hides
-// its lower half from cameras that look down.
-constexpr double kAbove = 0.5;
+// The table lies where the rotating points begin, so many of their heights about it.
+constexpr double kAround = 0.5;
+// The same below it, where there is none: a thing hides its lower half from cameras that look down.
 constexpr double kBelow = 1;
 constexpr double kReach = 4;          // the same: a small thing on a large table.
 constexpr double kFootOfThing = 0.1;  // of its points' heights
@@ -201,13 +201,15 @@ std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
   const double high = Quantile(heights, 1 - kFew);
   CircleSearch search;
   search.axis = axis;
-  search.low = low - kBelow * (high - low);
-  search.high = low + kAbove * (high - low);
+  search.low = low - kAround * (high - low);
+  search.high = low + kAround * (high - low);
   search.thing = ThingOver(low, high, heights, radii);
   search.max_radius = kReach * Quantile(std::move(radii), 1 - kFew);
   std::vector<StillPicture> pictures;
   pictures.reserve(stations.size());
   for (const StationPhotos& station : stations) pictures.push_back({station.views.front(), station.still});
+  if (const std::optional<TableCircle> circle = FindTableCircle(pictures, search)) return circle;
+  search.low = low - kBelow * (high - low);
   return FindTableCircle(pictures, search);
 }
 
