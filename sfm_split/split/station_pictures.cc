@@ -35,6 +35,12 @@ PictureStandard StandardOf(const GreyPicture& picture, const StationOptions& opt
   return {picture, options.max_shake_px, options.min_unmoved_share, options.min_cells, to_border};
 }
 
+std::map<int, size_t> PhotosOfStations(const PictureStations& stations) {
+  std::map<int, size_t> num_photos;
+  for (const int station : stations.station_of_image) ++num_photos[station];
+  return num_photos;
+}
+
 std::vector<int> StillAmong(const std::vector<PictureComparison>& comparisons) {
   std::vector<int> still;
   for (size_t i = 0; i < comparisons.size(); ++i) {
@@ -279,12 +285,9 @@ void FindStationsByMedians(const std::vector<GreyPicture>& pictures, std::vector
 // medians say that the camera moved.
 std::vector<int> LoosePhotos(const PictureStations& stations) {
   const std::vector<int>& of_image = stations.station_of_image;
-  std::map<int, size_t> num_photos;
+  std::map<int, size_t> num_photos = PhotosOfStations(stations);
   std::map<int, size_t> last_of;
-  for (size_t i = 0; i < of_image.size(); ++i) {
-    ++num_photos[of_image[i]];
-    last_of[of_image[i]] = i;
-  }
+  for (size_t i = 0; i < of_image.size(); ++i) last_of[of_image[i]] = i;
   std::vector<int> loose;
   for (size_t begin = 0, end = 0; begin < of_image.size(); begin = end) {
     size_t most = 0;  // of one station, among those that alternate
@@ -319,8 +322,7 @@ std::vector<GreyPicture> SteadiedPictures(const std::vector<GreyPicture>& pictur
 // photos of larger ones before and after it, in their order; -1 where these are two, and of other photos.
 std::vector<int> StationsAround(const PictureStations& stations) {
   const std::vector<int>& of_image = stations.station_of_image;
-  std::map<int, size_t> num_photos;
-  for (const int station : of_image) ++num_photos[station];
+  std::map<int, size_t> num_photos = PhotosOfStations(stations);
   std::vector<int> around(of_image.size(), -1);
   int before = -1;
   for (size_t begin = 0, end = 0; begin < of_image.size(); begin = end) {
@@ -401,8 +403,7 @@ void JoinByMedians(const std::vector<GreyPicture>& pictures, const StationOption
 // What turns and fills the picture moves as one from photo to photo, by as much as a tripod shakes: only the
 // median of many photos takes it apart from what stays, so that in fewer no motion is told.
 void KeepMotionsOfMany(PictureStations* stations) {
-  std::map<int, size_t> num_photos;
-  for (const int station : stations->station_of_image) ++num_photos[station];
+  std::map<int, size_t> num_photos = PhotosOfStations(*stations);
   for (size_t i = 0; i < stations->station_of_image.size(); ++i) {
     if (num_photos[stations->station_of_image[i]] < kPicturesForMedian)
       stations->photo_from_first[i].setIdentity();
