@@ -127,8 +127,11 @@ std::vector<ScenePoint> CollectPoints(const SceneFiles& files) {
   std::vector<ScenePoint> points;
   points.reserve(files.object.points3D.size() + files.background.points3D.size());
   const bool rotates = files.mode != TrainMode::kStatic;
-  for (const auto& [id, point] : files.object.points3D) points.push_back({point.xyz, point.rgb, rotates});
-  for (const auto& [id, point] : files.background.points3D) points.push_back({point.xyz, point.rgb, false});
+  const auto add = [&points](const ColmapPoint3D& point, bool is_rotating) {
+    points.push_back({point.xyz, point.rgb, is_rotating, static_cast<int>(point.track.size())});
+  };
+  for (const auto& [id, point] : files.object.points3D) add(point, rotates);
+  for (const auto& [id, point] : files.background.points3D) add(point, false);
   return points;
 }
 

@@ -55,6 +55,7 @@ struct ScenePoint {
   Eigen::Vector3d x;  ///< in the object frame, which is the world frame for those that do not rotate.
   Eigen::Matrix<uint8_t, 3, 1> rgb;
   bool rotates = false;
+  int num_photos = 0;  ///< that show it, by its track.
 };
 
 /// One photo of the scene: undistorted, at its size in training or measuring.

@@ -75,6 +75,13 @@ struct Tally {
   bool TakesThings(int more) const {
     return static_cast<double>(high_lost + more) * low > kMaxLost * low_lost * high;
   }
+  // The same by points of things, of which some are lost; nothing where so few say nothing: less than
+  // kChance of them would be lost if all that is refuted were things'.
+  std::optional<bool> TakesThings(int points, int points_lost) const {
+    const double if_all_were = static_cast<double>(points) * (high_lost + low_lost) / std::max(1, high + low);
+    if (if_all_were < kChance) return std::nullopt;
+    return points_lost > kMaxLost * if_all_were;
+  }
 };
 
 // Shadows and borders ask for things that bear them out; the top's own light for none that speak against it.
@@ -188,12 +195,17 @@ struct OverTop {
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
   double height = 0;  // over the top
 };
+
+double HeightOverTop(const Eigen::Vector3d& x, const RotatingRegion& table) {
+  return (x - table.axis.point).dot(table.axis.direction) - table.high;
+}
+
 std::optional<OverTop> PlaceOverTop(const Placement& gaussians, size_t i, const RotatingRegion& table,
                                     double pixel_size) {
   const float* centre = gaussians.centre.data() + 3 * i;
   const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
   if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return std::nullopt;
-  const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
+  const double height = HeightOverTop(x, table);
   return height > pixel_size ? std::optional<OverTop>({x, height}) : std::nullopt;
 }
 
@@ -301,7 +313,8 @@ std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
 std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
                                           const std::vector<StationPhotos>& stations,
                                           const std::vector<std::vector<float>>& depths,
-                                          const Placement& gaussians) {
+                                          const Placement& gaussians,
+                                          const std::vector<Eigen::Vector3d>& of_things) {
   std::vector<StillWitness> witnesses;
   std::vector<size_t> first_photo;
   size_t num_photos = 0;
@@ -322,16 +335,17 @@ std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
     bool is_judged = false;
     bool stands = false;
   };
+  const auto ask = [&](const OverTop& over) {
+    const StillVotes votes = AskWitnesses(witnesses, over.x, is_hidden);
+    return Asked{over.height / table.radius, votes.same + votes.changes >= kLeastLit,
+                 votes.tinted >= kLeastLit && votes.tinted > votes.changes};
+  };
   std::vector<Asked> asked(gaussians.size());
   constexpr int64_t kAtOnce = 1000;  // that one thread looks at
   ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
     const auto i = static_cast<size_t>(gaussian);
     const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
-    if (!over) return;
-    const StillVotes votes = AskWitnesses(witnesses, over->x, is_hidden);
-    asked[i].height = over->height / table.radius;
-    asked[i].is_judged = votes.same + votes.changes >= kLeastLit;
-    asked[i].stands = votes.tinted >= kLeastLit && votes.tinted > votes.changes;
+    if (over) asked[i] = ask(*over);
   });
   Tally tally;
   std::vector<uint32_t> standing;
@@ -340,7 +354,16 @@ std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
     tally.Add(asked[i].height, asked[i].stands);
     if (asked[i].stands) standing.push_back(static_cast<uint32_t>(i));
   }
-  if (tally.TakesThings(kChance)) return {};
+  int points = 0;
+  int points_lost = 0;
+  for (const Eigen::Vector3d& x : of_things) {
+    const OverTop over{x, HeightOverTop(x, table)};
+    if (!(over.height > pixel_size)) continue;
+    const Asked point = ask(over);
+    points += point.is_judged ? 1 : 0;
+    points_lost += point.is_judged && point.stands ? 1 : 0;
+  }
+  if (tally.TakesThings(points, points_lost).value_or(tally.TakesThings(kChance))) return {};
   return standing;
 }
 

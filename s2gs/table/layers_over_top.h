@@ -70,11 +70,13 @@ std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
 
 /// The rotating Gaussians over the top, higher than a pixel, through which photos show what stands still:
 /// more of them the same as most of their station do, of another tint than elsewhere, than something else
-/// that nothing before them explains. None where as many of what stands too high for a layer would go. \param
-/// depths  RotatingDepths'.
+/// that nothing before them explains. None where the same would take points of things, or, where these are
+/// too few to tell, where as many of what stands too high for a layer would go. \param depths
+/// RotatingDepths'. \param of_things  points that turn for sure, as tracks through several photos do.
 std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
                                           const std::vector<StationPhotos>& stations,
                                           const std::vector<std::vector<float>>& depths,
-                                          const Placement& gaussians);
+                                          const Placement& gaussians,
+                                          const std::vector<Eigen::Vector3d>& of_things);
 
 }  // namespace s2gs

@@ -17,12 +17,23 @@ constexpr double kTexturedTop = 0.5;
 // In rounds, since a layer hides the next one.
 constexpr int kStandingRounds = 5;
 
+// Two photos may agree on a place by chance, which the third bears out.
+constexpr int kSurePhotos = 3;
+
+std::vector<Eigen::Vector3d> SurePointsOfThings(const std::vector<ScenePoint>& points) {
+  std::vector<Eigen::Vector3d> sure;
+  for (const ScenePoint& point : points) {
+    if (point.rotates && point.num_photos >= kSurePhotos) sure.push_back(point.x);
+  }
+  return sure;
+}
+
 size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingRegion& table,
-                     Backend* backend, Reporter& reporter) {
+                     const std::vector<Eigen::Vector3d>& of_things, Backend* backend, Reporter& reporter) {
   size_t count = 0;
   for (int round = 0; round < kStandingRounds; ++round) {
-    const std::vector<uint32_t> standing =
-        FindStandingOverTop(table, stations, RotatingDepths(stations, backend), backend->GetPlacement());
+    const std::vector<uint32_t> standing = FindStandingOverTop(
+        table, stations, RotatingDepths(stations, backend), backend->GetPlacement(), of_things);
     if (standing.empty()) break;
     count += standing.size();
     LeaveOut(standing, "over the table's top, where photos see what stands still by its tint", backend,
@@ -97,7 +108,7 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   }
   if (options.draw_seen && is_textured) table.known_texture_ = texture;
   if (!options.cut_around) return table;
-  table.num_over_top += ClearStanding(stations, region, backend, reporter);
+  table.num_over_top += ClearStanding(stations, region, SurePointsOfThings(scene.points), backend, reporter);
   const std::vector<uint32_t> standing = FindStandingAroundTable(stations, region, backend->GetPlacement());
   table.num_around = standing.size();
   LeaveOut(standing, "around the table, where photos show no change", backend, reporter);

@@ -197,12 +197,13 @@ class StandingOverTop : public testing::Test {
   }
 
   std::vector<uint32_t> Find() const {
-    return FindStandingOverTop(TableRegion(), stations, NothingHides(), gaussians);
+    return FindStandingOverTop(TableRegion(), stations, NothingHides(), gaussians, of_things);
   }
 
   TrainingScene scene;
   std::vector<StationPhotos> stations;
   Placement gaussians;
+  std::vector<Eigen::Vector3d> of_things;
   size_t num_wall = 0;
 };
 
@@ -211,15 +212,41 @@ TEST_F(StandingOverTop, IsKnownByTheTintOfTheGroundBehind) {
   std::vector<uint32_t> wall(num_wall);
   std::iota(wall.begin(), wall.end(), 0);
   EXPECT_EQ(Find(), wall);
-  EXPECT_TRUE(FindStandingOverTop(TableRegion(), {}, {}, gaussians).empty());
+  EXPECT_TRUE(FindStandingOverTop(TableRegion(), {}, {}, gaussians, {}).empty());
 
   // What is known to be before it says nothing of it.
-  EXPECT_TRUE(FindStandingOverTop(TableRegion(), stations, AllAt(1), gaussians).empty());
+  EXPECT_TRUE(FindStandingOverTop(TableRegion(), stations, AllAt(1), gaussians, {}).empty());
 
   // Nor can a thing be told from it that is so high and goes for the same reason.
   for (double angle = 0; angle < 6; angle += 0.25)
     Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.45}, 5, &gaussians);
   EXPECT_TRUE(Find().empty());
+}
+
+// Points that turn for sure tell whether the same would take things, however high what goes is.
+TEST_F(StandingOverTop, IsHighWherePointsOfThingsStay) {
+  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
+  for (double angle = 0; angle < 6; angle += 0.25)
+    Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.45}, 5, &gaussians);
+  std::vector<uint32_t> both(num_wall);
+  std::iota(both.begin(), both.end(), 0);
+  for (size_t i = num_wall + 40; i < gaussians.size(); ++i) both.push_back(static_cast<uint32_t>(i));
+  ASSERT_EQ(both.size(), 2 * num_wall);
+
+  // If all that goes, 48 of 88, were things', 3.3 of 6 points would go with it, and 2.7 of 5, which may be 0
+  // by chance.
+  for (int i = 0; i < 5; ++i) of_things.emplace_back(0, 0, kTableTop + 0.45 + 0.005 * i);
+  EXPECT_TRUE(Find().empty());
+  of_things.emplace_back(0, 0, kTableTop + 0.48);
+  EXPECT_EQ(Find(), both);
+
+  // Points below or on the top say nothing. One of 7 that goes is a quarter of 3.8.
+  of_things.emplace_back(0.95, 0, kTableTop);
+  EXPECT_EQ(Find(), both);
+  of_things.back().z() = kTableTop + 0.3;
+  EXPECT_TRUE(Find().empty());
+  for (int i = 0; i < 2; ++i) of_things.emplace_back(0, 0, kTableTop + 0.46 + 0.005 * i);
+  EXPECT_EQ(Find(), both);
 }
 
 // Light may fall on a thing that turns as it does on that ground.
