@@ -39,7 +39,9 @@ constexpr double kBelow = 1;
 constexpr double kReach = 4;          // the same: a small thing on a large table.
 constexpr double kFootOfThing = 0.1;  // of its points' heights
 constexpr size_t kThingRings = 16;
-constexpr size_t kPointsOfRing = 3;         // as many as tell a median from an outlier.
+constexpr size_t kPointsOfRing = 3;  // as many as tell a median from an outlier.
+// Of things on the table: none of three is beyond its rim by chance where less than .63 of them are.
+constexpr size_t kPointsOfThing = 3;
 constexpr int64_t kGaussiansAtOnce = 1000;  // that one thread looks at
 
 PinholeView Reduced(const PinholeView& view) {
@@ -79,6 +81,19 @@ void TurnToFirst(StationPhotos* station) {
 // shows the ground itself.
 bool IsGround(const StillVotes& votes) {
   return votes.same >= votes.changes - votes.shades && kShadesOfOne * votes.same >= votes.shades;
+}
+
+// Whether things are known to stand on the table, and none of them to reach beyond its rim.
+bool StayInside(const std::vector<Eigen::Vector3d>& of_things, const RotatingRegion& body) {
+  size_t over_top = 0;
+  for (const Eigen::Vector3d& x : of_things) {
+    const Eigen::Vector3d from_point = x - body.axis.point;
+    const double height = from_point.dot(body.axis.direction);
+    if (!(height > body.high)) continue;
+    if ((from_point - height * body.axis.direction).norm() > body.radius) return false;
+    ++over_top;
+  }
+  return over_top >= kPointsOfThing;
 }
 
 // Pixels that the model does not take to rotate.
@@ -257,7 +272,8 @@ double TexturedShareOfTop(const std::vector<StationPhotos>& stations, const Rota
 }
 
 std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& stations,
-                                              const RotatingRegion& table, const Placement& gaussians) {
+                                              const RotatingRegion& table, const Placement& gaussians,
+                                              const std::vector<Eigen::Vector3d>& of_things) {
   std::vector<StillWitness> witnesses;
   witnesses.reserve(stations.size());
   for (const StationPhotos& station : stations) witnesses.emplace_back(station, table);
@@ -266,6 +282,7 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
   // The circle is known to a pixel.
   RotatingRegion body = table;
   body.radius += pixel_size;
+  const bool stay_inside = StayInside(of_things, body);
   const Eigen::Vector3d up = table.axis.direction;
   struct Around {
     uint32_t index;
@@ -289,7 +306,7 @@ std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& 
     const StillVotes votes =
         AskWitnesses(witnesses, Eigen::Vector3d(centre[0], centre[1], centre[2]),
                      [](size_t, size_t, const Eigen::Vector2d&, double) { return false; });
-    of.stands = of.is_high ? votes.told > votes.changes : IsGround(votes);
+    of.stands = of.is_high && !stay_inside ? votes.told > votes.changes : IsGround(votes);
   });
   std::vector<uint32_t> standing;
   for (const Around& of : around) {

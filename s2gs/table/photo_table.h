@@ -55,8 +55,10 @@ double TexturedShareOfTop(const std::vector<StationPhotos>& stations, const Rota
 /// more photos than not show a change, but for shadows: next to a table training lets plain ground and
 /// shadows turn; what hangs down from the table changes the photos as it turns. Higher, where a thing may
 /// reach beyond the rim, those where more photos show the same texture than a change: what is plain and round
-/// looks alike as it turns. \param table  from photos, to a pixel.
+/// looks alike as it turns. Where things are known and none of them reaches so far, these as the lower ones.
+/// \param table  from photos, to a pixel. \param of_things  points that turn for sure.
 std::vector<uint32_t> FindStandingAroundTable(const std::vector<StationPhotos>& stations,
-                                              const RotatingRegion& table, const Placement& gaussians);
+                                              const RotatingRegion& table, const Placement& gaussians,
+                                              const std::vector<Eigen::Vector3d>& of_things);
 
 }  // namespace s2gs

@@ -108,8 +108,10 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   }
   if (options.draw_seen && is_textured) table.known_texture_ = texture;
   if (!options.cut_around) return table;
-  table.num_over_top += ClearStanding(stations, region, SurePointsOfThings(scene.points), backend, reporter);
-  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, region, backend->GetPlacement());
+  const std::vector<Eigen::Vector3d> of_things = SurePointsOfThings(scene.points);
+  table.num_over_top += ClearStanding(stations, region, of_things, backend, reporter);
+  const std::vector<uint32_t> standing =
+      FindStandingAroundTable(stations, region, backend->GetPlacement(), of_things);
   table.num_around = standing.size();
   LeaveOut(standing, "around the table, where photos show no change", backend, reporter);
   return table;

@@ -206,7 +206,7 @@ TEST(PhotoTable, GroundInShadowsThatComeAndGoStands) {
         }
       }
     }
-    return FindStandingAroundTable(LoadStations(scene), TableRegion(), Rotating({place})).size() == 1;
+    return FindStandingAroundTable(LoadStations(scene), TableRegion(), Rotating({place}), {}).size() == 1;
   };
   EXPECT_TRUE(stand_where({1, 1, 1}, 3));
   EXPECT_TRUE(stand_where({0.6, 0.6, 0.6}, 3));
@@ -228,14 +228,14 @@ TEST(PhotoTable, GroundAroundItStandsAndALeafThatHangsDownTurns) {
   }
   Placement gaussians = Rotating(places);
   const std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TopLook::kPlain));
-  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians);
+  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians, {});
   std::vector<uint32_t> expected;
   for (size_t i = num_leaf; i < num_low; ++i) expected.push_back(static_cast<uint32_t>(i));
   EXPECT_EQ(standing, expected);
 
   std::fill(gaussians.foreground_logit.begin(), gaussians.foreground_logit.end(), -5.0F);
-  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians).empty());
-  EXPECT_TRUE(FindStandingAroundTable({}, TableRegion(), Rotating(places)).empty());
+  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians, {}).empty());
+  EXPECT_TRUE(FindStandingAroundTable({}, TableRegion(), Rotating(places), {}).empty());
 }
 
 // Gaussians beyond the rim, higher than the top, where photos show nothing but tiled ground.
@@ -245,7 +245,7 @@ TEST(PhotoTable, WhatReachesBeyondItStandsWherePhotosShowTheGroundsTexture) {
     places.emplace_back(1.2 * std::cos(angle), 1.2 * std::sin(angle), 0.15);
   const Placement gaussians = Rotating(places);
   std::vector<StationPhotos> stations = LoadStations(TableOnGround(12, TopLook::kPlain));
-  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians);
+  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), gaussians, {});
   // Half a tile is plain between its borders.
   EXPECT_GT(standing.size(), places.size() / 3);
   // Photos of plain things alone, in which a round one may reach so far.
@@ -253,7 +253,15 @@ TEST(PhotoTable, WhatReachesBeyondItStandsWherePhotosShowTheGroundsTexture) {
     for (Image8& image : station.images) std::fill(image.pixels.begin(), image.pixels.end(), uint8_t{120});
     station.still = station.images.front();
   }
-  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians).empty());
+  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians, {}).empty());
+  // None does where three points of things are over the top and within the rim. Those below the top, or
+  // fewer, do not tell; and one that is beyond it tells the contrary.
+  std::vector<Eigen::Vector3d> of_things = {{0, 0, 0.2}, {0.3, 0, 0.2}, {1.2, 0, kTableTop - 0.05}};
+  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians, of_things).empty());
+  of_things.emplace_back(0, 0.9, 0.2);
+  EXPECT_EQ(FindStandingAroundTable(stations, TableRegion(), gaussians, of_things).size(), places.size());
+  of_things.emplace_back(0, 1.1, 0.2);
+  EXPECT_TRUE(FindStandingAroundTable(stations, TableRegion(), gaussians, of_things).empty());
 }
 
 // A camera that was touched shows other ground in the same pixels, which is no change.
@@ -273,7 +281,8 @@ TEST(PhotoTable, PhotosOfACameraThatTurnedAsideDoNotCount) {
       for (int x = 6; x < kTablePhotoWidth; ++x) std::copy_n(before.Pixel(x - 6, y), 3, image.Pixel(x, y));
     }
   }
-  const std::vector<uint32_t> standing = FindStandingAroundTable(stations, TableRegion(), Rotating(places));
+  const std::vector<uint32_t> standing =
+      FindStandingAroundTable(stations, TableRegion(), Rotating(places), {});
   EXPECT_EQ(standing.size(), places.size());
 }
 
