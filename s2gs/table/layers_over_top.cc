@@ -310,11 +310,9 @@ std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
   return layers;
 }
 
-std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
-                                          const std::vector<StationPhotos>& stations,
-                                          const std::vector<std::vector<float>>& depths,
-                                          const Placement& gaussians,
-                                          const std::vector<Eigen::Vector3d>& of_things) {
+StandingOverTop FindStandingOverTop(const RotatingRegion& table, const std::vector<StationPhotos>& stations,
+                                    const std::vector<std::vector<float>>& depths, const Placement& gaussians,
+                                    const std::vector<Eigen::Vector3d>& of_things) {
   std::vector<StillWitness> witnesses;
   std::vector<size_t> first_photo;
   size_t num_photos = 0;
@@ -348,11 +346,11 @@ std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
     if (over) asked[i] = ask(*over);
   });
   Tally tally;
-  std::vector<uint32_t> standing;
+  StandingOverTop standing;
   for (size_t i = 0; i < asked.size(); ++i) {
     if (!asked[i].is_judged) continue;
     tally.Add(asked[i].height, asked[i].stands);
-    if (asked[i].stands) standing.push_back(static_cast<uint32_t>(i));
+    if (asked[i].stands) standing.gaussians.push_back(static_cast<uint32_t>(i));
   }
   int points = 0;
   int points_lost = 0;
@@ -363,7 +361,7 @@ std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
     points += point.is_judged ? 1 : 0;
     points_lost += point.is_judged && point.stands ? 1 : 0;
   }
-  if (tally.TakesThings(points, points_lost).value_or(tally.TakesThings(kChance))) return {};
+  standing.spares_things = !tally.TakesThings(points, points_lost).value_or(tally.TakesThings(kChance));
   return standing;
 }
 

@@ -68,15 +68,19 @@ std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
                                             const std::vector<std::vector<float>>& depths,
                                             const Placement& gaussians);
 
+struct StandingOverTop {
+  std::vector<uint32_t> gaussians;  ///< in ascending order.
+  /// Whether what turns stays when these go: points of things would, or, where these are too few to tell,
+  /// what stands too high for a layer does.
+  bool spares_things = false;
+};
+
 /// The rotating Gaussians over the top, higher than a pixel, through which photos show what stands still:
 /// more of them the same as most of their station do, of another tint than elsewhere, than something else
-/// that nothing before them explains. None where the same would take points of things, or, where these are
-/// too few to tell, where as many of what stands too high for a layer would go. \param depths
-/// RotatingDepths'. \param of_things  points that turn for sure, as tracks through several photos do.
-std::vector<uint32_t> FindStandingOverTop(const RotatingRegion& table,
-                                          const std::vector<StationPhotos>& stations,
-                                          const std::vector<std::vector<float>>& depths,
-                                          const Placement& gaussians,
-                                          const std::vector<Eigen::Vector3d>& of_things);
+/// that nothing before them explains. \param depths  RotatingDepths'. \param of_things  points that turn for
+/// sure, as tracks through several photos do.
+StandingOverTop FindStandingOverTop(const RotatingRegion& table, const std::vector<StationPhotos>& stations,
+                                    const std::vector<std::vector<float>>& depths, const Placement& gaussians,
+                                    const std::vector<Eigen::Vector3d>& of_things);
 
 }  // namespace s2gs

@@ -31,13 +31,16 @@ std::vector<Eigen::Vector3d> SurePointsOfThings(const std::vector<ScenePoint>& p
 size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingRegion& table,
                      const std::vector<Eigen::Vector3d>& of_things, Backend* backend, Reporter& reporter) {
   size_t count = 0;
+  // Fewer and fewer are left to tell what has been told.
+  bool spares_things = false;
   for (int round = 0; round < kStandingRounds; ++round) {
-    const std::vector<uint32_t> standing = FindStandingOverTop(
-        table, stations, RotatingDepths(stations, backend), backend->GetPlacement(), of_things);
-    if (standing.empty()) break;
-    count += standing.size();
-    LeaveOut(standing, "over the table's top, where photos see what stands still by its tint", backend,
-             reporter);
+    const StandingOverTop standing = FindStandingOverTop(table, stations, RotatingDepths(stations, backend),
+                                                         backend->GetPlacement(), of_things);
+    spares_things = spares_things || standing.spares_things;
+    if (standing.gaussians.empty() || !spares_things) break;
+    count += standing.gaussians.size();
+    LeaveOut(standing.gaussians, "over the table's top, where photos see what stands still by its tint",
+             backend, reporter);
   }
   return count;
 }
