@@ -14,8 +14,11 @@ namespace {
 // Plain tops with shadows and what stands on them have .1 to .3, speckled ones .7 and more.
 constexpr double kTexturedTop = 0.5;
 
+// Of the cells of a top (AgreedShare): a thing may stand on a few.
+constexpr double kAgreedOfPlane = 0.9;
+
 // In rounds, since a layer hides the next one.
-constexpr int kStandingRounds = 5;
+constexpr int kStandingRounds = 20;  // more than came about
 
 // Two photos may agree on a place by chance, which the third bears out.
 constexpr int kSurePhotos = 3;
@@ -91,12 +94,13 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   if (table.circle->side_end && *shape) (*shape)->side.reset();
   table.textured_share = TexturedShareOfTop(stations, region);
   const bool is_textured = *table.textured_share >= kTexturedTop;
-  // Photos show the shape of a top that has texture and turns.
-  if (table.rim->IsUndecided() || !is_textured) table.in_maps_ = region;
-  if (options.clear_plain_top) table.ClearPlainTop(scene, stations, options.draw_seen, backend, reporter);
   std::optional<TexturedTop> texture;
   if (options.clear_plain_top || (options.draw_seen && is_textured))
     texture = TexturedTop::Learn(stations, region);
+  // Photos show the shape of a top that has texture and turns, unless they show that it is the plane.
+  const bool is_plane = texture && texture->AgreedShare() >= kAgreedOfPlane;
+  if (table.rim->IsUndecided() || !is_textured || is_plane) table.in_maps_ = region;
+  if (options.clear_plain_top) table.ClearPlainTop(scene, stations, options.draw_seen, backend, reporter);
   if (texture && options.clear_plain_top) {
     const std::vector<uint32_t> layers =
         FindLayersOverTexture(*texture, stations, RotatingDepths(stations, backend), backend->GetPlacement());

@@ -11,6 +11,7 @@
 #include "s2gs/image/photos.h"
 #include "s2gs/image/picture_noise.h"
 #include "s2gs/table/opaque_region.h"
+#include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
@@ -25,6 +26,12 @@ constexpr float kAlike = 0.7F;
 constexpr int kLeastAlike = 3;
 constexpr int kRowsAtOnce = 16;  // of places, whose patches reach six rows more
 constexpr int kBorder = 2;       // [px], of blur, and of patches that reach over a border
+
+constexpr int kSectors = 12;        // of the top's outer part,
+constexpr int kRings = 2;           // and rings,
+constexpr double kInnermost = 0.5;  // from this on [radii]
+// A cell has a thousand places, one of which agrees by chance once in twenty cells; three do not.
+constexpr int kPlacesOfCell = 3;
 
 // Of a place in a photo; 0: the photo does not tell.
 constexpr uint8_t kShown = 255;
@@ -191,6 +198,25 @@ bool TexturedTop::HoldsPatch(int column, int row) const {
   const Eigen::Vector3d middle = table_.axis.point + table_.high * table_.axis.direction;
   return std::min(column, row) >= kRadius && std::max(column, row) + kRadius < side_ &&
          (PlaceAt(column, row) - middle).norm() <= table_.radius - kRadius * spacing_;
+}
+
+double TexturedTop::AgreedShare() const {
+  std::array<int, kSectors * kRings> places{};
+  const double half = 0.5 * (side_ - 1);
+  for (int row = 0; row < side_; ++row) {
+    for (int column = 0; column < side_; ++column) {
+      if (patches_[static_cast<size_t>(row) * side_ + column].empty()) continue;
+      const double radius = spacing_ * std::hypot(column - half, row - half) / table_.radius;
+      const int ring = static_cast<int>(std::floor((radius - kInnermost) / (1 - kInnermost) * kRings));
+      if (ring < 0 || ring >= kRings) continue;
+      const double turn = (std::atan2(row - half, column - half) + kPi) / (2 * kPi);
+      const int sector = std::min(kSectors - 1, static_cast<int>(turn * kSectors));
+      ++places[static_cast<size_t>(ring) * kSectors + sector];
+    }
+  }
+  const auto agreed =
+      std::count_if(places.begin(), places.end(), [](int count) { return count >= kPlacesOfCell; });
+  return static_cast<double>(agreed) / static_cast<double>(places.size());
 }
 
 std::vector<TopSight> TexturedTop::Sights(const Image8& photo, const PinholeView& view) const {

@@ -31,6 +31,10 @@ class TexturedTop {
   /// One channel: 255 where the sight is kLit.
   Image8 Look(const Image8& photo, const PinholeView& view) const;
 
+  /// Of the top beyond half its radius, which things hide least: the share of 24 cells (twelve sectors, two
+  /// rings) in which photos agree on what lies on the plane. Where they do so all over, the top is the plane.
+  double AgreedShare() const;
+
   const RotatingRegion& table() const { return table_; }
 
  private:

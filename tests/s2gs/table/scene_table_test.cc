@@ -3,12 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <memory>
 #include <optional>
 #include <vector>
 
+#include "s2gs/core/rng.h"
+#include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
 #include "tests/s2gs/table/table_on_ground.h"
@@ -114,6 +117,61 @@ TEST(SceneTable, LayersAreTakenOutWherePhotosShowTexture) {
           .size();
   EXPECT_GE(seen_through, 3U);  // of a card of a few tiles
   EXPECT_EQ(table.num_over_top, seen_through);
+}
+
+// Speckles the top within .85 radii, one tile in three, with what turns or anew in each photo.
+void SpeckleTop(bool is_turning, TrainingScene* scene) {
+  for (size_t i = 0; i < scene->photos.size(); ++i) {
+    ScenePhoto& photo = scene->photos[i];
+    const RegionView top({TurntableAxis(), 0.85, kTableTop, kTableTop}, photo.view);
+    const Rigid3 object_from_cam = photo.view.cam_from_object.Inverse();
+    for (int y = 0; y < photo.view.height; ++y) {
+      for (int x = 0; x < photo.view.width; ++x) {
+        const std::optional<RegionHit> hit = top.At(x, y);
+        if (!hit) continue;
+        const Eigen::Vector3d ray((x + 0.5 - photo.view.cx) / photo.view.fx,
+                                  (y + 0.5 - photo.view.cy) / photo.view.fy, 1);
+        const Eigen::Vector3d place = object_from_cam * (hit->depth * ray);
+        const auto bits = RandomBits(is_turning ? 7 : 70 + i, static_cast<int>(std::floor(place.x() / 0.06)),
+                                     static_cast<int>(std::floor(place.y() / 0.06)));
+        if (bits.words[0] % 3 == 0)
+          std::fill_n(photo.image.Pixel(x, y), 3, static_cast<uint8_t>(40 + bits.words[1] % 60));
+      }
+    }
+  }
+}
+
+// Splats tell of a top that turns, but photos that agree on its texture all over the plane show its shape.
+TEST(SceneTable, ATopThatPhotosShowToBeThePlaneIsDrawnAsOne) {
+  for (const bool is_turning : {true, false}) {
+    TrainingScene scene = TableOnGround(kTablePhotos, TopLook::kPlain);
+    SpeckleTop(is_turning, &scene);
+    ReferenceGaussian top = SplatAt({0, 0, kTableTop});
+    ReferenceGaussian bottom = SplatAt({0, 0, kTableBottom});  // below the side's pixels
+    for (ReferenceGaussian* wide : {&top, &bottom}) (*wide)[kRefLogScale] = (*wide)[kRefLogScale + 1] = 0;
+    const std::unique_ptr<Backend> backend = MakeCpuBackend(1);
+    TrainState state;
+    state.gaussians = FromReference({top, bottom, SplatAt({0, 0, 0.9})}, 0);
+    backend->SetState(state);
+    std::optional<RotatingShape> shape;
+    const SceneTable table = FindIn(scene, {}, &shape, backend.get());
+    ASSERT_TRUE(table.circle);
+    ASSERT_FALSE(table.rim->IsUndecided());
+    ASSERT_GE(*table.textured_share, 0.5);
+    EXPECT_EQ(backend->Count(), is_turning ? 1 : 3);
+    const PinholeView& view = scene.photos.front().view;
+    const size_t count = static_cast<size_t>(view.width) * view.height;
+    RenderedView drawn;
+    drawn.width = view.width;
+    drawn.height = view.height;
+    drawn.alpha.assign(count, 0);
+    drawn.median_depth.assign(count, 0);
+    drawn.expected_depth.assign(count, 0);
+    drawn.normal.assign(3 * count, 0);
+    table.DrawIntoMaps(view, &drawn);
+    const auto is_drawn = [](float alpha) { return alpha == 1; };
+    EXPECT_EQ(std::any_of(drawn.alpha.begin(), drawn.alpha.end(), is_drawn), is_turning);
+  }
 }
 
 }  // namespace

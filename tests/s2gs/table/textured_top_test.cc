@@ -65,6 +65,39 @@ TEST(TexturedTop, IsSeenWherePhotosAgreeAndNotWhereAThingHidesIt) {
   EXPECT_GT(MarkedShare(top->Look(bare, view), view, 0.8), 0.4);
 }
 
+// A tiled top is the plane on which it is looked for, and none that lies a twentieth of a radius higher or
+// lower, where photos agree here and there.
+TEST(TexturedTop, SaysWhetherPhotosAgreeAllOverThePlane) {
+  std::vector<StationPhotos> stations = LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled));
+  const auto share = [&stations](double height) {
+    RotatingRegion table = TableRegion();
+    table.high += height;
+    const std::optional<TexturedTop> top = TexturedTop::Learn(stations, table);
+    return top ? top->AgreedShare() : 0;
+  };
+  EXPECT_EQ(share(0), 1);
+  EXPECT_LT(share(0.05), 0.9);
+  EXPECT_LT(share(-0.05), 0.9);
+
+  // Half of it plain: of six sectors those at its border know the border.
+  for (size_t i = 0; i < stations[0].images.size(); ++i) {
+    const PinholeView& view = stations[0].views[i];
+    const RegionView top(TableRegion(), view);
+    const Rigid3 object_from_cam = view.cam_from_object.Inverse();
+    for (int y = 0; y < view.height; ++y) {
+      for (int x = 0; x < view.width; ++x) {
+        const std::optional<RegionHit> hit = top.At(x, y);
+        if (!hit) continue;
+        const Eigen::Vector3d ray((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
+        const Eigen::Vector3d place = object_from_cam * (hit->depth * ray);
+        if (place.x() > 0) std::fill_n(stations[0].images[i].Pixel(x, y), 3, uint8_t{120});
+      }
+    }
+  }
+  EXPECT_LT(share(0), 0.9);
+  EXPECT_GT(share(0), 0.5);
+}
+
 // The middle of a photo, which shows the top up to its borders: its first and last column have no neighbours
 // on one side, and are not known to show it.
 TEST(TexturedTop, BordersOfAPhotoAreNotMarked) {
