@@ -352,12 +352,16 @@ StandingOverTop FindStandingOverTop(const RotatingRegion& table, const std::vect
     tally.Add(asked[i].height, asked[i].stands);
     if (asked[i].stands) standing.gaussians.push_back(static_cast<uint32_t>(i));
   }
+  if (standing.gaussians.empty()) return standing;
+  std::vector<Asked> asked_points(of_things.size());
+  ParallelFor(static_cast<int64_t>(of_things.size()), 0, kAtOnce, [&](int64_t i) {
+    const Eigen::Vector3d& x = of_things[static_cast<size_t>(i)];
+    const double height = HeightOverTop(x, table);
+    if (height > pixel_size) asked_points[static_cast<size_t>(i)] = ask({x, height});
+  });
   int points = 0;
   int points_lost = 0;
-  for (const Eigen::Vector3d& x : of_things) {
-    const OverTop over{x, HeightOverTop(x, table)};
-    if (!(over.height > pixel_size)) continue;
-    const Asked point = ask(over);
+  for (const Asked& point : asked_points) {
     points += point.is_judged ? 1 : 0;
     points_lost += point.is_judged && point.stands ? 1 : 0;
   }

@@ -19,6 +19,8 @@ constexpr double kAgreedOfPlane = 0.9;
 
 // In rounds, since a layer hides the next one.
 constexpr int kStandingRounds = 20;  // more than came about
+// A round renders all photos: what finds less than a hundredth of all that went is the last, a judgement.
+constexpr size_t kWorthARound = 100;
 
 // Two photos may agree on a place by chance, which the third bears out.
 constexpr int kSurePhotos = 3;
@@ -34,16 +36,19 @@ std::vector<Eigen::Vector3d> SurePointsOfThings(const std::vector<ScenePoint>& p
 size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingRegion& table,
                      const std::vector<Eigen::Vector3d>& of_things, Backend* backend, Reporter& reporter) {
   size_t count = 0;
-  // Fewer and fewer are left to tell what has been told.
+  // Asked until they have told: fewer and fewer Gaussians are left to tell it again.
+  std::vector<Eigen::Vector3d> asked = of_things;
   bool spares_things = false;
   for (int round = 0; round < kStandingRounds; ++round) {
     const StandingOverTop standing = FindStandingOverTop(table, stations, RotatingDepths(stations, backend),
-                                                         backend->GetPlacement(), of_things);
+                                                         backend->GetPlacement(), asked);
     spares_things = spares_things || standing.spares_things;
+    if (spares_things) asked.clear();
     if (standing.gaussians.empty() || !spares_things) break;
     count += standing.gaussians.size();
     LeaveOut(standing.gaussians, "over the table's top, where photos see what stands still by its tint",
              backend, reporter);
+    if (kWorthARound * standing.gaussians.size() < count) break;
   }
   return count;
 }
