@@ -46,7 +46,7 @@ class SceneTable {
 
   /// Adds a table of the rotating part to a mask of what rotates.
   void AddToMask(const PinholeView& view, PixelMask* mask) const;
-  /// Draws it into depths and normals, where photos do not show its shape.
+  /// Draws it into depths and normals, unless photos show its shape and not that it is a plane.
   void DrawIntoMaps(const PinholeView& view, RenderedView* drawn) const;
   /// Where a photo of the scene shows the top itself, of its StationView's size; without pixels where nothing
   /// is known of it. \param load  as Find's.
@@ -72,7 +72,7 @@ class SceneTable {
                      Backend* backend, Reporter& reporter);
 
   std::optional<RotatingRegion> in_masks_;  // where it is known whose it is
-  std::optional<RotatingRegion> in_maps_;   // the same, where photos do not show its shape
+  std::optional<RotatingRegion> in_maps_;   // the same, where its shape is not left to splats
   std::optional<SeenTop> seen_top_;
   std::optional<TexturedTop> known_texture_;
 };

@@ -6,12 +6,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "s2gs/core/rng.h"
-#include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
 #include "tests/s2gs/table/table_on_ground.h"
@@ -123,21 +123,14 @@ TEST(SceneTable, LayersAreTakenOutWherePhotosShowTexture) {
 void SpeckleTop(bool is_turning, TrainingScene* scene) {
   for (size_t i = 0; i < scene->photos.size(); ++i) {
     ScenePhoto& photo = scene->photos[i];
-    const RegionView top({TurntableAxis(), 0.85, kTableTop, kTableTop}, photo.view);
-    const Rigid3 object_from_cam = photo.view.cam_from_object.Inverse();
-    for (int y = 0; y < photo.view.height; ++y) {
-      for (int x = 0; x < photo.view.width; ++x) {
-        const std::optional<RegionHit> hit = top.At(x, y);
-        if (!hit) continue;
-        const Eigen::Vector3d ray((x + 0.5 - photo.view.cx) / photo.view.fx,
-                                  (y + 0.5 - photo.view.cy) / photo.view.fy, 1);
-        const Eigen::Vector3d place = object_from_cam * (hit->depth * ray);
-        const auto bits = RandomBits(is_turning ? 7 : 70 + i, static_cast<int>(std::floor(place.x() / 0.06)),
-                                     static_cast<int>(std::floor(place.y() / 0.06)));
-        if (bits.words[0] % 3 == 0)
-          std::fill_n(photo.image.Pixel(x, y), 3, static_cast<uint8_t>(40 + bits.words[1] % 60));
-      }
-    }
+    const auto speckle = [&](int x, int y, const Eigen::Vector2d& place) {
+      if (!(place.norm() < 0.85)) return;
+      const auto bits = RandomBits(is_turning ? 7 : 70 + i, static_cast<int>(std::floor(place.x() / 0.06)),
+                                   static_cast<int>(std::floor(place.y() / 0.06)));
+      if (bits.words[0] % 3 == 0)
+        std::fill_n(photo.image.Pixel(x, y), 3, static_cast<uint8_t>(40 + bits.words[1] % 60));
+    };
+    ForTopPixels(photo.view, photo.view.cam_from_object.Inverse(), speckle);
   }
 }
 

@@ -104,23 +104,29 @@ std::vector<StationPhotos> LoadStations(const TrainingScene& scene) {
       scene, [](const ScenePhoto& photo) { return photo.image; }, silent);
 }
 
+void ForTopPixels(const PinholeView& view, const Rigid3& frame_from_cam,
+                  const std::function<void(int, int, const Eigen::Vector2d&)>& work) {
+  const Eigen::Vector3d from = frame_from_cam.translation;
+  for (int y = 0; y < view.height; ++y) {
+    for (int x = 0; x < view.width; ++x) {
+      const Eigen::Vector3d ray = frame_from_cam.rotation * Eigen::Vector3d((x + 0.5 - view.cx) / view.fx,
+                                                                            (y + 0.5 - view.cy) / view.fy, 1);
+      const Eigen::Vector3d on_top = from + (kTableTop - from.z()) / ray.z() * ray;
+      if (on_top.head<2>().norm() < kTableRadius) work(x, y, on_top.head<2>());
+    }
+  }
+}
+
 Image8 ShadeTop(Image8 photo, const PinholeView& view,
                 const std::function<bool(const Eigen::Vector2d&)>& is_shaded,
                 const std::array<double, 3>& factors) {
-  const Rigid3 world_from_cam = view.cam_from_world.Inverse();
-  const Eigen::Vector3d from = world_from_cam.translation;
-  for (int y = 0; y < photo.height; ++y) {
-    for (int x = 0; x < photo.width; ++x) {
-      const Eigen::Vector3d ray = world_from_cam.rotation * Eigen::Vector3d((x + 0.5 - view.cx) / view.fx,
-                                                                            (y + 0.5 - view.cy) / view.fy, 1);
-      const Eigen::Vector3d on_top = from + (kTableTop - from.z()) / ray.z() * ray;
-      if (!(on_top.head<2>().norm() < kTableRadius) || !is_shaded(on_top.head<2>())) continue;
-      for (int c = 0; c < 3; ++c) {
-        uint8_t& value = photo.Pixel(x, y)[c];
-        value = static_cast<uint8_t>(std::lround(value * factors[c]));
-      }
+  ForTopPixels(view, view.cam_from_world.Inverse(), [&](int x, int y, const Eigen::Vector2d& place) {
+    if (!is_shaded(place)) return;
+    for (int c = 0; c < 3; ++c) {
+      uint8_t& value = photo.Pixel(x, y)[c];
+      value = static_cast<uint8_t>(std::lround(value * factors[c]));
     }
-  }
+  });
   return photo;
 }
 

@@ -55,6 +55,11 @@ class PlainTableTest : public testing::TestWithParam<TopLook> {
   std::optional<PlainTop> top;
 };
 
+/// The pixels in which a view shows the table's top, as if nothing stood there: column, row, and x and y of
+/// its place. \param frame_from_cam  of the frame in which that is, the world's or the object's.
+void ForTopPixels(const PinholeView& view, const Rigid3& frame_from_cam,
+                  const std::function<void(int, int, const Eigen::Vector2d&)>& work);
+
 /// A photo where light is so much weaker, by channel, where it falls on these places of the top's plane,
 /// which the photo shows as if nothing stood there. \param is_shaded  of x and y in the world.
 Image8 ShadeTop(Image8 photo, const PinholeView& view,

@@ -82,17 +82,9 @@ TEST(TexturedTop, SaysWhetherPhotosAgreeAllOverThePlane) {
   // Half of it plain: of six sectors those at its border know the border.
   for (size_t i = 0; i < stations[0].images.size(); ++i) {
     const PinholeView& view = stations[0].views[i];
-    const RegionView top(TableRegion(), view);
-    const Rigid3 object_from_cam = view.cam_from_object.Inverse();
-    for (int y = 0; y < view.height; ++y) {
-      for (int x = 0; x < view.width; ++x) {
-        const std::optional<RegionHit> hit = top.At(x, y);
-        if (!hit) continue;
-        const Eigen::Vector3d ray((x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1);
-        const Eigen::Vector3d place = object_from_cam * (hit->depth * ray);
-        if (place.x() > 0) std::fill_n(stations[0].images[i].Pixel(x, y), 3, uint8_t{120});
-      }
-    }
+    ForTopPixels(view, view.cam_from_object.Inverse(), [&](int x, int y, const Eigen::Vector2d& place) {
+      if (place.x() > 0) std::fill_n(stations[0].images[i].Pixel(x, y), 3, uint8_t{120});
+    });
   }
   EXPECT_LT(share(0), 0.9);
   EXPECT_GT(share(0), 0.5);
