@@ -161,6 +161,14 @@ PrincipalPointTest TestPinholes(const JointOptions& options, const JointProblem&
   return test;
 }
 
+// Whether pinholes' principal points bear out what was found with distortion: they leave the lens' own
+// tolerance, and lie nearer to what was found than to the middle. A lens that is a little beside it across the
+// axis is no ground for a shift along it.
+bool BearsOut(const Vector2d& pinholes_shift, const Vector2d& found_shift) {
+  const double from_middle = pinholes_shift.norm();
+  return from_middle > kMostLensShift && (pinholes_shift - found_shift).norm() < from_middle;
+}
+
 }  // namespace
 
 PrincipalPointPrior CutPhotoPrior(const Camera& camera, const Vector2d& expected_px) {
@@ -240,7 +248,7 @@ FreedPrincipalPoint FitPrincipalPoint(const JointOptions& options, const JointPr
     const PrincipalPointTest pinholes =
         TestPinholes(options, held_problem, problem, freed.test.overdispersion, reporter);
     freed.test.gain = std::min(freed.test.gain, pinholes.gain);
-    freed.test.accepted = freed.test.gain > 0 && pinholes.shift.norm() > kMostLensShift;
+    freed.test.accepted = freed.test.gain > 0 && BearsOut(pinholes.shift, freed.test.shift);
     if (!freed.test.accepted) return freed;
     const std::optional<double> of_shift = TwiceLogOddsByShift(options, problem, freed.solved);
     if (of_shift) freed.test.gain = std::min(freed.test.gain, *of_shift);
