@@ -77,26 +77,39 @@ struct Tally {
   }
   // The same by points of things, of which some are lost; nothing where so few say nothing: less than
   // kChance of them would be lost if all that is refuted were things'.
-  std::optional<bool> TakesThings(int points, int points_lost) const {
-    const double if_all_were = static_cast<double>(points) * (high_lost + low_lost) / std::max(1, high + low);
+  std::optional<bool> TakesThings(const Tally& points) const {
+    const double if_all_were = static_cast<double>(points.Count()) * CountLost() / std::max(1, Count());
     if (if_all_were < kChance) return std::nullopt;
-    return points_lost > kMaxLost * if_all_were;
+    return points.CountLost() > kMaxLost * if_all_were;
+  }
+  int Count() const { return high + low; }
+  int CountLost() const { return high_lost + low_lost; }
+};
+
+// By the top's own light, and by other colours what that does not refute.
+struct Tallies {
+  Tally by_light;
+  Tally by_colors;
+
+  explicit Tallies(const std::vector<Votes>& votes) {
+    for (const Votes& of : votes) {
+      if (!of.IsJudged()) continue;
+      by_light.Add(of.height, of.LitRefutes());
+      if (!of.LitRefutes()) by_colors.Add(of.height, of.ColorsRefute());
+    }
   }
 };
 
 // Shadows and borders ask for things that bear them out; the top's own light for none that speak against it.
-TopEvidence ChooseEvidence(const std::vector<Votes>& votes) {
-  Tally by_light;
-  Tally by_colors;
-  for (const Votes& of : votes) {
-    if (!of.IsJudged()) continue;
-    by_light.Add(of.height, of.LitRefutes());
-    if (!of.LitRefutes()) by_colors.Add(of.height, of.ColorsRefute());
-  }
-  if (by_light.TakesThings(-kChance)) return TopEvidence::kNone;
-  return by_colors.low_lost > 0 && !by_colors.TakesThings(kChance) && by_colors.high > 0
-             ? TopEvidence::kColors
-             : TopEvidence::kLight;
+TopEvidence ChooseEvidence(const std::vector<Votes>& votes, const std::vector<Votes>& votes_of_points) {
+  const Tallies gaussians(votes);
+  const Tallies points(votes_of_points);
+  if (gaussians.by_light.TakesThings(points.by_light).value_or(gaussians.by_light.TakesThings(-kChance)))
+    return TopEvidence::kNone;
+  const Tally& by_colors = gaussians.by_colors;
+  const bool takes_things =
+      by_colors.TakesThings(points.by_colors).value_or(by_colors.TakesThings(kChance) || by_colors.high == 0);
+  return by_colors.low_lost > 0 && !takes_things ? TopEvidence::kColors : TopEvidence::kLight;
 }
 
 // A photo of the stations.
@@ -200,13 +213,31 @@ double HeightOverTop(const Eigen::Vector3d& x, const RotatingRegion& table) {
   return (x - table.axis.point).dot(table.axis.direction) - table.high;
 }
 
-std::optional<OverTop> PlaceOverTop(const Placement& gaussians, size_t i, const RotatingRegion& table,
+std::optional<OverTop> PlaceOverTop(const Eigen::Vector3d& x, const RotatingRegion& table,
                                     double pixel_size) {
-  const float* centre = gaussians.centre.data() + 3 * i;
-  const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
-  if (!x.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return std::nullopt;
   const double height = HeightOverTop(x, table);
   return height > pixel_size ? std::optional<OverTop>({x, height}) : std::nullopt;
+}
+
+// By Gaussian; nothing for what does not rotate.
+std::vector<std::optional<OverTop>> PlacesOverTop(const Placement& gaussians, const RotatingRegion& table,
+                                                  double pixel_size) {
+  std::vector<std::optional<OverTop>> places(gaussians.size());
+  for (size_t i = 0; i < places.size(); ++i) {
+    const float* centre = gaussians.centre.data() + 3 * i;
+    const Eigen::Vector3d x(centre[0], centre[1], centre[2]);
+    if (x.allFinite() && IsForeground(gaussians.foreground_logit[i]))
+      places[i] = PlaceOverTop(x, table, pixel_size);
+  }
+  return places;
+}
+
+std::vector<std::optional<OverTop>> PlacesOverTop(const std::vector<Eigen::Vector3d>& points,
+                                                  const RotatingRegion& table, double pixel_size) {
+  std::vector<std::optional<OverTop>> places;
+  places.reserve(points.size());
+  for (const Eigen::Vector3d& x : points) places.push_back(PlaceOverTop(x, table, pixel_size));
+  return places;
 }
 
 // All photos of the stations, as they are. \param look  at a photo of a station: its sights.
@@ -223,15 +254,14 @@ std::vector<Witness> Witnesses(const std::vector<StationPhotos>& stations,
   return witnesses;
 }
 
-// Of those over the top for which `is_asked` of what is known of them, by Gaussian.
+// Of those over the table for which `is_asked` of what is known of them, by place.
 void Judge(const std::vector<Witness>& witnesses, const RotatingRegion& table, double pixel_size,
-           const Placement& gaussians, const std::function<bool(const Votes&)>& is_asked,
-           std::vector<Votes>* votes) {
+           const std::vector<std::optional<OverTop>>& places,
+           const std::function<bool(const Votes&)>& is_asked, std::vector<Votes>* votes) {
   constexpr int64_t kAtOnce = 1000;  // that one thread looks at
-  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
-    const auto i = static_cast<size_t>(gaussian);
-    const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
-    Votes& of = (*votes)[i];
+  ParallelFor(static_cast<int64_t>(places.size()), 0, kAtOnce, [&](int64_t place) {
+    const std::optional<OverTop>& over = places[static_cast<size_t>(place)];
+    Votes& of = (*votes)[static_cast<size_t>(place)];
     if (!over || !is_asked(of) ||
         (over->x - table.axis.point - (over->height + table.high) * table.axis.direction).norm() >
             table.radius)
@@ -242,10 +272,19 @@ void Judge(const std::vector<Witness>& witnesses, const RotatingRegion& table, d
   });
 }
 
-// What of these the photos refute, in ascending order; the evidence is chosen by all of them.
-LayersOverTop Refuted(const std::vector<Votes>& votes) {
+std::vector<Votes> Judge(const std::vector<Witness>& witnesses, const RotatingRegion& table,
+                         double pixel_size, const std::vector<std::optional<OverTop>>& places) {
+  std::vector<Votes> votes(places.size());
+  Judge(
+      witnesses, table, pixel_size, places, [](const Votes&) { return true; }, &votes);
+  return votes;
+}
+
+// What of these the photos refute, in ascending order; the evidence is chosen by all of them and by points of
+// things.
+LayersOverTop Refuted(const std::vector<Votes>& votes, const std::vector<Votes>& votes_of_points) {
   LayersOverTop layers;
-  layers.evidence = ChooseEvidence(votes);
+  layers.evidence = ChooseEvidence(votes, votes_of_points);
   for (size_t i = 0; i < votes.size(); ++i) {
     if (votes[i].Refutes(layers.evidence)) layers.gaussians.push_back(static_cast<uint32_t>(i));
   }
@@ -255,7 +294,8 @@ LayersOverTop Refuted(const std::vector<Votes>& votes) {
 }  // namespace
 
 LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                const DepthsWithout& depths_without, const Placement& gaussians) {
+                                const DepthsWithout& depths_without, const Placement& gaussians,
+                                const std::vector<Eigen::Vector3d>& of_things) {
   const RotatingRegion& table = top.table();
   const std::vector<std::vector<float>> depths = depths_without({});
   std::vector<Witness> witnesses =
@@ -263,9 +303,10 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
         return top.Look(photo, view, station);
       });
   const double pixel_size = PixelAtAxis(stations, table.axis);
-  std::vector<Votes> votes(gaussians.size());
-  Judge(
-      witnesses, table, pixel_size, gaussians, [](const Votes&) { return true; }, &votes);
+  const std::vector<std::optional<OverTop>> places = PlacesOverTop(gaussians, table, pixel_size);
+  const std::vector<std::optional<OverTop>> points = PlacesOverTop(of_things, table, pixel_size);
+  std::vector<Votes> votes = Judge(witnesses, table, pixel_size, places);
+  std::vector<Votes> votes_of_points = Judge(witnesses, table, pixel_size, points);
   // What stays although each shadow is counted hides the top: no shadow on it is seen behind. That it stands
   // there is known by photos alone: neither layers hide each other nor what only they let stay.
   std::vector<uint32_t> hides_nothing = FindRotatingIn(table, pixel_size, gaussians);
@@ -280,9 +321,10 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
     const std::vector<std::vector<float>> kept = depths_without(hides_nothing);
     for (size_t k = 0; k < witnesses.size(); ++k)
       ForgetHiddenShadows(table, *witnesses[k].view, kept[k], &witnesses[k].sights);
-    Judge(witnesses, table, pixel_size, gaussians, is_in_shadow, &votes);
+    Judge(witnesses, table, pixel_size, places, is_in_shadow, &votes);
+    Judge(witnesses, table, pixel_size, points, is_in_shadow, &votes_of_points);
   }
-  LayersOverTop layers = Refuted(votes);
+  LayersOverTop layers = Refuted(votes, votes_of_points);
   layers.hides_nothing = std::move(hides_nothing);
   return layers;
 }
@@ -295,18 +337,16 @@ std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
       Witnesses(stations, depths, [&top](const Image8& photo, const PinholeView& view, int /*station*/) {
         return top.Sights(photo, view);
       });
-  std::vector<Votes> votes(gaussians.size());
-  Judge(
-      witnesses, top.table(), PixelAtAxis(stations, top.table().axis), gaussians,
-      [](const Votes&) { return true; }, &votes);
-  Tally tally;
+  const RotatingRegion& table = top.table();
+  const double pixel_size = PixelAtAxis(stations, table.axis);
+  const std::vector<Votes> votes =
+      Judge(witnesses, table, pixel_size, PlacesOverTop(gaussians, table, pixel_size));
+  // Points say nothing here: those of the top's own texture lie about it.
+  if (Tallies(votes).by_light.TakesThings(-kChance)) return {};
   std::vector<uint32_t> layers;
   for (size_t i = 0; i < votes.size(); ++i) {
-    if (!votes[i].IsJudged()) continue;
-    tally.Add(votes[i].height, votes[i].LitRefutes());
-    if (votes[i].LitRefutes()) layers.push_back(static_cast<uint32_t>(i));
+    if (votes[i].IsJudged() && votes[i].LitRefutes()) layers.push_back(static_cast<uint32_t>(i));
   }
-  if (tally.TakesThings(-kChance)) return {};
   return layers;
 }
 
@@ -338,13 +378,16 @@ StandingOverTop FindStandingOverTop(const RotatingRegion& table, const std::vect
     return Asked{over.height / table.radius, votes.same + votes.changes >= kLeastLit,
                  votes.tinted >= kLeastLit && votes.tinted > votes.changes};
   };
-  std::vector<Asked> asked(gaussians.size());
-  constexpr int64_t kAtOnce = 1000;  // that one thread looks at
-  ParallelFor(static_cast<int64_t>(gaussians.size()), 0, kAtOnce, [&](int64_t gaussian) {
-    const auto i = static_cast<size_t>(gaussian);
-    const std::optional<OverTop> over = PlaceOverTop(gaussians, i, table, pixel_size);
-    if (over) asked[i] = ask(*over);
-  });
+  const auto ask_all = [&](const std::vector<std::optional<OverTop>>& places) {
+    std::vector<Asked> asked(places.size());
+    constexpr int64_t kAtOnce = 1000;  // that one thread looks at
+    ParallelFor(static_cast<int64_t>(places.size()), 0, kAtOnce, [&](int64_t place) {
+      const auto i = static_cast<size_t>(place);
+      if (places[i]) asked[i] = ask(*places[i]);
+    });
+    return asked;
+  };
+  const std::vector<Asked> asked = ask_all(PlacesOverTop(gaussians, table, pixel_size));
   Tally tally;
   StandingOverTop standing;
   for (size_t i = 0; i < asked.size(); ++i) {
@@ -353,19 +396,11 @@ StandingOverTop FindStandingOverTop(const RotatingRegion& table, const std::vect
     if (asked[i].stands) standing.gaussians.push_back(static_cast<uint32_t>(i));
   }
   if (standing.gaussians.empty()) return standing;
-  std::vector<Asked> asked_points(of_things.size());
-  ParallelFor(static_cast<int64_t>(of_things.size()), 0, kAtOnce, [&](int64_t i) {
-    const Eigen::Vector3d& x = of_things[static_cast<size_t>(i)];
-    const double height = HeightOverTop(x, table);
-    if (height > pixel_size) asked_points[static_cast<size_t>(i)] = ask({x, height});
-  });
-  int points = 0;
-  int points_lost = 0;
-  for (const Asked& point : asked_points) {
-    points += point.is_judged ? 1 : 0;
-    points_lost += point.is_judged && point.stands ? 1 : 0;
+  Tally points;
+  for (const Asked& point : ask_all(PlacesOverTop(of_things, table, pixel_size))) {
+    if (point.is_judged) points.Add(point.height, point.stands);
   }
-  standing.spares_things = !tally.TakesThings(points, points_lost).value_or(tally.TakesThings(kChance));
+  standing.spares_things = !tally.TakesThings(points).value_or(tally.TakesThings(kChance));
   return standing;
 }
 

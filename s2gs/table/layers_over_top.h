@@ -54,11 +54,13 @@ struct LayersOverTop {
 /// them explains; or in a shadow on it, where nothing stands before the top that would
 /// stay if each shadow counted. A thing may have a
 /// shadow's colour, so that shadows count, and borders next to the top in its light do not, only where hardly
-/// any Gaussian goes for it that stands too high for a layer; never where no thing is so high. None where
-/// things go for the top's own light, too. \param stations  Learn's. \param depths_without  of the model
-/// with these Gaussians.
+/// any point of things goes for it; where points are too few to tell, hardly any Gaussian that stands too
+/// high for a layer, and never where no thing is so high. None where things go for the top's own light, too.
+/// \param stations  Learn's. \param depths_without  of the model with these Gaussians. \param of_things
+/// points that turn for sure, as tracks through several photos do.
 LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPhotos>& stations,
-                                const DepthsWithout& depths_without, const Placement& gaussians);
+                                const DepthsWithout& depths_without, const Placement& gaussians,
+                                const std::vector<Eigen::Vector3d>& of_things);
 
 /// The same by a top's own texture, which photos show in more of them than chance and than another texture
 /// there that nothing before them explains: a thing is not what photos agree on at the top's plane. In

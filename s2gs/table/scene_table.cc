@@ -105,7 +105,9 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   // Photos show the shape of a top that has texture and turns, unless they show that it is the plane.
   const bool is_plane = texture && texture->AgreedShare() >= kAgreedOfPlane;
   if (table.rim->IsUndecided() || !is_textured || is_plane) table.in_maps_ = region;
-  if (options.clear_plain_top) table.ClearPlainTop(scene, stations, options.draw_seen, backend, reporter);
+  const std::vector<Eigen::Vector3d> of_things = SurePointsOfThings(scene.points);
+  if (options.clear_plain_top)
+    table.ClearPlainTop(scene, stations, of_things, options.draw_seen, backend, reporter);
   if (texture && options.clear_plain_top) {
     const std::vector<uint32_t> layers =
         FindLayersOverTexture(*texture, stations, RotatingDepths(stations, backend), backend->GetPlacement());
@@ -120,7 +122,6 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   }
   if (options.draw_seen && is_textured) table.known_texture_ = texture;
   if (!options.cut_around) return table;
-  const std::vector<Eigen::Vector3d> of_things = SurePointsOfThings(scene.points);
   table.num_over_top += ClearStanding(stations, region, of_things, backend, reporter);
   const std::vector<uint32_t> standing =
       FindStandingAroundTable(stations, region, backend->GetPlacement(), of_things);
@@ -131,11 +132,12 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
 
 // Of what training builds over a plain top.
 void SceneTable::ClearPlainTop(const TrainingScene& scene, const std::vector<StationPhotos>& stations,
-                               bool draw_seen, Backend* backend, Reporter& reporter) {
+                               const std::vector<Eigen::Vector3d>& of_things, bool draw_seen,
+                               Backend* backend, Reporter& reporter) {
   const std::optional<PlainTop> top = PlainTop::Learn(stations, rim->region);
   if (!top) return;
-  const LayersOverTop layers =
-      FindLayersOverTop(*top, stations, RotatingDepthsWithout(stations, backend), backend->GetPlacement());
+  const LayersOverTop layers = FindLayersOverTop(*top, stations, RotatingDepthsWithout(stations, backend),
+                                                 backend->GetPlacement(), of_things);
   num_over_top = layers.gaussians.size();
   if (draw_seen) {
     seen_top_ = SeenTop{*top, layers.evidence, {}};

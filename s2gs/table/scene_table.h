@@ -68,8 +68,9 @@ class SceneTable {
     // By photo and pixel, of what hides shadows on the top behind it; 0 where nothing does.
     std::map<std::string, std::vector<float>> hiding_depths;
   };
-  void ClearPlainTop(const TrainingScene& scene, const std::vector<StationPhotos>& stations, bool draw_seen,
-                     Backend* backend, Reporter& reporter);
+  void ClearPlainTop(const TrainingScene& scene, const std::vector<StationPhotos>& stations,
+                     const std::vector<Eigen::Vector3d>& of_things, bool draw_seen, Backend* backend,
+                     Reporter& reporter);
 
   std::optional<RotatingRegion> in_masks_;  // where it is known whose it is
   std::optional<RotatingRegion> in_maps_;   // the same, where its shape is not left to splats

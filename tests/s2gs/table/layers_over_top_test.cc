@@ -64,9 +64,9 @@ TEST_P(LayersOverTopTest, AreFoundAndWhatStandsOnTheCardStays) {
     add(0.75, angle, kTableTop + 0.5 * kTablePixel, 5);
     add(0.75, angle, kTableBottom, 5);
   }
-  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians, expected);
-  EXPECT_TRUE(FindLayersOverTop(
-                  *top, {}, [](const auto&) { return std::vector<std::vector<float>>(); }, gaussians)
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians, expected);
+  EXPECT_TRUE(FindLayersOverTop(*top, {}, [](const auto&) { return std::vector<std::vector<float>>(); },
+                                gaussians, {})
                   .gaussians.empty());
 }
 
@@ -91,15 +91,15 @@ TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
   ASSERT_TRUE(top);
   Placement gaussians;
   Add(x, 5, &gaussians);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians.empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians.empty());
   // Was the thing before it, none of them says that it is there; and none sees the top.
   const DepthsWithout hidden = [](const std::vector<uint32_t>&) { return AllAt(1); };
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians, {}).gaussians.empty());
   // Where photos see the top instead, it is not there; a single one may be chance.
   stations[0].images[3] = scene.photos[3].image;
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, hidden, gaussians, {}).gaussians.empty());
   for (int i = 0; i < kTablePhotos; ++i) stations[0].images[i] = scene.photos[i].image;
-  EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians).gaussians.size(), 1U);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, hidden, gaussians, {}).gaussians.size(), 1U);
 }
 
 // What is too high for a layer and goes for the top's light is a thing of its paint; a few may float.
@@ -110,9 +110,33 @@ TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
     Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
   const size_t num_layers = gaussians.size();
   for (int i = 0; i < 3; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
-  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians.size(), num_layers + 3);
+  EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians.size(),
+            num_layers + 3);
   for (int i = 3; i < 40; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
-  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians).gaussians.empty());
+  EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians.empty());
+}
+
+// Points that turn for sure tell more of that than how high what goes is.
+TEST_P(LayersOverTopTest, GoHoweverHighWherePointsOfThingsStay) {
+  ASSERT_TRUE(top);
+  Placement gaussians;
+  for (double angle = 0; angle < 6; angle += 0.25) {
+    for (const double height : {0.1, 0.45})
+      Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + height}, 5, &gaussians);
+  }
+  for (int i = 0; i < 48; ++i) Add({0.1, 0, kTableTop + 1.2 * kTablePixel}, 5, &gaussians);
+  const auto find = [&](const std::vector<Eigen::Vector3d>& of_things) {
+    return FindLayersOverTop(*top, stations, NothingIsThere, gaussians, of_things).gaussians.size();
+  };
+  EXPECT_EQ(find({}), 0U);
+  // Half of what is judged goes: that much of five points is chance, and of six is three.
+  std::vector<Eigen::Vector3d> of_things(5, {0.1, 0, kTableTop + 1.2 * kTablePixel});
+  EXPECT_EQ(find(of_things), 0U);
+  of_things.push_back(of_things.front());
+  EXPECT_EQ(find(of_things), 48U);
+  // One of them that goes is a quarter of four.
+  of_things.back() = {0.75, 0, kTableTop + 0.1};
+  EXPECT_EQ(find(of_things), 0U);
 }
 
 // A thing high over a table whose middle no light reaches, and layers between both.
@@ -156,7 +180,7 @@ class LayersInShadow : public testing::Test {
   std::vector<uint32_t> Find(const DepthsWithout& depths_without = NothingIsThere) const {
     const std::optional<PlainTop> top = PlainTop::Learn(stations, TableRegion());
     EXPECT_TRUE(top);
-    return top ? FindLayersOverTop(*top, stations, depths_without, gaussians).gaussians
+    return top ? FindLayersOverTop(*top, stations, depths_without, gaussians, of_things).gaussians
                : std::vector<uint32_t>();
   }
 
@@ -164,6 +188,7 @@ class LayersInShadow : public testing::Test {
   TrainingScene scene;
   std::vector<StationPhotos> stations;
   Placement gaussians;
+  std::vector<Eigen::Vector3d> of_things;
   size_t num_layers = 0;
 };
 
@@ -454,7 +479,7 @@ TEST_P(LayersOverTopTest, AreFoundByLightBeforeWhatStays) {
   const DepthsWithout others_stay = [](const std::vector<uint32_t>& left_out) {
     return left_out.empty() ? NothingHides() : AllAt(1);
   };
-  EXPECT_EQ(FindLayersOverTop(*top, stations, others_stay, gaussians).gaussians.size(), gaussians.size());
+  EXPECT_EQ(FindLayersOverTop(*top, stations, others_stay, gaussians, {}).gaussians.size(), gaussians.size());
 }
 
 TEST(HiddenShadows, AreForgottenAndNothingElse) {
@@ -485,6 +510,16 @@ TEST(HiddenShadows, AreForgottenAndNothingElse) {
     EXPECT_EQ(sights, expected) << off;
   }
   EXPECT_GT(num_hidden, 500U);
+}
+
+// However low it is, where points of it look so.
+TEST_F(LayersInShadow, StayWherePointsOfThingsLookLikeAShadow) {
+  Paint(thing, kTablePhotos, OwnColor);
+  of_things.assign(10, thing);
+  EXPECT_EQ(Find().size(), num_layers);
+  for (int i = 0; i < 3; ++i)
+    of_things[static_cast<size_t>(i)] = {gaussians.centre[0], gaussians.centre[1], gaussians.centre[2]};
+  EXPECT_TRUE(Find().empty());
 }
 
 TEST_F(LayersInShadow, StayBelowAThingThatLooksLikeAShadow) {
