@@ -160,8 +160,8 @@ class Refiner {
     }
     if (num_accepted == 0 || !*is_clear_) return;
     if (num_carved_ == 0) num_accepted_ = num_accepted;
-    // Vertices that no photo shows move as far as those around them.
-    SpreadPixels();
+    // Vertices that no photo shows move as far as those around them. Of what was carved none may be shown.
+    if (!SpreadPixels()) return;
     // A pass says where the surface is and takes the place of those before: were its own moves made smooth
     // and added to theirs, their noise would stay.
     for (size_t i = 0; i < count; ++i) observations[i].offset += moved_[i] / pixels_[i];
@@ -286,18 +286,20 @@ class Refiner {
     return {offset, trust * sharpness};
   }
 
-  void SpreadPixels() {
+  // \return  whether there is any.
+  bool SpreadPixels() {
     double sum = 0;
     int64_t num_known = 0;
     for (size_t i = 0; i < pixels_.size(); ++i) {
       sum += pixels_[i];
       num_known += is_known_[i];
     }
-    if (num_known == 0) return;
+    if (num_known == 0) return false;
     const auto mean = static_cast<float>(sum / static_cast<double>(num_known));
     for (size_t i = 0; i < pixels_.size(); ++i) {
       if (is_known_[i] == 0) pixels_[i] = mean;
     }
+    return true;
   }
 
   const MeshRefinementOptions& options_;

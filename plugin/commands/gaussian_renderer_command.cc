@@ -217,6 +217,7 @@ class Renderer {
     line["gaussians_over_top"] = table_.num_over_top;
     line["top_seen"] = table_.IsTopSeen();
     if (table_.textured_share) line["textured_share"] = *table_.textured_share;
+    line["top_is_plane"] = table_.is_plane;
     if (table_.circle) {
       const Eigen::Vector3d top = scene_.axis->point + table_.circle->height * scene_.axis->direction;
       line["top"] = (scene_.origin + scene_.size * top).dot(scene_.axis->direction);

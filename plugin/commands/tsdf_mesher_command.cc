@@ -142,7 +142,8 @@ void Flatten(const TablePlane& plane, const std::vector<uint32_t>& top, Triangle
 // A table's top as the renderer found it.
 struct KnownTop {
   TablePlane plane;
-  bool is_seen = false;  // where photos show it is known.
+  bool is_seen = false;   // where photos show it is known.
+  bool is_plane = false;  // by its texture, photos show that.
 };
 
 std::optional<KnownTop> ReadTop(const Workspace& workspace, const RefinementPhotoSource& photos) {
@@ -157,24 +158,26 @@ std::optional<KnownTop> ReadTop(const Workspace& workspace, const RefinementPhot
   const TurntableAxis axis = ReadTurntableFile(workspace.Turntable()).axis;
   const bool is_z = axis.direction.z() > kAlongZ && axis.point.head<2>().norm() < kOffZ * plane.radius;
   if (!is_z) return std::nullopt;
-  return KnownTop{plane, line.contains("top_seen") && line["top_seen"] == true};
+  const auto is_true = [&](const char* name) { return line.contains(name) && line[name] == true; };
+  return KnownTop{plane, is_true("top_seen"), is_true("top_is_plane")};
 }
 
-// Where the renderer found its rim and photos see no texture on it, which would tell its shape.
-// \return  whether it was made its plane.
-bool FlattenTable(const TablePlane& plane, const RefinementPhotoSource& photos,
+// Where the renderer found its rim and photos see no texture on it, which would tell its shape, or its
+// texture shows that it is the plane. \return  whether it was made its plane.
+bool FlattenTable(const KnownTop& known, const RefinementPhotoSource& photos,
                   const MeshRefinementOptions& options, Reporter& reporter, TriangleMesh* mesh) {
   if (mesh->triangles.empty()) return false;
-  const std::vector<uint32_t> top = LevelFromRim(plane, *mesh);
+  const std::vector<uint32_t> top = LevelFromRim(known.plane, *mesh);
   if (top.empty()) return false;
   ComputeNormals(mesh);
   const std::optional<double> textured = TexturedShare(photos, top, options, *mesh, reporter);
   if (!textured) return false;
-  const bool is_plain = *textured < kMaxTextured;
-  if (is_plain) Flatten(plane, top, mesh);
-  reporter.Info(fmt::format("{:.0f} % of the table's top have texture: its {} vertices {}", 100 * *textured,
-                            top.size(), is_plain ? "are moved to its plane" : "stay where photos see them"));
-  return is_plain;
+  const bool is_plane = known.is_plane || *textured < kMaxTextured;
+  if (is_plane) Flatten(known.plane, top, mesh);
+  reporter.Info(fmt::format("{:.0f} % of the table's top have texture{}: its {} vertices {}", 100 * *textured,
+                            known.is_plane ? ", which shows that it is a plane" : "", top.size(),
+                            is_plane ? "are moved to its plane" : "stay where photos see them"));
+  return is_plane;
 }
 
 // s2gs/mesh_log.jsonl: what the photos say of the mesh over time, as the training's log does.
@@ -235,7 +238,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   std::optional<KnownTop> top;
   if (cleanup.is_axis_known) top = ReadTop(workspace, GreyPhotos(files));
   const bool is_flat = options.flatten_table && top &&
-                       FlattenTable(top->plane, GreyPhotos(files), options.refinement, reporter, &mesh);
+                       FlattenTable(*top, GreyPhotos(files), options.refinement, reporter, &mesh);
   // First what is not the object: it would hide the object from the photos.
   MeshCleanupOptions clusters_only = cleanup;
   clusters_only.max_hole_edges = 0;

@@ -28,8 +28,11 @@ constexpr int kLeastSeen = 3;
 constexpr double kBehind = 3;  // [px], of a surface that hides what lies further behind it
 // What stands so high over the top [radii] is a thing and no layer, but for few.
 constexpr double kHigh = 0.4;
-// Of what goes because a thing does not have the top's colours, this may be the thing's.
+// Of what goes because a thing does not have the top's colours, this may be the thing's; what is high may
+// float.
 constexpr double kMaxLost = 0.25;
+// The same by points, which do not. Things that kept their shape lost .05 at most, one of .22 its lower half.
+constexpr double kMaxLostOfPoints = 0.1;
 constexpr int kChance =
     3;  // None is chance while three are expected (one in twenty), and so are three of few.
 
@@ -80,7 +83,7 @@ struct Tally {
   std::optional<bool> TakesThings(const Tally& points) const {
     const double if_all_were = static_cast<double>(points.Count()) * CountLost() / std::max(1, Count());
     if (if_all_were < kChance) return std::nullopt;
-    return points.CountLost() > kMaxLost * if_all_were;
+    return points.CountLost() > kMaxLostOfPoints * if_all_were;
   }
   int Count() const { return high + low; }
   int CountLost() const { return high_lost + low_lost; }

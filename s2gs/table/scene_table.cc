@@ -103,8 +103,8 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
   if (options.clear_plain_top || (options.draw_seen && is_textured))
     texture = TexturedTop::Learn(stations, region);
   // Photos show the shape of a top that has texture and turns, unless they show that it is the plane.
-  const bool is_plane = texture && texture->AgreedShare() >= kAgreedOfPlane;
-  if (table.rim->IsUndecided() || !is_textured || is_plane) table.in_maps_ = region;
+  table.is_plane = is_textured && texture && texture->AgreedShare() >= kAgreedOfPlane;
+  if (table.rim->IsUndecided() || !is_textured || table.is_plane) table.in_maps_ = region;
   const std::vector<Eigen::Vector3d> of_things = SurePointsOfThings(scene.points);
   if (options.clear_plain_top)
     table.ClearPlainTop(scene, stations, of_things, options.draw_seen, backend, reporter);

@@ -57,6 +57,7 @@ class SceneTable {
   std::optional<TableRim> rim;
   std::optional<TableCircle> circle;     ///< by the photos.
   std::optional<double> textured_share;  /// of the top; by the photos.
+  bool is_plane = false;                 ///< by its texture, the photos show that it is.
   size_t num_around = 0;                 ///< Gaussians that were taken out.
   size_t num_over_top = 0;
 

@@ -134,9 +134,12 @@ TEST_P(LayersOverTopTest, GoHoweverHighWherePointsOfThingsStay) {
   EXPECT_EQ(find(of_things), 0U);
   of_things.push_back(of_things.front());
   EXPECT_EQ(find(of_things), 48U);
-  // One of them that goes is a quarter of four.
+  // One that goes is less than a tenth of ten and a half of 21 alone.
   of_things.back() = {0.75, 0, kTableTop + 0.1};
+  of_things.resize(19, of_things.front());
   EXPECT_EQ(find(of_things), 0U);
+  of_things.resize(21, of_things.front());
+  EXPECT_EQ(find(of_things), 48U);
 }
 
 // A thing high over a table whose middle no light reaches, and layers between both.
@@ -269,12 +272,13 @@ TEST_F(StandingOverTopTest, IsHighWherePointsOfThingsStay) {
   of_things.emplace_back(0, 0, kTableTop + 0.48);
   EXPECT_EQ(Find(), both);
 
-  // Points below or on the top say nothing. One of 7 that goes is a quarter of 3.8.
+  // Points below or on the top say nothing. One that goes is a tenth of 9.8 of 18, and of 10.4 of 19 less.
   of_things.emplace_back(0.95, 0, kTableTop);
   EXPECT_EQ(Find(), both);
   of_things.back().z() = kTableTop + 0.3;
+  of_things.resize(18, of_things.front());
   EXPECT_TRUE(Find().empty());
-  for (int i = 0; i < 2; ++i) of_things.emplace_back(0, 0, kTableTop + 0.46 + 0.005 * i);
+  of_things.push_back(of_things.front());
   EXPECT_EQ(Find(), both);
 }
 

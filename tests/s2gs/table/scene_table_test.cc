@@ -119,21 +119,6 @@ TEST(SceneTable, LayersAreTakenOutWherePhotosShowTexture) {
   EXPECT_EQ(table.num_over_top, seen_through);
 }
 
-// Speckles the top within .85 radii, one tile in three, with what turns or anew in each photo.
-void SpeckleTop(bool is_turning, TrainingScene* scene) {
-  for (size_t i = 0; i < scene->photos.size(); ++i) {
-    ScenePhoto& photo = scene->photos[i];
-    const auto speckle = [&](int x, int y, const Eigen::Vector2d& place) {
-      if (!(place.norm() < 0.85)) return;
-      const auto bits = RandomBits(is_turning ? 7 : 70 + i, static_cast<int>(std::floor(place.x() / 0.06)),
-                                   static_cast<int>(std::floor(place.y() / 0.06)));
-      if (bits.words[0] % 3 == 0)
-        std::fill_n(photo.image.Pixel(x, y), 3, static_cast<uint8_t>(40 + bits.words[1] % 60));
-    };
-    ForTopPixels(photo.view, photo.view.cam_from_object.Inverse(), speckle);
-  }
-}
-
 // Splats tell of a top that turns, but photos that agree on its texture all over the plane show its shape.
 TEST(SceneTable, ATopThatPhotosShowToBeThePlaneIsDrawnAsOne) {
   for (const bool is_turning : {true, false}) {
@@ -151,6 +136,7 @@ TEST(SceneTable, ATopThatPhotosShowToBeThePlaneIsDrawnAsOne) {
     ASSERT_TRUE(table.circle);
     ASSERT_FALSE(table.rim->IsUndecided());
     ASSERT_GE(*table.textured_share, 0.5);
+    EXPECT_EQ(table.is_plane, is_turning);
     EXPECT_EQ(backend->Count(), is_turning ? 1 : 3);
     const PinholeView& view = scene.photos.front().view;
     const size_t count = static_cast<size_t>(view.width) * view.height;

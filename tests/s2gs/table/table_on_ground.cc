@@ -130,4 +130,18 @@ Image8 ShadeTop(Image8 photo, const PinholeView& view,
   return photo;
 }
 
+void SpeckleTop(bool is_turning, TrainingScene* scene) {
+  for (size_t i = 0; i < scene->photos.size(); ++i) {
+    ScenePhoto& photo = scene->photos[i];
+    const auto speckle = [&](int x, int y, const Eigen::Vector2d& place) {
+      if (!(place.norm() < 0.85)) return;
+      const auto bits = RandomBits(is_turning ? 7 : 70 + i, static_cast<int>(std::floor(place.x() / 0.06)),
+                                   static_cast<int>(std::floor(place.y() / 0.06)));
+      if (bits.words[0] % 3 == 0)
+        std::fill_n(photo.image.Pixel(x, y), 3, static_cast<uint8_t>(40 + bits.words[1] % 60));
+    };
+    ForTopPixels(photo.view, photo.view.cam_from_object.Inverse(), speckle);
+  }
+}
+
 }  // namespace s2gs

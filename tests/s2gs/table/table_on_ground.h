@@ -66,4 +66,7 @@ Image8 ShadeTop(Image8 photo, const PinholeView& view,
                 const std::function<bool(const Eigen::Vector2d&)>& is_shaded,
                 const std::array<double, 3>& factors);
 
+/// Speckles the top within .85 radii, one tile in three, with what turns or anew in each photo.
+void SpeckleTop(bool is_turning, TrainingScene* scene);
+
 }  // namespace s2gs
