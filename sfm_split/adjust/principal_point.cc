@@ -162,8 +162,8 @@ PrincipalPointTest TestPinholes(const JointOptions& options, const JointProblem&
 }
 
 // Whether pinholes' principal points bear out what was found with distortion: they leave the lens' own
-// tolerance, and lie nearer to what was found than to the middle. A lens that is a little beside it across the
-// axis is no ground for a shift along it.
+// tolerance, and lie nearer to what was found than to the middle. A lens that is a little beside it across
+// the axis is no ground for a shift along it.
 bool BearsOut(const Vector2d& pinholes_shift, const Vector2d& found_shift) {
   const double from_middle = pinholes_shift.norm();
   return from_middle > kMostLensShift && (pinholes_shift - found_shift).norm() < from_middle;

@@ -218,8 +218,8 @@ TEST(PrincipalPoint, KeypointsThatSlideAreNoCut) {
 }
 
 // A lens that is a little more than its tolerance beside the middle, across the axis, is no ground for what
-// sliding keypoints ask for along it. Measured: taken for its own gain at 204 to 418 of twice the logarithm of
-// the odds, 128 to 203 px off along the axis; held, 22 px off across it, which are there.
+// sliding keypoints ask for along it. Measured: taken for its own gain at 204 to 418 of twice the logarithm
+// of the odds, 128 to 203 px off along the axis; held, 22 px off across it, which are there.
 TEST(PrincipalPoint, ALittleAcrossTheAxisIsNoGroundForMoreAlongIt) {
   for (uint64_t seed = 1; seed <= 6; ++seed) {
     const CutScan scan(seed, 1, {0.035, 0}, 0, 0.4);
