@@ -10,7 +10,7 @@ namespace s2gs {
 /// The slope across a line through a place, each step the mean of three lines beside each other.
 class EdgeProfile {
  public:
-  static constexpr double kStepPx = 0.25;
+  static constexpr double kStepPx = 0.25;  ///< a quarter of what pixels tell apart.
 
   /// \param reach_px  on either side.
   EdgeProfile(const EdgePicture& picture, const SearchedCircles::Crossing& at, double reach_px);

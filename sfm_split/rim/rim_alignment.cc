@@ -21,6 +21,7 @@ constexpr int kRounds = 30;                // at most
 constexpr double kTurnRad = 10 * kDegree;  // how far poses may be wrong: what the rim does not tell stays
 constexpr double kShift = 0.3;             // the same, of the camera's distance from the axis' point
 constexpr double kSettled = 1e-6;          // relative change of the cost
+// Of the diagonal: less is Gauss and Newton's step, more moves by less than is settled.
 constexpr double kLeastDamping = 1e-9;
 constexpr double kMostDamping = 1e6;
 

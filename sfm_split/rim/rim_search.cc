@@ -20,15 +20,15 @@ namespace {
 using Eigen::Vector2d;
 using Row = Eigen::Matrix<double, 1, kNumUnknowns>;
 
-constexpr int kDirections = 72;
+constexpr int kDirections = 72;  // of the circle, at which edges are looked for: every 5 degrees
 constexpr std::array<double, 6> kReachesPx = {6, 4, 3, 2, 2, 2};  // of edges, round after round
 constexpr double kOnItPx = 1;                                     // an edge that is the rim's
 constexpr double kAroundPx = 12;                                  // how far edges are counted that are not
 constexpr double kDeviations = 3;                                 // of what changes about the rim: an edge
-constexpr double kLeastSlope = 2;  // grey values over two pixels: less is compression
-constexpr double kMinShare = 0.5;  // half of a circle tells its middle
-constexpr double kMaxFalseAlarms = 1e-3;
-constexpr int kArcs = 16;            // whose edges err together: the rim is worn, or has a shadow
+constexpr double kLeastSlope = 2;         // grey values over two pixels: less is compression
+constexpr double kMinShare = 0.5;         // half of a circle tells its middle
+constexpr double kMaxFalseAlarms = 1e-3;  // circles that chance finds in a scan: one in a thousand scans
+constexpr int kArcs = 16;                 // whose edges err together: the rim is worn, or has a shadow
 constexpr double kLeastArcPx = 0.4;  // a judgement: rims are rounded; on rendered ones arcs lie .1 to .3 off
 constexpr int kRobustRounds = 10;    // weights settle to a hundredth
 
