@@ -212,13 +212,9 @@ struct OverTop {
   double height = 0;  // over the top
 };
 
-double HeightOverTop(const Eigen::Vector3d& x, const RotatingRegion& table) {
-  return (x - table.axis.point).dot(table.axis.direction) - table.high;
-}
-
 std::optional<OverTop> PlaceOverTop(const Eigen::Vector3d& x, const RotatingRegion& table,
                                     double pixel_size) {
-  const double height = HeightOverTop(x, table);
+  const double height = (x - table.axis.point).dot(table.axis.direction) - table.high;
   return height > pixel_size ? std::optional<OverTop>({x, height}) : std::nullopt;
 }
 
@@ -283,15 +279,13 @@ std::vector<Votes> Judge(const std::vector<Witness>& witnesses, const RotatingRe
   return votes;
 }
 
-// What of these the photos refute, in ascending order; the evidence is chosen by all of them and by points of
-// things.
-LayersOverTop Refuted(const std::vector<Votes>& votes, const std::vector<Votes>& votes_of_points) {
-  LayersOverTop layers;
-  layers.evidence = ChooseEvidence(votes, votes_of_points);
+// In ascending order.
+std::vector<uint32_t> RefutedBy(TopEvidence evidence, const std::vector<Votes>& votes) {
+  std::vector<uint32_t> refuted;
   for (size_t i = 0; i < votes.size(); ++i) {
-    if (votes[i].Refutes(layers.evidence)) layers.gaussians.push_back(static_cast<uint32_t>(i));
+    if (votes[i].Refutes(evidence)) refuted.push_back(static_cast<uint32_t>(i));
   }
-  return layers;
+  return refuted;
 }
 
 }  // namespace
@@ -327,9 +321,8 @@ LayersOverTop FindLayersOverTop(const PlainTop& top, const std::vector<StationPh
     Judge(witnesses, table, pixel_size, places, is_in_shadow, &votes);
     Judge(witnesses, table, pixel_size, points, is_in_shadow, &votes_of_points);
   }
-  LayersOverTop layers = Refuted(votes, votes_of_points);
-  layers.hides_nothing = std::move(hides_nothing);
-  return layers;
+  const TopEvidence evidence = ChooseEvidence(votes, votes_of_points);
+  return {RefutedBy(evidence, votes), std::move(hides_nothing), evidence};
 }
 
 std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
@@ -346,11 +339,7 @@ std::vector<uint32_t> FindLayersOverTexture(const TexturedTop& top,
       Judge(witnesses, table, pixel_size, PlacesOverTop(gaussians, table, pixel_size));
   // Points say nothing here: those of the top's own texture lie about it.
   if (Tallies(votes).by_light.TakesThings(-kChance)) return {};
-  std::vector<uint32_t> layers;
-  for (size_t i = 0; i < votes.size(); ++i) {
-    if (votes[i].IsJudged() && votes[i].LitRefutes()) layers.push_back(static_cast<uint32_t>(i));
-  }
-  return layers;
+  return RefutedBy(TopEvidence::kLight, votes);
 }
 
 StandingOverTop FindStandingOverTop(const RotatingRegion& table, const std::vector<StationPhotos>& stations,

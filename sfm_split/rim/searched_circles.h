@@ -62,7 +62,7 @@ class SearchedCircles {
     Eigen::Vector2d xy, normal;
   };
   std::optional<Crossing> Cross(const Frame& frame, double radius, double phi) const {
-    constexpr double kDelta = 1e-3;  // [rad], and of the radius: a tenth of a pixel of a circle in a photo
+    constexpr double kDelta = 1e-3;  // [rad], and of the radius: less than a pixel of a circle in a photo
     const std::optional<Eigen::Vector2d> here = Place(frame, radius, phi);
     const std::optional<Eigen::Vector2d> next = Place(frame, radius, phi + kDelta);
     const std::optional<Eigen::Vector2d> farther = Place(frame, radius * (1 + kDelta), phi);

@@ -133,8 +133,13 @@ class TableWorkspace : public testing::Test {
       }
     }
   }
-  static Vector3d RayOf(const PinholeView& view, int x, int y) {
+  static Vector3d RayOf(const PinholeView& view, double x, double y) {
     return {(x + 0.5 - view.cx) / view.fx, (y + 0.5 - view.cy) / view.fy, 1};
+  }
+
+  // In the object's frame, of a value of a map: that of its pixel's upper left corner.
+  static Vector3d RayOfValue(const PinholeView& view, int x, int y) {
+    return view.cam_from_object.Inverse().rotation * RayOf(view, x - 0.5, y - 0.5);
   }
 
   static std::vector<ReferenceGaussian> TowerSplats() {
@@ -224,9 +229,7 @@ TEST_F(TableWorkspace, TableOfThePhotosIsInMasksAndMaps) {
     size_t of_top = 0;
     for (int y = 0; y < depth.height; ++y) {
       for (int x = 0; x < depth.width; ++x) {
-        // Maps hold the values of the pixels' upper left corners.
-        const Vector3d ray((x - photo.view.cx) / kFocal, (y - photo.view.cy) / kFocal, 1);
-        const Vector3d in_object = object_from_cam.rotation * ray;
+        const Vector3d in_object = RayOfValue(photo.view, x, y);
         const double to_top = (kTableTop - object_from_cam.translation.z()) / in_object.z();
         const Vector3d at = object_from_cam.translation + to_top * in_object;
         // Near the rim, on the camera's side, where nothing stands before it.
@@ -273,8 +276,8 @@ TEST_F(TableWorkspace, ATopWithTextureIsThePlaneThatPhotosShow) {
     ColmapMap map = ReadColmapMap(workspace_.DepthMap(photo.name), 1);
     const Rigid3 object_from_cam = photo.view.cam_from_object.Inverse();
     for (size_t p = 0; p < map.values.size(); ++p) {
-      const Vector3d ray = object_from_cam.rotation * RayOf(photo.view, static_cast<int>(p) % map.width,
-                                                            static_cast<int>(p) / map.width);
+      const Vector3d ray =
+          RayOfValue(photo.view, static_cast<int>(p) % map.width, static_cast<int>(p) / map.width);
       const Vector3d at = object_from_cam.translation + map.values[p] * ray;
       const bool is_top = map.values[p] > 0 && std::abs(at.z() - kTableTop) < 2 * kTablePixel;
       if (is_top) map.values[p] += static_cast<float>(kTablePixel * std::sin(20 * at.x()) / ray.z());
@@ -311,8 +314,7 @@ TEST_F(TableWorkspace, WhatPhotosSeeThroughIsNoPartOfTheMesh) {
     const Rigid3 object_from_cam = photo.view.cam_from_object.Inverse();
     for (int y = 0; y < map.height; ++y) {
       for (int x = 0; x < map.width; ++x) {
-        const Vector3d ray = object_from_cam.rotation *
-                             Vector3d((x - photo.view.cx) / kFocal, (y - photo.view.cy) / kFocal, 1);
+        const Vector3d ray = RayOfValue(photo.view, x, y);
         const double depth = (kLayer.z() - object_from_cam.translation.z()) / ray.z();
         const Vector3d off = object_from_cam.translation + depth * ray - kLayer;
         float& value = map.values[static_cast<size_t>(y) * static_cast<size_t>(map.width) + x];

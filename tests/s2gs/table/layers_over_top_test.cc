@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <functional>
 #include <numeric>
 #include <optional>
 #include <vector>
@@ -19,25 +18,8 @@
 namespace s2gs {
 namespace {
 
-std::vector<std::vector<float>> NothingHides() {
-  return std::vector<std::vector<float>>(kTablePhotos,
-                                         std::vector<float>(kTablePhotoWidth * kTablePhotoHeight, 0));
-}
-
-// The same depth everywhere.
-std::vector<std::vector<float>> AllAt(float depth) {
-  std::vector<std::vector<float>> depths = NothingHides();
-  for (std::vector<float>& of_photo : depths) std::fill(of_photo.begin(), of_photo.end(), depth);
-  return depths;
-}
-
 std::vector<std::vector<float>> NothingIsThere(const std::vector<uint32_t>& /*left_out*/) {
   return NothingHides();
-}
-
-void Add(const Eigen::Vector3d& x, float logit, Placement* gaussians) {
-  for (int k = 0; k < 3; ++k) gaussians->centre.push_back(static_cast<float>(x[k]));
-  gaussians->foreground_logit.push_back(logit);
 }
 
 class LayersOverTopTest : public PlainTableTest {};
@@ -51,7 +33,7 @@ TEST_P(LayersOverTopTest, AreFoundAndWhatStandsOnTheCardStays) {
   Placement gaussians;
   std::vector<uint32_t> expected;
   const auto add = [&](double radius, double angle, double height, float logit) {
-    Add({radius * std::cos(angle), radius * std::sin(angle), height}, logit, &gaussians);
+    AddGaussian({radius * std::cos(angle), radius * std::sin(angle), height}, logit, &gaussians);
   };
   for (double angle = 0; angle < 6; angle += 0.25) {
     for (const double height : {0.1, 0.2}) {
@@ -90,7 +72,7 @@ TEST_P(LayersOverTopTest, AreNotWhatReachesOverIt) {
   top = PlainTop::Learn(stations, TableRegion());
   ASSERT_TRUE(top);
   Placement gaussians;
-  Add(x, 5, &gaussians);
+  AddGaussian(x, 5, &gaussians);
   EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians.empty());
   // Was the thing before it, none of them says that it is there; and none sees the top.
   const DepthsWithout hidden = [](const std::vector<uint32_t>&) { return AllAt(1); };
@@ -107,12 +89,12 @@ TEST_P(LayersOverTopTest, StayWhereAThingGoesForTheTopsLight) {
   ASSERT_TRUE(top);
   Placement gaussians;
   for (double angle = 0; angle < 6; angle += 0.25)
-    Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+    AddGaussian({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
   const size_t num_layers = gaussians.size();
-  for (int i = 0; i < 3; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
+  for (int i = 0; i < 3; ++i) AddGaussian({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
   EXPECT_EQ(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians.size(),
             num_layers + 3);
-  for (int i = 3; i < 40; ++i) Add({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
+  for (int i = 3; i < 40; ++i) AddGaussian({0.5, 0, kTableTop + 0.41 + 0.001 * i}, 5, &gaussians);
   EXPECT_TRUE(FindLayersOverTop(*top, stations, NothingIsThere, gaussians, {}).gaussians.empty());
 }
 
@@ -122,9 +104,9 @@ TEST_P(LayersOverTopTest, GoHoweverHighWherePointsOfThingsStay) {
   Placement gaussians;
   for (double angle = 0; angle < 6; angle += 0.25) {
     for (const double height : {0.1, 0.45})
-      Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + height}, 5, &gaussians);
+      AddGaussian({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + height}, 5, &gaussians);
   }
-  for (int i = 0; i < 48; ++i) Add({0.1, 0, kTableTop + 1.2 * kTablePixel}, 5, &gaussians);
+  for (int i = 0; i < 48; ++i) AddGaussian({0.1, 0, kTableTop + 1.2 * kTablePixel}, 5, &gaussians);
   const auto find = [&](const std::vector<Eigen::Vector3d>& of_things) {
     return FindLayersOverTop(*top, stations, NothingIsThere, gaussians, of_things).gaussians.size();
   };
@@ -153,9 +135,9 @@ class LayersInShadow : public testing::Test {
           [](const Eigen::Vector2d& x) { return x.norm() < 0.78 || x.x() < -0.5; }, {0.5, 0.55, 0.6});
     }
     for (double angle = 0; angle < 6; angle += 0.25)
-      Add({0.55 * std::cos(angle), 0.55 * std::sin(angle), kTableTop + 0.08}, 5, &gaussians);
+      AddGaussian({0.55 * std::cos(angle), 0.55 * std::sin(angle), kTableTop + 0.08}, 5, &gaussians);
     num_layers = gaussians.size();
-    for (int i = 0; i < 40; ++i) Add(thing + Eigen::Vector3d(0, 0, 0.001 * i), 5, &gaussians);
+    for (int i = 0; i < 40; ++i) AddGaussian(thing + Eigen::Vector3d(0, 0, 0.001 * i), 5, &gaussians);
   }
 
   // \param color_of  by pixel.
@@ -195,140 +177,12 @@ class LayersInShadow : public testing::Test {
   size_t num_layers = 0;
 };
 
-// A wall of rotating Gaussians on the rim, and a thing on the axis that looks alike as it turns, before
-// smooth ground.
-class StandingOverTopTest : public testing::Test {
- protected:
-  StandingOverTopTest() : scene(TableOnGround(kTablePhotos, TopLook::kPlain)) {
-    for (double angle = 0; angle < 6; angle += 0.25)
-      Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.2}, 5, &gaussians);
-    num_wall = gaussians.size();
-    for (int i = 0; i < 40; ++i) Add({0, 0, kTableTop + 0.45 + 0.001 * i}, 5, &gaussians);
-  }
-
-  // \param red, blue  of the ground at the picture's column, which is no table's, from 0 to 1.
-  void Paint(const std::function<double(double)>& red, const std::function<double(double)>& blue) {
-    for (ScenePhoto& photo : scene.photos) {
-      PixelMask table{photo.image.width, photo.image.height, {}};
-      table.inside.assign(photo.image.pixels.size() / 3, 0);
-      AddRegion(TableRegion(), photo.view, &table);
-      AddRegion({TurntableAxis(), 0.15, kTableTop, kTableTop + 0.6}, photo.view, &table);
-      for (size_t i = 0; i < table.inside.size(); ++i) {
-        if (table.inside[i] != 0) continue;
-        const double column = static_cast<double>(i % kTablePhotoWidth) / kTablePhotoWidth;
-        photo.image.pixels[3 * i] = static_cast<uint8_t>(red(column));
-        photo.image.pixels[3 * i + 1] = 120;
-        photo.image.pixels[3 * i + 2] = static_cast<uint8_t>(blue(column));
-      }
-    }
-    stations = LoadStations(scene);
-  }
-
-  std::vector<uint32_t> Find() const {
-    const StandingOverTop found =
-        FindStandingOverTop(TableRegion(), stations, NothingHides(), gaussians, of_things);
-    return found.spares_things ? found.gaussians : std::vector<uint32_t>();
-  }
-
-  TrainingScene scene;
-  std::vector<StationPhotos> stations;
-  Placement gaussians;
-  std::vector<Eigen::Vector3d> of_things;
-  size_t num_wall = 0;
-};
-
-TEST_F(StandingOverTopTest, IsKnownByTheTintOfTheGroundBehind) {
-  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
-  std::vector<uint32_t> wall(num_wall);
-  std::iota(wall.begin(), wall.end(), 0);
-  EXPECT_EQ(Find(), wall);
-  EXPECT_TRUE(FindStandingOverTop(TableRegion(), {}, {}, gaussians, {}).gaussians.empty());
-
-  // What is known to be before it says nothing of it.
-  EXPECT_TRUE(FindStandingOverTop(TableRegion(), stations, AllAt(1), gaussians, {}).gaussians.empty());
-
-  // Nor can a thing be told from it that is so high and goes for the same reason.
-  for (double angle = 0; angle < 6; angle += 0.25)
-    Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.45}, 5, &gaussians);
-  EXPECT_TRUE(Find().empty());
-}
-
-// Points that turn for sure tell whether the same would take things, however high what goes is.
-TEST_F(StandingOverTopTest, IsHighWherePointsOfThingsStay) {
-  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
-  for (double angle = 0; angle < 6; angle += 0.25)
-    Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.45}, 5, &gaussians);
-  std::vector<uint32_t> both(num_wall);
-  std::iota(both.begin(), both.end(), 0);
-  for (size_t i = num_wall + 40; i < gaussians.size(); ++i) both.push_back(static_cast<uint32_t>(i));
-  ASSERT_EQ(both.size(), 2 * num_wall);
-
-  // If all that goes, 48 of 88, were things', 3.3 of 6 points would go with it, and 2.7 of 5, which may be 0
-  // by chance.
-  for (int i = 0; i < 5; ++i) of_things.emplace_back(0, 0, kTableTop + 0.45 + 0.005 * i);
-  EXPECT_TRUE(Find().empty());
-  EXPECT_EQ(FindStandingOverTop(TableRegion(), stations, NothingHides(), gaussians, of_things).gaussians,
-            both);
-  of_things.emplace_back(0, 0, kTableTop + 0.48);
-  EXPECT_EQ(Find(), both);
-
-  // Points below or on the top say nothing. One that goes is a tenth of 9.8 of 18, and of 10.4 of 19 less.
-  of_things.emplace_back(0.95, 0, kTableTop);
-  EXPECT_EQ(Find(), both);
-  of_things.back().z() = kTableTop + 0.3;
-  of_things.resize(18, of_things.front());
-  EXPECT_TRUE(Find().empty());
-  of_things.push_back(of_things.front());
-  EXPECT_EQ(Find(), both);
-}
-
-// Light may fall on a thing that turns as it does on that ground.
-TEST_F(StandingOverTopTest, IsNotKnownByGreyGround) {
-  Paint([](double) { return 120; }, [](double) { return 120; });
-  EXPECT_TRUE(Find().empty());
-}
-
-// Photos show the wall, of one tint.
-TEST_F(StandingOverTopTest, IsNotWhatPhotosShowTurning) {
-  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
-  for (size_t i = 0; i < kTablePhotos; ++i) {
-    const PinholeView& view = stations[0].views[i];
-    for (size_t k = 0; k < num_wall; k += 2) {
-      const float* x = &gaussians.centre[3 * k];
-      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * Eigen::Vector3d(x[0], x[1], x[2]));
-      uint8_t* color = stations[0].images[i].Pixel(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
-      color[0] = color[1] = 230;
-      color[2] = 20;
-    }
-  }
-  for (const uint32_t i : Find()) EXPECT_EQ(i % 2, 1U);
-  EXPECT_GT(Find().size(), num_wall / 3);
-}
-
-// More photos show the wall than another tint behind it.
-TEST_F(StandingOverTopTest, IsNotWhatMorePhotosShowTurning) {
-  Paint([](double column) { return 60 + 120 * column; }, [](double column) { return 180 - 120 * column; });
-  for (size_t i = 0; i < kTablePhotos; ++i) {
-    if (i % 3 == 2) continue;
-    const PinholeView& view = stations[0].views[i];
-    for (size_t k = 0; k < num_wall; k += 2) {
-      const float* x = &gaussians.centre[3 * k];
-      const Eigen::Vector2d pixel = *PixelOf(view, view.cam_from_object * Eigen::Vector3d(x[0], x[1], x[2]));
-      uint8_t* color = stations[0].images[i].Pixel(static_cast<int>(pixel.x()), static_cast<int>(pixel.y()));
-      color[0] = color[1] = 230;
-      color[2] = 20;
-    }
-  }
-  for (const uint32_t i : Find()) EXPECT_EQ(i % 2, 1U);
-  EXPECT_GT(Find().size(), num_wall / 3);
-}
-
 // A table all of whose top has texture, layers over it, and a thing of another texture in each photo.
 class LayersOverTexture : public testing::Test {
  protected:
   LayersOverTexture() : stations(LoadStations(TableOnGround(kTablePhotos, TopLook::kTiled))) {
     for (double angle = 0; angle < 6; angle += 0.25) {
-      Add({0.6 * std::cos(angle), 0.6 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+      AddGaussian({0.6 * std::cos(angle), 0.6 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
     }
     num_layers = gaussians.size();
     for (size_t i = 0; i < stations[0].views.size(); ++i) {
@@ -355,10 +209,10 @@ class LayersOverTexture : public testing::Test {
 };
 
 TEST_F(LayersOverTexture, AreFoundAndAThingStays) {
-  Add(thing, 5, &gaussians);
-  Add({0.6, 0, kTableTop + 0.1}, -5, &gaussians);  // stands still
-  Add({1.2, 0, kTableTop + 0.1}, 5, &gaussians);   // beside the table
-  Add({0.6, 0, kTableTop + 0.5 * kTablePixel}, 5, &gaussians);
+  AddGaussian(thing, 5, &gaussians);
+  AddGaussian({0.6, 0, kTableTop + 0.1}, -5, &gaussians);  // stands still
+  AddGaussian({1.2, 0, kTableTop + 0.1}, 5, &gaussians);   // beside the table
+  AddGaussian({0.6, 0, kTableTop + 0.5 * kTablePixel}, 5, &gaussians);
   std::vector<uint32_t> layers(num_layers);
   std::iota(layers.begin(), layers.end(), 0);
   EXPECT_EQ(Find(NothingHides()), layers);
@@ -369,7 +223,7 @@ TEST_F(LayersOverTexture, AreFoundAndAThingStays) {
 // As many of what is too high for a layer go for the same reason: things with the table's own pattern.
 TEST_F(LayersOverTexture, StayWhereAThingGoesForTheTopsTexture) {
   for (double angle = 0; angle < 6; angle += 0.15)
-    Add({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.41}, 5, &gaussians);
+    AddGaussian({0.95 * std::cos(angle), 0.95 * std::sin(angle), kTableTop + 0.41}, 5, &gaussians);
   EXPECT_TRUE(Find(NothingHides()).empty());
 }
 
@@ -459,8 +313,8 @@ TEST_F(LayersInShadow, StayWhereMorePhotosShowBordersThanShadows) {
 TEST_F(LayersInShadow, AreHiddenByNothingButWhatPhotosShow) {
   Paint(thing, kTablePhotos, OwnColor);
   const auto at_top = static_cast<uint32_t>(gaussians.size());
-  Add({0.5, 0.2, kTableTop}, 5, &gaussians);
-  Add({0, 0, kTableTop + 1}, 5, &gaussians);  // before the ground, where no photo tells
+  AddGaussian({0.5, 0.2, kTableTop}, 5, &gaussians);
+  AddGaussian({0, 0, kTableTop + 1}, 5, &gaussians);  // before the ground, where no photo tells
   std::vector<uint32_t> expected(num_layers);
   std::iota(expected.begin(), expected.end(), 0);
   expected.push_back(at_top);
@@ -479,7 +333,7 @@ TEST_P(LayersOverTopTest, AreFoundByLightBeforeWhatStays) {
   ASSERT_TRUE(top);
   Placement gaussians;
   for (double angle = 0; angle < 6; angle += 0.25)
-    Add({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
+    AddGaussian({0.75 * std::cos(angle), 0.75 * std::sin(angle), kTableTop + 0.1}, 5, &gaussians);
   const DepthsWithout others_stay = [](const std::vector<uint32_t>& left_out) {
     return left_out.empty() ? NothingHides() : AllAt(1);
   };

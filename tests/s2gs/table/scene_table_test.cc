@@ -6,12 +6,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
 
-#include "s2gs/core/rng.h"
 #include "sfm_split/base/angles.h"
 #include "tests/s2gs/backend/reference_render.h"
 #include "tests/s2gs/table/table_on_ground.h"

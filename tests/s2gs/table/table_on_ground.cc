@@ -1,6 +1,7 @@
 #include "tests/s2gs/table/table_on_ground.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 
 #include "s2gs/core/rng.h"
@@ -142,6 +143,22 @@ void SpeckleTop(bool is_turning, TrainingScene* scene) {
     };
     ForTopPixels(photo.view, photo.view.cam_from_object.Inverse(), speckle);
   }
+}
+
+std::vector<std::vector<float>> NothingHides() {
+  return std::vector<std::vector<float>>(kTablePhotos,
+                                         std::vector<float>(kTablePhotoWidth * kTablePhotoHeight, 0));
+}
+
+std::vector<std::vector<float>> AllAt(float depth) {
+  std::vector<std::vector<float>> depths = NothingHides();
+  for (std::vector<float>& of_photo : depths) std::fill(of_photo.begin(), of_photo.end(), depth);
+  return depths;
+}
+
+void AddGaussian(const Eigen::Vector3d& x, float logit, Placement* gaussians) {
+  for (int k = 0; k < 3; ++k) gaussians->centre.push_back(static_cast<float>(x[k]));
+  gaussians->foreground_logit.push_back(logit);
 }
 
 }  // namespace s2gs

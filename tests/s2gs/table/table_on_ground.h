@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "s2gs/backend/backend.h"
 #include "s2gs/core/rotating_region.h"
 #include "s2gs/image/image_file.h"
 #include "s2gs/scene/training_scene.h"
@@ -68,5 +69,12 @@ Image8 ShadeTop(Image8 photo, const PinholeView& view,
 
 /// Speckles the top within .85 radii, one tile in three, with what turns or anew in each photo.
 void SpeckleTop(bool is_turning, TrainingScene* scene);
+
+/// Depths by photo and pixel: nothing is there, or the same everywhere.
+std::vector<std::vector<float>> NothingHides();
+std::vector<std::vector<float>> AllAt(float depth);
+
+/// \param logit  of the probability that it rotates.
+void AddGaussian(const Eigen::Vector3d& x, float logit, Placement* gaussians);
 
 }  // namespace s2gs
