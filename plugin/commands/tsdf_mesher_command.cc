@@ -86,6 +86,13 @@ void Report(const TsdfSummary& tsdf, Reporter& reporter) {
   }
 }
 
+void Report(const DepthOutlineSummary& outlines, Reporter& reporter) {
+  reporter.Info(
+      fmt::format("{} vertices are on outlines of the depth maps; the mesh moved by {:+.2f} px outwards, "
+                  "{:.2f} px rms",
+                  outlines.num_vertices, outlines.mean_offset_px, outlines.rms_offset_px));
+}
+
 void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
   if (refinement.num_vertices == 0) {
     reporter.Warn(fmt::format("{} photos show the mesh: too few to refine it by", refinement.num_photos));
@@ -245,6 +252,10 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   clusters_only.smoothing_iterations = 0;
   clusters_only.max_triangles = 0;
   summary.cleanup = CleanMesh(clusters_only, reporter, &mesh);
+  if (options.move_to_outlines && !mesh.triangles.empty()) {
+    summary.outlines = MoveToDepthOutlines(views, options.refinement.num_threads, reporter, &mesh);
+    Report(summary.outlines, reporter);
+  }
   if (options.refinement.enabled && !mesh.triangles.empty()) {
     MeshRefinementOptions refinement = options.refinement;
     // What stands around a body that is not told from it hides the body's rough parts, which are lost then.
@@ -366,6 +377,9 @@ void RunTsdfMesher(CommandContext& context) {
       "flatten_table", &mesher.flatten_table,
       "move what leads level from the rim of a table's top inwards to its plane, where photos show that "
       "rim and no texture within it");
+  options.Add(
+      "move_to_outlines", &mesher.move_to_outlines,
+      "move the fused surface to where the outlines of the depth maps are, before the photos refine it");
   options.AddEnum("use_gpu", &mesher.tsdf.backend,
                   {{"auto", TsdfBackend::kAuto}, {"0", TsdfBackend::kCpu}, {"1", TsdfBackend::kCuda}},
                   "fuse on the GPU");

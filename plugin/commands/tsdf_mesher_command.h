@@ -5,6 +5,7 @@
 #include <string>
 
 #include "mesh/fusion/tsdf.h"
+#include "mesh/refine/depth_outlines.h"
 #include "mesh/refine/mesh_refinement.h"
 #include "mesh/surface/mesh_cleanup.h"
 #include "plugin/cli/command.h"
@@ -19,7 +20,8 @@ struct TsdfMesherOptions {
   std::filesystem::path mask_path;       ///< empty: dense/0/masks or, for photos without distortion, masks.
   std::string input_type = "geometric";  ///< of the maps' names: NAME.geometric.bin.
   bool use_normals = true;               ///< where there are normal maps.
-  bool flatten_table = true;  ///< where photos showed the rim (gaussian_renderer's mask_log.jsonl).
+  bool flatten_table = true;     ///< where photos showed the rim (gaussian_renderer's mask_log.jsonl).
+  bool move_to_outlines = true;  ///< to where the depth maps' outlines are (depth_outlines.h).
   TsdfOptions tsdf;
   MeshCleanupOptions cleanup;
   MeshRefinementOptions refinement;  ///< by the photos of dense/0.
@@ -30,6 +32,7 @@ struct TsdfMesherOptions {
 struct TsdfMesherSummary {
   TsdfSummary tsdf;
   MeshCleanupSummary cleanup;
+  DepthOutlineSummary outlines;
   MeshRefinementSummary refinement;
   std::filesystem::path output_path;
   int num_images = 0;            ///< of the dense model.

@@ -1,0 +1,198 @@
+#include "mesh/refine/depth_outlines.h"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "mesh/refine/offset_field.h"
+#include "mesh/refine/vertex_visibility.h"
+#include "mesh/surface/vertex_normals.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/parallel_for.h"
+
+namespace s2gs {
+namespace {
+
+// Between a ray and the surface at an outline: right angles, but for what a fused mesh's normals are off.
+constexpr float kMaxCosine = 0.35F;
+// How far from a vertex outlines are looked for along its normal, and in which steps [px].
+constexpr float kInwards = 4;
+constexpr float kOutwards = 6;
+constexpr float kStep = 0.5F;
+// The mesh's own outline lies so near to a vertex that is on it [px].
+constexpr float kOnOutline = 1.5F;
+// Within a pixel of its outline a surface of radius R falls by sqrt(2 R): by as much as this with 290 px.
+// What falls by more from one step to the next ends there, or begins [px at the vertex].
+constexpr float kJump = 24;
+// A vertex on an outline is a pixel before it or behind it, and as much nearer or farther than what ends.
+constexpr float kBeside = 2 * kJump;
+// Behind an outline so much must be far, too: less is a gap between splats [steps].
+constexpr int kStaysFar = 3;
+// Beside 1 for an outline, whose place is a whole pixel's: the mean over some edges' length counts.
+constexpr double kSmoothness = 30;
+// Pull to where the mesh is, for parts that have no outline.
+constexpr double kPrior = 1e-4;
+// Views whose offsets are held at once, before they are added up in one order.
+constexpr int kViewsPerTurn = 16;
+
+struct VertexOffset {
+  uint32_t vertex = 0;
+  float outwards = 0;  // [unit of the poses]
+};
+
+// Depths at the values' places in a map: infinite where there is nothing.
+struct DepthPicture {
+  int width = 0;
+  int height = 0;
+  std::vector<float> depths;
+};
+
+DepthPicture MapOf(const DepthView& view) {
+  DepthPicture map = {view.camera.width, view.camera.height, view.depths};
+  const Image8& mask = view.mask;
+  for (int row = 0; row < map.height; ++row) {
+    for (int column = 0; column < map.width; ++column) {
+      float& depth = map.depths[static_cast<size_t>(row) * map.width + column];
+      bool is_there = std::isfinite(depth) && depth > 0;
+      if (is_there && !mask.pixels.empty()) {
+        const auto x = static_cast<int64_t>(column) * mask.width / map.width;
+        const auto y = static_cast<int64_t>(row) * mask.height / map.height;
+        is_there = mask.pixels[static_cast<size_t>(y * mask.width + x)] != 0;
+      }
+      if (!is_there) depth = std::numeric_limits<float>::infinity();
+    }
+  }
+  return map;
+}
+
+// The camera that has the values' places of a map at its pixels' centres.
+ObjectView CameraAtValues(const DepthView& view) {
+  ObjectView camera = view.camera;
+  camera.cx += 0.5 - view.first_position.x();
+  camera.cy += 0.5 - view.first_position.y();
+  return camera;
+}
+
+// How far from `start` a surface that has depth `depth` there ends along `direction`, before something far
+// behind it [px]; nothing where it does not, or where what ends is something else.
+std::optional<float> EndOfSurface(const DepthPicture& map, const Eigen::Vector2f& start,
+                                  const Eigen::Vector2f& direction, float depth, float pixel) {
+  const auto depth_at = [&](float along) {
+    const Eigen::Vector2f p = start + along * direction;
+    return map.depths[static_cast<size_t>(p.y()) * map.width + static_cast<size_t>(p.x())];
+  };
+  float last = depth_at(-kInwards);
+  if (!std::isfinite(last)) return std::nullopt;
+  for (float along = kStep - kInwards; along <= kOutwards; along += kStep) {
+    const float there = depth_at(along);
+    if (there < last - kJump * pixel) return std::nullopt;  // something begins before it
+    if (there <= last + kJump * pixel) {
+      last = there;
+      continue;
+    }
+    if (!(std::abs(last - depth) < kBeside * pixel)) return std::nullopt;
+    for (int i = 1; i < kStaysFar; ++i) {
+      if (!(depth_at(along + static_cast<float>(i) * kStep) > last + kJump * pixel)) return std::nullopt;
+    }
+    return along;
+  }
+  return std::nullopt;
+}
+
+std::vector<VertexOffset> OffsetsIn(const DepthView& view, const TriangleMesh& mesh) {
+  const ObjectView camera = CameraAtValues(view);
+  const DepthPicture seen = MapOf(view);
+  const DepthPicture own = {seen.width, seen.height, RenderMeshDepth(mesh, camera)};
+  const Eigen::Matrix3f rotation = camera.cam_from_object.rotation.toRotationMatrix().cast<float>();
+  const Eigen::Vector3f translation = camera.cam_from_object.translation.cast<float>();
+  const Eigen::Array2f focal(static_cast<float>(camera.fx), static_cast<float>(camera.fy));
+  const Eigen::Vector2f principal(static_cast<float>(camera.cx), static_cast<float>(camera.cy));
+  const float border = kOutwards + kStaysFar * kStep;
+  std::vector<VertexOffset> offsets;
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const Eigen::Vector3f x = rotation * mesh.vertices[i] + translation;
+    const Eigen::Vector3f normal = rotation * mesh.normals[i];
+    if (!(x.z() > 0) || !(std::abs(normal.dot(x)) < kMaxCosine * x.norm())) continue;
+    const Eigen::Vector2f p = (focal * x.head<2>().array() / x.z()).matrix() + principal;
+    if (!(p.x() >= border && p.y() >= border && p.x() < static_cast<float>(camera.width) - border &&
+          p.y() < static_cast<float>(camera.height) - border)) {
+      continue;
+    }
+    // Of the position by a step along the normal [px per unit].
+    const Eigen::Vector2f shift =
+        (focal * (normal.head<2>() - normal.z() / x.z() * x.head<2>()).array() / x.z()).matrix();
+    const float length = shift.norm();
+    if (!(length > 0)) continue;
+    const float pixel = x.z() / focal.maxCoeff();
+    const std::optional<float> mesh_end = EndOfSurface(own, p, shift / length, x.z(), pixel);
+    if (!mesh_end || std::abs(*mesh_end) > kOnOutline) continue;
+    const std::optional<float> end = EndOfSurface(seen, p, shift / length, x.z(), pixel);
+    if (end) offsets.push_back({static_cast<uint32_t>(i), (*end - *mesh_end) / length});
+  }
+  return offsets;
+}
+
+}  // namespace
+
+DepthOutlineSummary MoveToDepthOutlines(const DepthViewSource& views, int num_threads, Reporter& reporter,
+                                        TriangleMesh* mesh) {
+  DepthOutlineSummary summary;
+  if (mesh->triangles.empty()) return summary;
+  num_threads = NumThreadsOf(num_threads);
+  ComputeNormals(mesh);
+  std::vector<OffsetObservation> observations(mesh->vertices.size());
+  double pixels = 0;
+  int num_pixels = 0;
+  for (int begin = 0; begin < views.size(); begin += kViewsPerTurn) {
+    if (reporter.StopRequested()) throw Interrupted();
+    reporter.Progress("outlines", begin, views.size());
+    const int count = std::min(kViewsPerTurn, views.size() - begin);
+    std::vector<std::vector<VertexOffset>> offsets(count);
+    std::vector<double> pixel(count);
+    ParallelFor(count, num_threads, [&](int64_t k) {
+      const std::shared_ptr<const DepthView> view = views.Load(begin + static_cast<int>(k));
+      offsets[k] = OffsetsIn(*view, *mesh);
+      const Rigid3& pose = view->camera.cam_from_object;
+      const Eigen::Vector3d middle = mesh->vertices[mesh->vertices.size() / 2].cast<double>();
+      pixel[k] = (pose * middle).z() / view->camera.fx;
+    });
+    for (int k = 0; k < count; ++k) {
+      for (const VertexOffset& offset : offsets[k]) {
+        observations[offset.vertex].offset += offset.outwards;
+        observations[offset.vertex].weight += 1;
+      }
+      pixels += pixel[k];
+      ++num_pixels;
+    }
+  }
+  reporter.Progress("outlines", views.size(), views.size());
+  for (OffsetObservation& observation : observations) {
+    if (observation.weight == 0) continue;
+    observation.offset /= observation.weight;
+    ++summary.num_vertices;
+    summary.num_outlines += static_cast<int64_t>(observation.weight);
+  }
+  if (summary.num_vertices == 0) return summary;
+  const std::vector<float> offsets =
+      SmoothOffsets(VertexGraph(*mesh), observations, kSmoothness, kPrior, num_threads);
+  const double pixel = pixels / num_pixels;
+  double sum = 0;
+  double squares = 0;
+  for (size_t i = 0; i < offsets.size(); ++i) {
+    mesh->vertices[i] += offsets[i] * mesh->normals[i];
+    sum += offsets[i] / pixel;
+    squares += offsets[i] / pixel * offsets[i] / pixel;
+  }
+  const auto count = static_cast<double>(offsets.size());
+  summary.mean_offset_px = sum / count;
+  summary.rms_offset_px = std::sqrt(squares / count);
+  ComputeNormals(mesh);
+  return summary;
+}
+
+}  // namespace s2gs
