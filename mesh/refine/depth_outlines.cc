@@ -35,6 +35,8 @@ constexpr float kBeside = 2 * kJump;
 constexpr int kStaysFar = 3;
 // Beside 1 for an outline, whose place is a whole pixel's: the mean over some edges' length counts.
 constexpr double kSmoothness = 30;
+// Beside 1 for an outline: what stays.
+constexpr float kHeld = 1000;
 // Pull to where the mesh is, for parts that have no outline.
 constexpr double kPrior = 1e-4;
 // Views whose offsets are held at once, before they are added up in one order.
@@ -104,7 +106,8 @@ std::optional<float> EndOfSurface(const DepthPicture& map, const Eigen::Vector2f
   return std::nullopt;
 }
 
-std::vector<VertexOffset> OffsetsIn(const DepthView& view, const TriangleMesh& mesh) {
+std::vector<VertexOffset> OffsetsIn(const DepthView& view, const TriangleMesh& mesh,
+                                    const std::vector<uint8_t>& is_held) {
   const ObjectView camera = CameraAtValues(view);
   const DepthPicture seen = MapOf(view);
   const DepthPicture own = {seen.width, seen.height, RenderMeshDepth(mesh, camera)};
@@ -115,6 +118,7 @@ std::vector<VertexOffset> OffsetsIn(const DepthView& view, const TriangleMesh& m
   const float border = kOutwards + kStaysFar * kStep;
   std::vector<VertexOffset> offsets;
   for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    if (is_held[i] != 0) continue;
     const Eigen::Vector3f x = rotation * mesh.vertices[i] + translation;
     const Eigen::Vector3f normal = rotation * mesh.normals[i];
     if (!(x.z() > 0) || !(std::abs(normal.dot(x)) < kMaxCosine * x.norm())) continue;
@@ -137,56 +141,73 @@ std::vector<VertexOffset> OffsetsIn(const DepthView& view, const TriangleMesh& m
   return offsets;
 }
 
-}  // namespace
+struct Observed {
+  std::vector<OffsetObservation> offsets;  // by vertex: the mean, and of how many views
+  double pixel = 0;                        // of the depth maps at a vertex in the middle of the mesh's
+};
 
-DepthOutlineSummary MoveToDepthOutlines(const DepthViewSource& views, int num_threads, Reporter& reporter,
-                                        TriangleMesh* mesh) {
-  DepthOutlineSummary summary;
-  if (mesh->triangles.empty()) return summary;
-  num_threads = NumThreadsOf(num_threads);
-  ComputeNormals(mesh);
-  std::vector<OffsetObservation> observations(mesh->vertices.size());
-  double pixels = 0;
-  int num_pixels = 0;
+Observed Observe(const DepthViewSource& views, const TriangleMesh& mesh, const std::vector<uint8_t>& is_held,
+                 int num_threads, Reporter& reporter) {
+  Observed observed;
+  observed.offsets.resize(mesh.vertices.size());
+  const Eigen::Vector3d middle = mesh.vertices[mesh.vertices.size() / 2].cast<double>();
   for (int begin = 0; begin < views.size(); begin += kViewsPerTurn) {
     if (reporter.StopRequested()) throw Interrupted();
     reporter.Progress("outlines", begin, views.size());
     const int count = std::min(kViewsPerTurn, views.size() - begin);
     std::vector<std::vector<VertexOffset>> offsets(count);
-    std::vector<double> pixel(count);
+    std::vector<double> pixels(count);
     ParallelFor(count, num_threads, [&](int64_t k) {
       const std::shared_ptr<const DepthView> view = views.Load(begin + static_cast<int>(k));
-      offsets[k] = OffsetsIn(*view, *mesh);
-      const Rigid3& pose = view->camera.cam_from_object;
-      const Eigen::Vector3d middle = mesh->vertices[mesh->vertices.size() / 2].cast<double>();
-      pixel[k] = (pose * middle).z() / view->camera.fx;
+      offsets[k] = OffsetsIn(*view, mesh, is_held);
+      pixels[k] = (view->camera.cam_from_object * middle).z() / view->camera.fx;
     });
     for (int k = 0; k < count; ++k) {
+      observed.pixel += pixels[k] / views.size();
       for (const VertexOffset& offset : offsets[k]) {
-        observations[offset.vertex].offset += offset.outwards;
-        observations[offset.vertex].weight += 1;
+        observed.offsets[offset.vertex].offset += offset.outwards;
+        observed.offsets[offset.vertex].weight += 1;
       }
-      pixels += pixel[k];
-      ++num_pixels;
     }
   }
   reporter.Progress("outlines", views.size(), views.size());
-  for (OffsetObservation& observation : observations) {
-    if (observation.weight == 0) continue;
-    observation.offset /= observation.weight;
-    ++summary.num_vertices;
-    summary.num_outlines += static_cast<int64_t>(observation.weight);
+  for (OffsetObservation& offset : observed.offsets) {
+    if (offset.weight > 0) offset.offset /= offset.weight;
+  }
+  return observed;
+}
+
+}  // namespace
+
+DepthOutlineSummary MoveToDepthOutlines(const DepthViewSource& views, std::optional<double> table_height,
+                                        int num_threads, Reporter& reporter, TriangleMesh* mesh) {
+  DepthOutlineSummary summary;
+  if (mesh->triangles.empty()) return summary;
+  num_threads = NumThreadsOf(num_threads);
+  ComputeNormals(mesh);
+  std::vector<uint8_t> is_held;
+  is_held.reserve(mesh->vertices.size());
+  for (const Eigen::Vector3f& vertex : mesh->vertices)
+    is_held.push_back(table_height && !(vertex.z() > *table_height) ? 1 : 0);
+  Observed observed = Observe(views, *mesh, is_held, num_threads, reporter);
+  for (const OffsetObservation& offset : observed.offsets) {
+    summary.num_vertices += offset.weight > 0 ? 1 : 0;
+    summary.num_outlines += static_cast<int64_t>(offset.weight);
   }
   if (summary.num_vertices == 0) return summary;
+  for (size_t i = 0; i < is_held.size(); ++i) {
+    if (is_held[i] != 0) observed.offsets[i] = {0, kHeld};
+  }
   const std::vector<float> offsets =
-      SmoothOffsets(VertexGraph(*mesh), observations, kSmoothness, kPrior, num_threads);
-  const double pixel = pixels / num_pixels;
+      SmoothOffsets(VertexGraph(*mesh), observed.offsets, kSmoothness, kPrior, num_threads);
   double sum = 0;
   double squares = 0;
   for (size_t i = 0; i < offsets.size(); ++i) {
+    if (is_held[i] != 0) continue;
     mesh->vertices[i] += offsets[i] * mesh->normals[i];
-    sum += offsets[i] / pixel;
-    squares += offsets[i] / pixel * offsets[i] / pixel;
+    const double pixels = offsets[i] / observed.pixel;
+    sum += pixels;
+    squares += pixels * pixels;
   }
   const auto count = static_cast<double>(offsets.size());
   summary.mean_offset_px = sum / count;

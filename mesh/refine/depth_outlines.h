@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "mesh/fusion/depth_view.h"
 #include "mesh/surface/triangle_mesh.h"
@@ -28,7 +29,9 @@ struct DepthOutlineSummary {
 /// Nothing moves where no vertex is on an outline. The result is bit-identical for any number of threads.
 /// Throws what the source throws, and Interrupted. \param mesh  in the object's frame; its normals are
 /// computed again. \param num_threads  0: one for each core.
-DepthOutlineSummary MoveToDepthOutlines(const DepthViewSource& views, int num_threads, Reporter& reporter,
-                                        TriangleMesh* mesh);
+/// \param table_height  a little above the top of a table across z, of which only the rim is an outline: what
+/// is lower stays. Nothing: there is no table.
+DepthOutlineSummary MoveToDepthOutlines(const DepthViewSource& views, std::optional<double> table_height,
+                                        int num_threads, Reporter& reporter, TriangleMesh* mesh);
 
 }  // namespace s2gs

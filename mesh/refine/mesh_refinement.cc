@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "mesh/refine/offset_field.h"
+#include "mesh/refine/parts_borne_out.h"
 #include "mesh/refine/photo_consistency.h"
 #include "mesh/refine/refinement_photos.h"
 #include "mesh/refine/refuted_surface.h"
@@ -109,6 +110,12 @@ class Refiner {
   // \return  how many triangles.
   int64_t DropRefuted() {
     return Keep(TrianglesWithout(FindRefuted(photos_, VertexGraph(mesh_), mesh_, num_threads_)));
+  }
+
+  // \return  how many triangles.
+  int64_t DropPartsNotBorneOut(double height) {
+    const VertexGraph graph(mesh_);
+    return Keep(TrianglesWithout(FindPartsNotBorneOut(photos_, graph, mesh_, height, num_threads_)));
   }
 
   // The mesh keeps its vertices and triangles from here on.
@@ -384,6 +391,8 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
   }
   if (refiner.Carve()) refiner.Run(kPasses.back(), total - count, total);
   refiner.Summarise(&summary);
+  if (options.drop_refuted && options.table_height)
+    summary.num_refuted_triangles += refiner.DropPartsNotBorneOut(*options.table_height);
   summary.num_unseen_triangles += refiner.DropUnseen();
   for (int round = 0; round < kDropRounds; ++round) {
     const int64_t seen_through = options.drop_seen_through ? refiner.DropSeenThrough() : 0;

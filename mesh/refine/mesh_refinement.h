@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "mesh/surface/object_view.h"
@@ -34,8 +35,11 @@ struct MeshRefinementOptions {
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
   /// fewer than 30 photos; 0: all stay. So does one without which as many would see no surface there.
   double min_seen_pct = 3;
-  bool carve = true;              ///< open hollows that photos contradict (surface_carving.h).
-  bool drop_refuted = true;       ///< parts where hardly two photos show the same (refuted_surface.h).
+  bool carve = true;         ///< open hollows that photos contradict (surface_carving.h).
+  bool drop_refuted = true;  ///< parts where hardly two photos show the same (refuted_surface.h).
+  /// A little above the top of a table across z, what is higher stands on it in parts that are judged as
+  /// wholes, too (parts_borne_out.h). Nothing: there is no table.
+  std::optional<double> table_height;
   bool drop_seen_through = true;  ///< parts where photos show the plane behind them (LoadPlaneSeen).
   double max_memory_gib = 4;      ///< photos are shrunk until they fit.
   int num_threads = 0;            ///< 0: one for each core.

@@ -12,6 +12,7 @@
 #include "mesh/io/mesh_files.h"
 #include "mesh/refine/table_texture.h"
 #include "mesh/surface/decimate.h"
+#include "mesh/surface/parts_on_table.h"
 #include "mesh/surface/table_plane.h"
 #include "mesh/surface/vertex_normals.h"
 #include "plugin/outputs/dense_views.h"
@@ -129,8 +130,11 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
   }
   if (summary.cleanup.table) {
     out << fmt::format(
-        "table            top at {:.6g}, rim at {:.6g} from the axis; {} triangles beside it dropped\n",
-        summary.cleanup.table->disc.height, summary.cleanup.table->radius, summary.cleanup.num_beside_table);
+        "table            top at {:.6g}, rim at {:.6g} from the axis; {} triangles beside it and {} small "
+        "parts "
+        "on it dropped\n",
+        summary.cleanup.table->disc.height, summary.cleanup.table->radius, summary.cleanup.num_beside_table,
+        summary.num_small_parts);
   }
   if (summary.cleanup.cut_height)
     out << fmt::format("cut above disc   {:.6g} along ({:.4f}, {:.4f}, {:.4f})\n",
@@ -252,8 +256,11 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   clusters_only.smoothing_iterations = 0;
   clusters_only.max_triangles = 0;
   summary.cleanup = CleanMesh(clusters_only, reporter, &mesh);
+  std::optional<double> table_height;
+  if (summary.cleanup.table) table_height = summary.cleanup.table->disc.CutHeight();
   if (options.move_to_outlines && !mesh.triangles.empty()) {
-    summary.outlines = MoveToDepthOutlines(views, options.refinement.num_threads, reporter, &mesh);
+    summary.outlines =
+        MoveToDepthOutlines(views, table_height, options.refinement.num_threads, reporter, &mesh);
     Report(summary.outlines, reporter);
   }
   if (options.refinement.enabled && !mesh.triangles.empty()) {
@@ -264,6 +271,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
       refinement.drop_refuted = false;
       refinement.drop_seen_through = false;
     }
+    refinement.table_height = table_height;
     summary.fused_seconds = watch.Lap();
     const GreyPhotos photos(files,
                             top && top->is_seen ? std::make_optional(top->plane.height) : std::nullopt);
@@ -272,6 +280,8 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     // Shadows stand still on a plain top that turns: what little photos see there is not its place.
     if (is_flat) Flatten(top->plane, LevelFromRim(top->plane, mesh), &mesh);
   }
+  if (table_height)
+    summary.num_small_parts = DropSmallPartsOnTable(*table_height, cleanup.min_cluster_area_pct, &mesh);
   cleanup.remove_disc = false;
   cleanup.cut_at_table = false;
   summary.cleanup.num_holes_closed = CleanMesh(cleanup, reporter, &mesh).num_holes_closed;
@@ -314,7 +324,8 @@ void AddCleanupOptions(Options* options, MeshCleanupOptions* fields) {
               "cut just above the table's disc, or what the object stands on where nothing turns");
   cleanup
       .Add("min_cluster_area_pct", &MeshCleanupOptions::min_cluster_area_pct,
-           "drop clusters with less of the largest one's area; 100 keeps the largest alone")
+           "drop clusters with less of the largest one's area, and parts on the table with less than the "
+           "largest of these; 100 keeps the largest alone")
       .Unit("%");
   cleanup.Add("max_hole_edges", &MeshCleanupOptions::max_hole_edges,
               "close holes with so many edges or fewer; 0: none");

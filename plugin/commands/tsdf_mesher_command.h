@@ -35,6 +35,7 @@ struct TsdfMesherSummary {
   DepthOutlineSummary outlines;
   MeshRefinementSummary refinement;
   std::filesystem::path output_path;
+  int num_small_parts = 0;       ///< on the table, dropped.
   int num_images = 0;            ///< of the dense model.
   int num_depth_maps = 0;        ///< of these, with a depth map.
   int num_masks = 0;             ///< of these, with a mask.

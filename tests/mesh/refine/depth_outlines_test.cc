@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -42,9 +42,10 @@ std::vector<DepthView> SphereDepths(double wall, const Eigen::Vector2d& first_po
   return views;
 }
 
-DepthOutlineSummary Move(const std::vector<DepthView>& views, TriangleMesh* mesh, int num_threads = 0) {
+DepthOutlineSummary Move(const std::vector<DepthView>& views, TriangleMesh* mesh, int num_threads = 0,
+                         std::optional<double> table_height = std::nullopt) {
   Reporter silent;
-  return MoveToDepthOutlines(DepthViewList(views), num_threads, silent, mesh);
+  return MoveToDepthOutlines(DepthViewList(views), table_height, num_threads, silent, mesh);
 }
 
 constexpr double kNoWall = 0;  // a map's value where nothing is known
@@ -105,6 +106,24 @@ TEST(DepthOutlines, GiveTheSameWithAnyNumberOfThreads) {
   Move(views, &one, 1);
   Move(views, &three, 3);
   EXPECT_EQ(one.vertices, three.vertices);
+}
+
+TEST(DepthOutlines, LeaveWhatIsNoHigherThanATable) {
+  const TriangleMesh before = Sphere(1 - 2 * kPixel, 110);
+  TriangleMesh mesh = before;
+  Move(SphereDepths(kNoWall, {0, 0}), &mesh, 0, -0.2);
+  double sum = 0;
+  int count = 0;
+  for (size_t i = 0; i < mesh.vertices.size(); ++i) {
+    const float height = before.vertices[i].z();
+    if (height <= -0.2F) {
+      ASSERT_EQ(mesh.vertices[i], before.vertices[i]);
+    } else if (height > 0 && height < 0.6F) {
+      sum += (mesh.vertices[i].norm() - 1) / kPixel;
+      ++count;
+    }
+  }
+  EXPECT_LT(std::abs(sum / count), 0.15);
 }
 
 TEST(DepthOutlines, LeaveAnEmptyMeshEmpty) {
