@@ -215,7 +215,10 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"carved", refinement.num_carved},
        {"refuted_triangles", refinement.num_refuted_triangles},
        {"triangles_seen_through", refinement.num_seen_through},
-       {"rms_offset_px", refinement.rms_offset_px}});
+       {"rms_offset_px", refinement.rms_offset_px},
+       {"vertices_on_outlines", summary.outlines.num_vertices},
+       {"outlines_rms_offset_px", summary.outlines.rms_offset_px},
+       {"small_parts_on_table", summary.num_small_parts}});
   WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
 }
 
