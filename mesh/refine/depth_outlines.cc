@@ -54,18 +54,28 @@ struct DepthPicture {
   std::vector<float> depths;
 };
 
+// Whether any of the mask's pixels whose centres are next to a position in the map has the object.
+bool IsInMask(const DepthView& view, const Eigen::Vector2d& position) {
+  const Image8& mask = view.mask;
+  const double x = position.x() * mask.width / view.camera.width - 0.5;
+  const double y = position.y() * mask.height / view.camera.height - 0.5;
+  for (const double row : {std::floor(y), std::ceil(y)}) {
+    for (const double column : {std::floor(x), std::ceil(x)}) {
+      if (column < 0 || row < 0 || column >= mask.width || row >= mask.height) continue;
+      if (*mask.Pixel(static_cast<int>(column), static_cast<int>(row)) != 0) return true;
+    }
+  }
+  return false;
+}
+
 DepthPicture MapOf(const DepthView& view) {
   DepthPicture map = {view.camera.width, view.camera.height, view.depths};
-  const Image8& mask = view.mask;
   for (int row = 0; row < map.height; ++row) {
     for (int column = 0; column < map.width; ++column) {
       float& depth = map.depths[static_cast<size_t>(row) * map.width + column];
-      bool is_there = std::isfinite(depth) && depth > 0;
-      if (is_there && !mask.pixels.empty()) {
-        const auto x = static_cast<int64_t>(column) * mask.width / map.width;
-        const auto y = static_cast<int64_t>(row) * mask.height / map.height;
-        is_there = mask.pixels[static_cast<size_t>(y * mask.width + x)] != 0;
-      }
+      const bool is_there =
+          std::isfinite(depth) && depth > 0 &&
+          (view.mask.pixels.empty() || IsInMask(view, view.first_position + Eigen::Vector2d(column, row)));
       if (!is_there) depth = std::numeric_limits<float>::infinity();
     }
   }
