@@ -114,8 +114,7 @@ class Refiner {
 
   // \return  how many triangles.
   int64_t DropPartsNotBorneOut(double height) {
-    const VertexGraph graph(mesh_);
-    return Keep(TrianglesWithout(FindPartsNotBorneOut(photos_, graph, mesh_, height, num_threads_)));
+    return Keep(TrianglesWithout(FindPartsNotBorneOut(photos_, mesh_, height, num_threads_)));
   }
 
   // The mesh keeps its vertices and triangles from here on.

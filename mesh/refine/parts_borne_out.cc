@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "mesh/refine/photo_consistency.h"
+#include "mesh/surface/parts_on_table.h"
 #include "sfm_split/base/parallel_for.h"
-#include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
@@ -31,38 +31,29 @@ struct Part {
 
 }  // namespace
 
-std::vector<uint8_t> FindPartsNotBorneOut(const RefinementPhotos& photos, const VertexGraph& graph,
-                                          const TriangleMesh& mesh, double height, int num_threads) {
-  const size_t count = graph.size();
+std::vector<uint8_t> FindPartsNotBorneOut(const RefinementPhotos& photos, const TriangleMesh& mesh,
+                                          double height, int num_threads) {
+  const size_t count = mesh.vertices.size();
   std::vector<uint8_t> flags(count, 0);
-  const auto is_above = [&](size_t i) { return mesh.vertices[i].z() > height; };
-  UnionFind joined(count);
-  for (size_t i = 0; i < count; ++i) {
-    if (!is_above(i)) continue;
-    for (const uint32_t j : graph.Neighbors(i)) {
-      if (is_above(j)) joined.Join(static_cast<uint32_t>(i), j);
-    }
-  }
-  std::vector<Part> parts(count);  // by root
-  for (size_t i = 0; i < count; ++i) {
-    if (is_above(i)) ++parts[joined.Root(static_cast<uint32_t>(i))].vertices;
-  }
-  const auto num_parts =
-      std::count_if(parts.begin(), parts.end(), [](const Part& part) { return part.vertices > 0; });
-  if (num_parts < 2) return flags;
+  const std::vector<int> part_of = PartsAbove(height, mesh);
+  if (part_of.empty()) return flags;
+  std::vector<Part> parts(*std::max_element(part_of.begin(), part_of.end()) + 1);
+  if (parts.size() < 2) return flags;
 
   const std::vector<VertexFlags> visible = photos.FindVisible(mesh, {kMinSeenCosine, kPatchSide / 2});
   std::vector<PatchAgreement> agreement(count);
   ParallelFor(static_cast<int64_t>(count), num_threads, 128, [&](int64_t i) {
-    if (!is_above(i)) return;
+    if (part_of[i] == kNoPart) return;
     SurfacePatch patch = photos.PatchAt(mesh, i, visible, SurfacePatch::kMaxViews);
     if (patch.num_views < kLeastPhotosCompared) return;
     patch.LayFlat(0);
     agreement[i] = MeasureAgreement(patch);
   });
   for (size_t i = 0; i < count; ++i) {
+    if (part_of[i] == kNoPart) continue;
+    Part& part = parts[part_of[i]];
+    ++part.vertices;
     if (!(agreement[i].texture >= kLeastTexture)) continue;
-    Part& part = parts[joined.Root(static_cast<uint32_t>(i))];
     ++part.places;
     part.sum += agreement[i].correlation;
   }
@@ -70,8 +61,8 @@ std::vector<uint8_t> FindPartsNotBorneOut(const RefinementPhotos& photos, const 
                                         [](const Part& a, const Part& b) { return a.vertices < b.vertices; });
   if (!(largest->Mean() >= kBorneOut)) return flags;
   for (size_t i = 0; i < count; ++i) {
-    if (!is_above(i)) continue;
-    const Part& part = parts[joined.Root(static_cast<uint32_t>(i))];
+    if (part_of[i] == kNoPart) continue;
+    const Part& part = parts[part_of[i]];
     if (part.places >= kLeastPlaces && part.Mean() < kNotBorneOut) flags[i] = 1;
   }
   return flags;

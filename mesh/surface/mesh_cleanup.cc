@@ -14,21 +14,12 @@
 #include "mesh/surface/decimate.h"
 #include "mesh/surface/support_plane.h"
 #include "mesh/surface/table_top.h"
+#include "mesh/surface/triangle_area.h"
 #include "mesh/surface/vertex_normals.h"
 #include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
-
-Eigen::Vector3d Corner(const TriangleMesh& mesh, const Triangle& triangle, int i) {
-  return mesh.vertices[triangle[i]].cast<double>();
-}
-
-// Twice the area times the normal.
-Eigen::Vector3d AreaNormal(const TriangleMesh& mesh, const Triangle& triangle) {
-  const Eigen::Vector3d corner = Corner(mesh, triangle, 0);
-  return (Corner(mesh, triangle, 1) - corner).cross(Corner(mesh, triangle, 2) - corner);
-}
 
 // Drops vertices that no triangle uses.
 void Compact(TriangleMesh* mesh) {
@@ -59,7 +50,7 @@ int KeepLargeClusters(double min_area_pct, TriangleMesh* mesh, int* num_clusters
   *num_clusters = clusters.empty() ? 0 : *std::max_element(clusters.begin(), clusters.end()) + 1;
   std::vector<double> areas(*num_clusters);
   for (size_t t = 0; t < clusters.size(); ++t) {
-    areas[clusters[t]] += AreaNormal(*mesh, mesh->triangles[t]).norm();
+    areas[clusters[t]] += TriangleArea(*mesh, mesh->triangles[t]);
   }
   if (areas.empty()) return 0;
   const auto largest = std::max_element(areas.begin(), areas.end());

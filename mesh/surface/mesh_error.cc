@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 
+#include "mesh/surface/triangle_area.h"
 #include "s2gs/core/rng.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
@@ -19,13 +20,6 @@ using Eigen::Vector3d;
 constexpr int64_t kSamplesAtATime = 2048;  // of a thread; each is short work
 constexpr uint64_t kTruthStream = 1;
 constexpr uint64_t kOccluderStream = 2;
-
-double TriangleArea(const TriangleMesh& mesh, const Eigen::Matrix<uint32_t, 3, 1>& triangle) {
-  const Vector3d a = mesh.vertices[triangle[0]].cast<double>();
-  const Vector3d b = mesh.vertices[triangle[1]].cast<double>();
-  const Vector3d c = mesh.vertices[triangle[2]].cast<double>();
-  return (b - a).cross(c - a).norm() / 2;
-}
 
 // The pixel of a point, or -1 when it is outside the image or behind the camera.
 int64_t PixelIndex(const ObjectView& view, const Vector3d& x_in_cam) {

@@ -131,8 +131,7 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
   if (summary.cleanup.table) {
     out << fmt::format(
         "table            top at {:.6g}, rim at {:.6g} from the axis; {} triangles beside it and {} small "
-        "parts "
-        "on it dropped\n",
+        "parts on it dropped\n",
         summary.cleanup.table->disc.height, summary.cleanup.table->radius, summary.cleanup.num_beside_table,
         summary.num_small_parts);
   }

@@ -21,7 +21,7 @@ std::vector<uint8_t> NotBorneOut(const RefinementPhotoSource& source, TriangleMe
   ComputeNormals(mesh);
   RefinementPhotos photos(num_threads, silent);
   photos.Load(source, *mesh, 1);
-  return FindPartsNotBorneOut(photos, VertexGraph(*mesh), *mesh, height, num_threads);
+  return FindPartsNotBorneOut(photos, *mesh, height, num_threads);
 }
 
 // Appends a sphere of radius .15 that floats before the true one where x is largest.
