@@ -16,6 +16,7 @@
 #include "sfm_split/base/stopwatch.h"
 #include "sfm_split/scene/io/top_view.h"
 #include "sfm_split/scene/io/turntable_file.h"
+#include "sfm_split/turntable/tied_stations.h"
 
 namespace s2gs {
 namespace {
@@ -23,12 +24,15 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-TurntableFile ToTurntableFile(const TurntableScene& scene) {
+TurntableFile ToTurntableFile(const AlignedScene& aligned) {
+  const TurntableScene& scene = aligned.scene;
   TurntableFile file;
   file.axis = scene.axis;
   file.num_stations = scene.num_stations;
   file.scale_observable = scene.scale_observable;
   file.units = scene.units;
+  std::vector<std::vector<int>> tied = SetsOfTiedStations(aligned);
+  if (tied.size() > 1) file.tied_stations = std::move(tied);
   for (const View& view : scene.views) {
     file.images.push_back({view.name, view.station, view.angle_deg, view.world_from_object});
   }
@@ -70,7 +74,7 @@ void MappingOutput::WriteScene(const ScanFeatures& steady, const SteadyCameras& 
   } else {
     fs::remove_all(workspace_.StaticModel(), ec);
   }
-  WriteTurntableFile(workspace_.Turntable(), ToTurntableFile(aligned.scene));
+  WriteTurntableFile(workspace_.Turntable(), ToTurntableFile(aligned));
   WriteTopView(workspace_.TopView(), aligned.scene, aligned.object, aligned.background);
   WriteScanLabels(workspace_, input_.features.images, candidate->refined.labels);
   for (const std::string& said : refined.angle_contradictions) reporter_.Warn(said);

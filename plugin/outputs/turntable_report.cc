@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
+#include <vector>
 
 #include "plugin/report/verdict_json.h"
 #include "sfm_split/base/angles.h"
@@ -15,6 +16,8 @@
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/printable.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/scene/io/turntable_file.h"
+#include "sfm_split/turntable/tied_stations.h"
 
 namespace s2gs {
 namespace {
@@ -213,6 +216,7 @@ json DescribeScene(const AlignedScene& aligned, const RefineReport& refined) {
   report["placed_stations"] = PlacedStationsToJson(refined.placed_stations);
   report["untied"] = refined.untied;
   report["stations"] = aligned.scene.num_stations;
+  report["tied_stations"] = SetsOfTiedStations(aligned);
   report["scale_observable"] = aligned.scene.scale_observable;
   report["object_placements"] = json::array();
   for (const TurntableGroup& group : aligned.solution.groups)
@@ -306,6 +310,9 @@ class SummaryPrinter {
 
   void PrintStations() {
     Row("stations", std::to_string(CountAt(report_, "stations")));
+    const std::string apart =
+        DescribeUntiedStations(report_.value("tied_stations", std::vector<std::vector<int>>()));
+    if (!apart.empty()) Row("  apart", apart);
     for (const auto& placed : report_.at("placed_stations")) {
       Row("  placed",
           fmt::format("{}: by {} of {} matches on the background", placed.at("image").get<std::string>(),
@@ -383,7 +390,9 @@ class SummaryPrinter {
 
   void PrintScale() {
     if (!report_.at("scale_observable").get<bool>()) {
-      Row("object / background", "scale cannot be observed from one station");
+      Row("object / background", CountAt(report_, "stations") > 1
+                                     ? "scale cannot be observed: no background ties the stations"
+                                     : "scale cannot be observed from one station");
       return;
     }
     const json& scale = report_.at("sigma").at("scale_rel");

@@ -141,8 +141,9 @@ void AddTable(const ReportInput& input, const std::string& object_keypoints, con
   rows->push_back({"scale of the object against the background",
                    is_observable ? "observed" : "1, by definition",
                    is_observable ? PlusMinus(NumberOr(sigma, "scale_rel"), " %", 100) : "not observable",
-                   is_observable ? fmt::format("the distances between {} stations", stations)
-                                 : "nothing: one station cannot tell it"});
+                   is_observable  ? fmt::format("the distances between {} stations", stations)
+                   : stations > 1 ? "nothing: no background ties the stations"
+                                  : "nothing: one station cannot tell it"});
   rows->push_back({"unit of length",
                    input.turntable && input.turntable->units == LengthUnit::kMetre ? "metre" : "SfM's own",
                    "–",

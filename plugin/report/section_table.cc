@@ -228,6 +228,9 @@ ReportSection TableSection(const ReportInput& input) {
                                            {"largest_gap_deg", FiniteOrNull(station.largest_gap_deg)}});
   }
   out.Close().Close();
+  section.numbers["tied_stations"] = input.turntable->tied_stations;
+  const std::string apart = DescribeUntiedStations(input.turntable->tied_stations);
+  if (!apart.empty()) out.Element("p", "Note: " + apart + ".", {{"class", "note"}});
   out.Element(
       "p",
       "Orange: points of the rotating part; grey: background; dots: cameras, one colour a station, with the "

@@ -13,9 +13,11 @@ lists of scans that nobody has seen: everything that a capture may have is drawn
 the poses, on the CPU; --options are others of automatic_scanner in place of that.
 
 The table: photos placed of all; the errors of cam_from_object's rotation after the best common rotation of all photos, and
-of the table's angle after that of all photos between which the scan says that it knows it, median / largest [degrees]; what the program says of the scan; and whether that is right: a scan is
-right when all photos are placed, at 0.3 degrees in the median and 1 degree at most, and `good` may be said of such
-alone. Where the plate wobbles the angle is that of the whole tilted pose. Needs numpy and scipy.
+of the table's angle after that of all photos between which the scan says that it knows it ("sets" where it says that it
+does not between all: an angle between sets is a choice), median / largest [degrees]; what the program says of the scan;
+and whether that is right: a scan is right when all photos are placed, at 0.3 degrees in the median and 1 degree at most,
+and `good` may be said of such alone. Where the plate wobbles the angle is that of the whole tilted pose. Needs numpy and
+scipy.
 """
 import argparse, json, os, subprocess, sys, time
 from concurrent.futures import ThreadPoolExecutor
@@ -150,20 +152,10 @@ def read_json(path):
         return {}
 
 
-def tied_sets(report, turntable):
-    """Names of photos between which the report knows the table's angle: those with a standard deviation, and of the others,
-    whose station nothing ties to the rest, each station by itself. Where there is no background, a station of one photo has
-    a standard deviation against its own camera, and is by itself as well."""
-    sets, stations = {}, {}
-    for image in turntable.get('images', []):
-        stations.setdefault(image.get('station'), []).append(image['name'])
-    sigmas = report.get('angle_sigma_deg') or {}
-    has_background = (report.get('background') or {}).get('points', 0) > 0
-    for station, names in stations.items():
-        for name in names:
-            is_known = sigmas.get(name, 0) is not None and (has_background or len(names) > 1)
-            sets.setdefault(None if is_known else station, []).append(os.path.basename(name))
-    return sets.values()
+def tied_sets(turntable):
+    """Names of photos between which the scan says that it knows the table's angle."""
+    sets = turntable.get('tied_stations') or [range(turntable.get('stations', 0))]
+    return [[os.path.basename(i['name']) for i in turntable.get('images', []) if i['station'] in tied] for tied in sets]
 
 
 def score_scan(folder, workspace):
@@ -187,7 +179,8 @@ def score_scan(folder, workspace):
         turns = {os.path.basename(i['name']): np.array(i['object_to_world'])[:3, :3] for i in turntable.get('images', [])}
         if all(n in turns for n in names):
             angles = []
-            for tied in tied_sets(report, turntable):
+            out['angle_sets'] = len(tied_sets(turntable))
+            for tied in tied_sets(turntable):
                 tied = [n for n in tied if n in names]
                 if len(tied) < 3:
                     continue
@@ -214,7 +207,8 @@ def score(options):
         out = table[name] = score_scan(folder, workspace)
         pair = lambda figure: '{:.3f} / {:.2f}'.format(*out[figure]) if figure in out else 'none'
         wrong_good = out['verdict'] == 'good' and not out['right']
-        print(f"| {name} | {out['photos'][0]} of {out['photos'][1]} | {pair('rotation_deg')} | {pair('angle_deg')} | "
+        angle = pair('angle_deg') + (f", {out['angle_sets']} sets" if out.get('angle_sets', 1) > 1 else '')
+        print(f"| {name} | {out['photos'][0]} of {out['photos'][1]} | {pair('rotation_deg')} | {angle} | "
               f"{out['verdict']}{' **of a wrong scan**' if wrong_good else ''} | {'yes' if out['right'] else 'no'} | "
               f"{out.get('exit_code', '')} | {out.get('seconds', float('nan')):.0f} |")
     rows = table.values()

@@ -78,7 +78,8 @@ class Workspace:
             raise FileNotFoundError(f"{self.path}: no such folder")
 
     def turntable(self) -> dict:
-        """turntable.json: "axis", "stations", "scale_observable", "units", "images"."""
+        """turntable.json: "axis", "stations", "scale_observable", "units", "images", and where angles
+        cannot be compared between all stations "tied_stations", the sets between which they can."""
         return json.loads((self.path / "turntable.json").read_text(encoding="utf-8"))
 
     @property

@@ -23,6 +23,7 @@ constexpr double kMaxDeviation = 1e-6;  // single precision, with room for a few
 constexpr double kMinTurnDeg = 0.5;     // a judgement: the table of photos without a turn stays within noise
 // A judgement: no rounding and no noise; a sign or a unit is wrong.
 constexpr double kMaxContradictionDeg = 5;
+constexpr size_t kMaxNamedSets = 6;
 constexpr uint64_t kMaxFileBytes = uint64_t{1} << 30;  // a million images
 
 // One value of the file and where it is, e.g. "images[3].station".
@@ -110,6 +111,20 @@ Rigid3 RigidFrom(const Value& value) {
   return rigid;
 }
 
+std::vector<std::vector<int>> TiedStationsFrom(const Value& value, int num_stations) {
+  std::vector<std::vector<int>> sets(value.ArraySize());
+  std::set<int> seen;
+  for (size_t i = 0; i < sets.size(); ++i) {
+    const Value stations = value.At(i);
+    for (size_t k = 0; k < stations.ArraySize(); ++k) {
+      sets[i].push_back(stations.At(k).Integer(0, num_stations - 1));
+      if (!seen.insert(sets[i].back()).second) stations.At(k).Fail("occurs twice");
+    }
+  }
+  if (seen.size() != static_cast<size_t>(num_stations)) value.Fail("lacks a station");
+  return sets;
+}
+
 TurntableFile FromJson(const json& root, const std::filesystem::path& path) {
   const Value file(root, "", path);
   const int version = file["version"].Integer(1, std::numeric_limits<int>::max());
@@ -128,6 +143,9 @@ TurntableFile FromJson(const json& root, const std::filesystem::path& path) {
   const std::string units = file["units"].Text();
   if (units != "sfm" && units != "metre") file["units"].Fail("is neither \"sfm\" nor \"metre\"");
   turntable.units = units == "metre" ? LengthUnit::kMetre : LengthUnit::kSfm;
+
+  if (root.contains("tied_stations"))
+    turntable.tied_stations = TiedStationsFrom(file["tied_stations"], turntable.num_stations);
 
   const Value images = file["images"];
   if (images.ArraySize() == 0) images.Fail("is empty");
@@ -169,8 +187,10 @@ std::string ToText(const TurntableFile& turntable) {
   std::string text = "{\n\"version\": " + std::to_string(kVersion) + ",\n\"axis\": " + axis.dump() +
                      ",\n\"stations\": " + std::to_string(turntable.num_stations) +
                      ",\n\"scale_observable\": " + (turntable.scale_observable ? "true" : "false") +
-                     ",\n\"units\": \"" + (turntable.units == LengthUnit::kMetre ? "metre" : "sfm") +
-                     "\",\n\"images\": [";
+                     ",\n\"units\": \"" + (turntable.units == LengthUnit::kMetre ? "metre" : "sfm") + "\",\n";
+  if (!turntable.tied_stations.empty())
+    text += "\"tied_stations\": " + json(turntable.tied_stations).dump() + ",\n";
+  text += "\"images\": [";
   for (size_t i = 0; i < turntable.images.size(); ++i) {
     text += (i == 0 ? "\n" : ",\n") + ToJson(turntable.images[i]).dump();
   }
@@ -210,6 +230,19 @@ std::optional<std::string> FindContradiction(const TurntableFile& turntable) {
   return "the angle_deg of " + std::to_string(count) + " of " + std::to_string(turntable.images.size()) +
          " images contradict their object_to_world, that of " + name + " by " +
          std::to_string(std::lround(worst * 180 / kPi)) + " degrees; the matrices count";
+}
+
+std::string DescribeUntiedStations(const std::vector<std::vector<int>>& tied_stations) {
+  if (tied_stations.size() < 2) return {};
+  std::string sets;
+  for (size_t i = 0; i < std::min(tied_stations.size(), kMaxNamedSets); ++i) {
+    sets += i == 0 ? "" : " | ";
+    for (size_t k = 0; k < tied_stations[i].size(); ++k)
+      sets += (k == 0 ? "" : ", ") + std::to_string(tied_stations[i][k]);
+  }
+  if (tied_stations.size() > kMaxNamedSets) sets += " | ...";
+  return "table angles are known within, not between, " + std::to_string(tied_stations.size()) +
+         " sets of stations (" + sets + "): nothing that stands still is seen from both";
 }
 
 TurntableFile ReadTurntableFile(std::istream& stream, const std::filesystem::path& path) {

@@ -25,6 +25,9 @@ struct TurntableFile {
   int num_stations = 0;
   bool scale_observable = false;
   LengthUnit units = LengthUnit::kSfm;
+  /// Each station once, in sets between which angle_deg is known; between sets it is a choice, because
+  /// nothing but the object is seen from both. Empty: it is known between all.
+  std::vector<std::vector<int>> tied_stations;
   std::vector<TurntableImage> images;
 };
 
@@ -36,10 +39,14 @@ bool TableTurns(const TurntableFile& turntable);
 /// which the object may have been laid down in another way.
 std::optional<std::string> FindContradiction(const TurntableFile& turntable);
 
+/// Between which stations angles cannot be compared, as a sentence; empty where they can between all.
+/// \param tied_stations  as in TurntableFile.
+std::string DescribeUntiedStations(const std::vector<std::vector<int>>& tied_stations);
+
 /// Reads version 1. Rotations and the axis may be off by 1e-6 (single precision) and are then made exact.
 /// Throws UserError with the path and the place in the file when a value is missing, of the wrong kind or
 /// impossible: unknown version, no images, a matrix that is not rigid, a name that cannot be one or occurs
-/// twice, a station that does not exist.
+/// twice, a station that does not exist or is in no or two sets of tied stations.
 TurntableFile ReadTurntableFile(const std::filesystem::path& path);
 
 /// \param path  for messages only.

@@ -126,6 +126,8 @@ TEST(TurntableReport, PrintsEveryLineOfAWholeScan) {
   report["observability"]["computed"] = false;
   print();
   report["scale_observable"] = false;
+  report["tied_stations"] = {{0}, {1}};
+  print();
   report.erase("sigma");
   print();
   ExpectText(out.str(), "plugin/outputs/expected/turntable_summary.txt");

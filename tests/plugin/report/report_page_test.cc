@@ -204,6 +204,9 @@ void WriteLogs(const Workspace& workspace) {
 void WriteScan(const Workspace& workspace) {
   const SyntheticTurntable table = Table();
   WriteSyntheticWorkspace(workspace.root, table);
+  TurntableFile turntable = ReadTurntableFile(workspace.Turntable());
+  turntable.tied_stations = {{0}, {1}};
+  WriteTurntableFile(workspace.Turntable(), turntable);
   WriteAll(workspace.TurntableMapper(), Mapper(table).dump());
   WriteAll(workspace.SplitLabels(), Labels(table).dump());
   WriteLogs(workspace);

@@ -44,6 +44,13 @@ TEST(TiedStations, AreNoneWhereTheReferenceIsAlone) {
   EXPECT_TRUE(TiedStations(Scene(1, {{0}})).empty());
 }
 
+TEST(TiedStations, SetsHoldEachStationOnce) {
+  using Sets = std::vector<std::vector<int>>;
+  EXPECT_EQ(SetsOfTiedStations(Scene(5, {{0, 3}, {3, 2}, {1, 4}})), (Sets{{0, 2, 3}, {1, 4}}));
+  EXPECT_EQ(SetsOfTiedStations(Scene(3, {})), (Sets{{0}, {1}, {2}}));
+  EXPECT_EQ(SetsOfTiedStations(Scene(2, {{1, 0}})), (Sets{{0, 1}}));
+}
+
 TEST(TiedStations, ImagesThatAreNoViewsTieNothing) {
   AlignedScene aligned = Scene(2, {{0, 1}});
   aligned.scene.views.resize(2);

@@ -72,6 +72,26 @@ TEST(TurntableFile, RoundTripKeepsEveryDigit) {
   }
 }
 
+TEST(TurntableFile, KnowsBetweenWhichStationsAnglesCompare) {
+  const std::string images = R"("images": [)";
+  TurntableFile file = ReadText(kFixture);
+  EXPECT_TRUE(file.tied_stations.empty());
+  EXPECT_EQ(DescribeUntiedStations(file.tied_stations), "");
+  EXPECT_EQ(DescribeUntiedStations({{0, 1}}), "");
+  file = ReadText(Replaced(kFixture, images, R"("tied_stations": [[0], [1]], )" + images));
+  EXPECT_EQ(file.tied_stations, (std::vector<std::vector<int>>{{0}, {1}}));
+  EXPECT_EQ(DescribeUntiedStations(file.tied_stations),
+            "table angles are known within, not between, 2 sets of stations (0 | 1): nothing that stands "
+            "still is seen from both");
+  EXPECT_NE(DescribeUntiedStations(std::vector<std::vector<int>>(7, {0})).find("7 sets"), std::string::npos);
+  const TemporaryFolder folder;
+  WriteTurntableFile(folder / "turntable.json", file);
+  EXPECT_EQ(ReadTurntableFile(folder / "turntable.json").tied_stations, file.tied_stations);
+  file.tied_stations.pop_back();
+  ExpectUserError([&] { WriteTurntableFile(folder / "turntable.json", file); },
+                  {"tied_stations lacks a station"}, "one set only");
+}
+
 TEST(TurntableFile, SingleSamples) {
   // Single precision is mended.
   const TurntableFile file = ReadText(Replaced(kFixture, "[0, 0, 1]}", "[0, 0.0000001, 1.0000001]}"));
@@ -99,6 +119,12 @@ TEST(TurntableFile, FaultsAreNamed) {
            {R"("scale_observable": true)", R"("scale_observable": 1)",
             "scale_observable is not true or false"},
            {"metre", "inch", "units is neither"},
+           {R"("images": [)", R"("tied_stations": [[0], [1, 0]], "images": [)",
+            "tied_stations[1][1] occurs twice"},
+           {R"("images": [)", R"("tied_stations": [[0]], "images": [)", "tied_stations lacks a station"},
+           {R"("images": [)", R"("tied_stations": [0, 1], "images": [)", "tied_stations[0] is not a list"},
+           {R"("images": [)", R"("tied_stations": [[0, 2]], "images": [)",
+            "tied_stations[0][1] is not a whole number from 0 to 1"},
            {R"("images": [)", R"("images": {}, "x": [)", "images is not a list"},
            {R"("images": [)", R"("images": [7, )", "images[0] is not an object"},
            {"sub/c.jpg", "a b.jpg", "images[1].name occurs twice: a b.jpg"},
