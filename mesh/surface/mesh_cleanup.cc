@@ -45,24 +45,29 @@ void Compact(TriangleMesh* mesh) {
   }
 }
 
-int KeepLargeClusters(double min_area_pct, TriangleMesh* mesh, int* num_clusters) {
+void KeepLargeClusters(double min_area_pct, const PartJudge& judge, TriangleMesh* mesh,
+                       MeshCleanupSummary* summary) {
   const std::vector<int> clusters = ClusterOfTriangles(*mesh);
-  *num_clusters = clusters.empty() ? 0 : *std::max_element(clusters.begin(), clusters.end()) + 1;
-  std::vector<double> areas(*num_clusters);
+  summary->num_clusters = clusters.empty() ? 0 : *std::max_element(clusters.begin(), clusters.end()) + 1;
+  std::vector<double> areas(summary->num_clusters);
   for (size_t t = 0; t < clusters.size(); ++t) {
     areas[clusters[t]] += TriangleArea(*mesh, mesh->triangles[t]);
   }
-  if (areas.empty()) return 0;
+  if (areas.empty()) return;
+  std::vector<PartSight> sights(areas.size(), PartSight::kUnknown);
+  if (judge && min_area_pct > 0 && min_area_pct < 100) sights = judge(*mesh, clusters);
   const auto largest = std::max_element(areas.begin(), areas.end());
   const double least = *largest * min_area_pct / 100;
   std::vector<bool> is_kept(areas.size());
   for (size_t c = 0; c < areas.size(); ++c) {
-    is_kept[c] = min_area_pct < 100 ? areas[c] >= least : &areas[c] == &*largest;
+    const bool is_large = min_area_pct < 100 ? areas[c] >= least : &areas[c] == &*largest;
+    is_kept[c] = is_large ? sights[c] != PartSight::kNotThere : sights[c] == PartSight::kThere;
+    if (is_kept[c] != is_large) ++(is_large ? summary->num_large_dropped : summary->num_small_kept);
   }
   std::vector<bool> keep(clusters.size());
   for (size_t t = 0; t < clusters.size(); ++t) keep[t] = is_kept[clusters[t]];
   KeepTriangles(keep, mesh);
-  return static_cast<int>(std::count(is_kept.begin(), is_kept.end(), true));
+  summary->num_clusters_kept = static_cast<int>(std::count(is_kept.begin(), is_kept.end(), true));
 }
 
 uint64_t EdgeKey(uint32_t a, uint32_t b) { return uint64_t{std::min(a, b)} << 32U | std::max(a, b); }
@@ -89,7 +94,8 @@ OptionCheck MeshCleanupOptions::Check() const {
   return std::nullopt;
 }
 
-MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh) {
+MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh,
+                             const PartJudge& judge) {
   MeshCleanupSummary summary;
   if (options.cut_at_table && options.is_axis_known) {
     summary.table = FindTableTop(*mesh);
@@ -111,8 +117,7 @@ MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& report
     }
   }
   const bool is_one_object = summary.cut_height && !options.is_axis_known;
-  summary.num_clusters_kept =
-      KeepLargeClusters(is_one_object ? 100 : options.min_cluster_area_pct, mesh, &summary.num_clusters);
+  KeepLargeClusters(is_one_object ? 100 : options.min_cluster_area_pct, judge, mesh, &summary);
   if (options.max_hole_edges > 0) summary.num_holes_closed = CloseHoles(options.max_hole_edges, mesh);
   if (options.smoothing_iterations > 0) SmoothMesh(options.smoothing_iterations, mesh);
   if (options.max_triangles > 0) DecimateMesh(options.max_triangles, mesh);

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "mesh/surface/part_sight.h"
 #include "mesh/surface/table_top.h"
 #include "mesh/surface/triangle_mesh.h"
 #include "sfm_split/base/error.h"
@@ -39,12 +40,17 @@ struct MeshCleanupSummary {
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  ///< of the disc, in the object's frame.
   int num_clusters = 0;                           ///< before.
   int num_clusters_kept = 0;
+  int num_small_kept = 0;     ///< of these, small ones that are there.
+  int num_large_dropped = 0;  ///< that are not there.
   int num_holes_closed = 0;
 };
 
 /// All steps in the order of the options, then normals again where vertices moved. Warns when there is no
-/// disc to remove.
-MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh);
+/// disc to remove. \param judge  what photos say of clusters, where their areas do not decide alone
+/// (min_cluster_area_pct is 0 or 100): of small ones those stay that are there, of others those go that are
+/// not. Null: nothing.
+MeshCleanupSummary CleanMesh(const MeshCleanupOptions& options, Reporter& reporter, TriangleMesh* mesh,
+                             const PartJudge& judge = nullptr);
 
 /// The same mesh with only the triangles whose flag is set and the vertices that these use, in their order.
 /// Extra vertex properties are dropped.

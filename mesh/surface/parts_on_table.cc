@@ -31,7 +31,7 @@ std::vector<int> PartsAbove(double height, const TriangleMesh& mesh) {
   return parts;
 }
 
-int DropSmallPartsOnTable(double height, double min_area_pct, TriangleMesh* mesh) {
+int DropSmallPartsOnTable(double height, double min_area_pct, TriangleMesh* mesh, const PartJudge& judge) {
   const std::vector<int> parts = PartsAbove(height, *mesh);
   if (parts.empty()) return 0;
   const auto part_of = [&](const Triangle& triangle) {
@@ -42,14 +42,26 @@ int DropSmallPartsOnTable(double height, double min_area_pct, TriangleMesh* mesh
   for (const Triangle& triangle : mesh->triangles) {
     if (part_of(triangle) != kNoPart) areas[part_of(triangle)] += TriangleArea(*mesh, triangle);
   }
+  std::vector<PartSight> sights(areas.size(), PartSight::kUnknown);
+  if (judge && min_area_pct > 0 && min_area_pct < 100) {
+    std::vector<int> part_of_triangle;
+    part_of_triangle.reserve(mesh->triangles.size());
+    for (const Triangle& triangle : mesh->triangles) part_of_triangle.push_back(part_of(triangle));
+    sights = judge(*mesh, part_of_triangle);
+    sights.resize(areas.size(), PartSight::kUnknown);
+  }
   const double least = *std::max_element(areas.begin(), areas.end()) * min_area_pct / 100;
-  const auto is_small = [&](double area) { return area > 0 && area < least; };
-  const auto count = std::count_if(areas.begin(), areas.end(), is_small);
+  std::vector<bool> is_dropped(areas.size());
+  for (size_t part = 0; part < areas.size(); ++part) {
+    is_dropped[part] = areas[part] > 0 && (areas[part] < least ? sights[part] != PartSight::kThere
+                                                               : sights[part] == PartSight::kNotThere);
+  }
+  const auto count = std::count(is_dropped.begin(), is_dropped.end(), true);
   if (count == 0) return 0;
   std::vector<bool> keep;
   keep.reserve(mesh->triangles.size());
   for (const Triangle& triangle : mesh->triangles)
-    keep.push_back(part_of(triangle) == kNoPart || !is_small(areas[part_of(triangle)]));
+    keep.push_back(part_of(triangle) == kNoPart || !is_dropped[part_of(triangle)]);
   KeepTriangles(keep, mesh);
   return static_cast<int>(count);
 }

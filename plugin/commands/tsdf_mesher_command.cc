@@ -4,12 +4,14 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "mesh/io/mesh_files.h"
+#include "mesh/refine/parts_before_background.h"
 #include "mesh/refine/table_texture.h"
 #include "mesh/surface/decimate.h"
 #include "mesh/surface/parts_on_table.h"
@@ -117,6 +119,12 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
                      summary.tsdf.truncation)
       << fmt::format("clusters         {} of {} kept\n", summary.cleanup.num_clusters_kept,
                      summary.cleanup.num_clusters);
+  if (summary.cleanup.num_small_kept + summary.cleanup.num_large_dropped > 0) {
+    out << fmt::format(
+        "before background {} small ones stay, which photos show; {} go, behind which photos show the "
+        "background\n",
+        summary.cleanup.num_small_kept, summary.cleanup.num_large_dropped);
+  }
   if (summary.refinement.num_vertices > 0) {
     out << fmt::format(
         "refined          {:+.3f} px outwards, {} unseen, {} seen through and {} refuted triangles dropped, "
@@ -142,6 +150,23 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
   out << fmt::format("mesh             {} vertices, {} triangles\n", summary.num_vertices,
                      summary.num_triangles)
       << "written          " << summary.output_path.string() << '\n';
+}
+
+// Of the views that have a photo, as GreyPhotos counts them; without a table that turns of none.
+std::vector<int> StationsOf(const Workspace& workspace, const std::vector<DenseViewFiles>& files,
+                            bool does_turn) {
+  std::map<std::string, int> station_of;
+  if (does_turn) {
+    for (const TurntableImage& image : ReadTurntableFile(workspace.Turntable()).images)
+      station_of[image.name] = image.station;
+  }
+  std::vector<int> stations;
+  for (const DenseViewFiles& view : files) {
+    if (view.image.empty()) continue;
+    const auto found = station_of.find(view.name);
+    stations.push_back(found == station_of.end() ? -1 : found->second);
+  }
+  return stations;
 }
 
 void Flatten(const TablePlane& plane, const std::vector<uint32_t>& top, TriangleMesh* mesh) {
@@ -217,7 +242,9 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"rms_offset_px", refinement.rms_offset_px},
        {"vertices_on_outlines", summary.outlines.num_vertices},
        {"outlines_rms_offset_px", summary.outlines.rms_offset_px},
-       {"small_parts_on_table", summary.num_small_parts}});
+       {"small_parts_on_table", summary.num_small_parts},
+       {"small_clusters_there", summary.cleanup.num_small_kept},
+       {"large_clusters_not_there", summary.cleanup.num_large_dropped}});
   WriteFileAtomically(path, [&](std::ostream& out) { out << text; });
 }
 
@@ -252,12 +279,22 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   if (cleanup.is_axis_known) top = ReadTop(workspace, GreyPhotos(files));
   const bool is_flat = options.flatten_table && top &&
                        FlattenTable(*top, GreyPhotos(files), options.refinement, reporter, &mesh);
+  const GreyPhotos all_photos(files);
+  const PartsBeforeBackground before_background(all_photos,
+                                                StationsOf(workspace, files, cleanup.is_axis_known),
+                                                options.refinement.num_threads, reporter);
+  PartJudge judge;
+  if (options.judge_by_background) {
+    judge = [&](const TriangleMesh& parts, const std::vector<int>& part_of_triangle) {
+      return before_background.Judge(parts, part_of_triangle);
+    };
+  }
   // First what is not the object: it would hide the object from the photos.
   MeshCleanupOptions clusters_only = cleanup;
   clusters_only.max_hole_edges = 0;
   clusters_only.smoothing_iterations = 0;
   clusters_only.max_triangles = 0;
-  summary.cleanup = CleanMesh(clusters_only, reporter, &mesh);
+  summary.cleanup = CleanMesh(clusters_only, reporter, &mesh, judge);
   std::optional<double> table_height;
   if (summary.cleanup.table) table_height = summary.cleanup.table->disc.CutHeight();
   if (options.move_to_outlines && !mesh.triangles.empty()) {
@@ -283,10 +320,11 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     if (is_flat) Flatten(top->plane, LevelFromRim(top->plane, mesh), &mesh);
   }
   if (table_height)
-    summary.num_small_parts = DropSmallPartsOnTable(*table_height, cleanup.min_cluster_area_pct, &mesh);
+    summary.num_small_parts =
+        DropSmallPartsOnTable(*table_height, cleanup.min_cluster_area_pct, &mesh, judge);
   cleanup.remove_disc = false;
   cleanup.cut_at_table = false;
-  summary.cleanup.num_holes_closed = CleanMesh(cleanup, reporter, &mesh).num_holes_closed;
+  summary.cleanup.num_holes_closed = CleanMesh(cleanup, reporter, &mesh, judge).num_holes_closed;
   if (mesh.triangles.empty()) {
     throw UserError(workspace.DepthMaps(), "the depth maps agree on no surface",
                     "Check that they belong to the poses of dense/0/sparse, or set a larger voxel_size");
@@ -393,6 +431,10 @@ void RunTsdfMesher(CommandContext& context) {
   options.Add(
       "move_to_outlines", &mesher.move_to_outlines,
       "move the fused surface to where the outlines of the depth maps are, before the photos refine it");
+  options.Add(
+      "judge_by_background", &mesher.judge_by_background,
+      "keep small parts that differ from what the other photos of a station show behind them, and drop "
+      "parts that do not");
   options.AddEnum("use_gpu", &mesher.tsdf.backend,
                   {{"auto", TsdfBackend::kAuto}, {"0", TsdfBackend::kCpu}, {"1", TsdfBackend::kCuda}},
                   "fuse on the GPU");

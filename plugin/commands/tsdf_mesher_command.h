@@ -20,7 +20,9 @@ struct TsdfMesherOptions {
   std::filesystem::path mask_path;       ///< empty: dense/0/masks or, for photos without distortion, masks.
   std::string input_type = "geometric";  ///< of the maps' names: NAME.geometric.bin.
   bool use_normals = true;               ///< where there are normal maps.
-  bool flatten_table = true;     ///< where photos showed the rim (gaussian_renderer's mask_log.jsonl).
+  bool flatten_table = true;  ///< where photos showed the rim (gaussian_renderer's mask_log.jsonl).
+  /// Photos before the background judge parts (parts_before_background.h).
+  bool judge_by_background = true;
   bool move_to_outlines = true;  ///< to where the depth maps' outlines are (depth_outlines.h).
   TsdfOptions tsdf;
   MeshCleanupOptions cleanup;

@@ -148,6 +148,40 @@ TEST(MeshCleanup, DropsSmallClusters) {
   EXPECT_EQ(CleanMesh(options, silent, &empty).num_clusters, 0);
 }
 
+// The largest cluster is asked about as well: it goes like any other where it is not there.
+TEST(MeshCleanup, AsksPhotosAboutClusters) {
+  Reporter silent;
+  MeshCleanupOptions options;
+  options.cut_at_table = false;
+  options.min_cluster_area_pct = 10;
+  TriangleMesh mesh = Ball(2, 1);
+  Append(Ball(2, 0.5, {5, 0, 0}), &mesh);  // a quarter of the area
+  Append(Ball(2, 0.2, {-5, 0, 0}), &mesh);
+  const auto kept = [&](PartSight large, PartSight small) {
+    TriangleMesh copy = mesh;
+    const MeshCleanupSummary summary =
+        CleanMesh(options, silent, &copy, [&](const TriangleMesh&, const std::vector<int>&) {
+          return std::vector<PartSight>{PartSight::kUnknown, large, small};
+        });
+    EXPECT_EQ(summary.num_large_dropped, large == PartSight::kNotThere ? 1 : 0);
+    EXPECT_EQ(summary.num_small_kept, small == PartSight::kThere ? 1 : 0);
+    return summary.num_clusters_kept;
+  };
+  EXPECT_EQ(kept(PartSight::kUnknown, PartSight::kUnknown), 2);
+  EXPECT_EQ(kept(PartSight::kThere, PartSight::kThere), 3);
+  EXPECT_EQ(kept(PartSight::kNotThere, PartSight::kNotThere), 1);
+  // Areas decide alone where all are kept, or the largest.
+  const PartJudge never = [](const TriangleMesh&, const std::vector<int>&) {
+    ADD_FAILURE() << "photos are asked";
+    return std::vector<PartSight>();
+  };
+  for (const double pct : {0.0, 100.0}) {
+    options.min_cluster_area_pct = pct;
+    TriangleMesh copy = mesh;
+    EXPECT_EQ(CleanMesh(options, silent, &copy, never).num_clusters_kept, pct == 0 ? 3 : 1);
+  }
+}
+
 // 100 % keeps the largest cluster whatever its area is rounded to.
 TEST(MeshCleanup, KeepsTheLargestAlone) {
   Reporter silent;

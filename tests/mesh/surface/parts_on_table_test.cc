@@ -60,6 +60,21 @@ TEST(PartsOnTable, AreKeptByTheirShareOfTheLargest) {
   EXPECT_EQ(mesh.triangles.size(), both.triangles.size() - 16);
 }
 
+TEST(PartsOnTable, StayOrGoAsPhotosSay) {
+  const TriangleMesh both = TableWith({kLarge, kSmall}, 1);
+  for (const PartSight small : {PartSight::kUnknown, PartSight::kThere, PartSight::kNotThere}) {
+    const PartJudge judge = [&](const TriangleMesh&, const std::vector<int>& parts) {
+      EXPECT_EQ(*std::max_element(parts.begin(), parts.end()), 1);
+      EXPECT_EQ(*std::min_element(parts.begin(), parts.end()), kNoPart);
+      return std::vector<PartSight>{PartSight::kUnknown, small};
+    };
+    TriangleMesh mesh = both;
+    EXPECT_EQ(DropSmallPartsOnTable(0.1, 5, &mesh, judge), small == PartSight::kThere ? 0 : 1);
+    mesh = both;
+    EXPECT_EQ(DropSmallPartsOnTable(0.1, 1, &mesh, judge), small == PartSight::kNotThere ? 1 : 0);
+  }
+}
+
 TEST(PartsOnTable, AreAllKeptWhereTheyAreAsLarge) {
   TriangleMesh mesh = TableWith({kLarge, {24, 24, 14}}, 1);
   EXPECT_EQ(DropSmallPartsOnTable(0.1, 30, &mesh), 0);

@@ -1,0 +1,309 @@
+#include "mesh/refine/parts_before_background.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <map>
+#include <utility>
+
+#include "mesh/refine/vertex_visibility.h"
+#include "mesh/surface/triangle_area.h"
+#include "s2gs/image/photos.h"
+#include "sfm_split/base/binomial_tail.h"
+#include "sfm_split/base/error.h"
+#include "sfm_split/base/median_of_pictures.h"
+#include "sfm_split/base/parallel_for.h"
+#include "sfm_split/base/statistics.h"
+
+namespace s2gs {
+namespace {
+
+constexpr double kMostFalseAlarms = 0.01;
+// What a photo must show of a part by itself for a vote [px].
+constexpr int kLeastPixels = 10;
+// A fused surface is so far off, and lenses blur so far, at least [px].
+constexpr int kMargin = 2;
+// Photos that must show a pixel's background: of fewer the largest difference is hardly one.
+constexpr int kLeastBackgrounds = 4;
+// Of these, one in so many may hold what passes by.
+constexpr int kPassersBy = 10;
+// Larger photos are shrunk: a part that is seen has many pixels then.
+constexpr double kMostPixels = 1e6;
+constexpr int kGainStep = 4;  // photos' brightness is compared at one pixel of so many, each way
+constexpr int kMaxShrink = 16;
+
+constexpr int kNothing = -2;  // at a pixel; kOfNoPart is less than what a part's number can be, too
+constexpr int kOfNoPart = -1;
+
+// What votes say, summed over photos.
+struct Votes {
+  int photos = 0;
+  int differ = 0;
+  double chance = 0;  // of each photo's pixels to differ where nothing is
+};
+
+// A photo, and what of the mesh it shows.
+struct SeenParts {
+  int width = 0;
+  int height = 0;
+  std::vector<uint8_t> grey;
+  std::vector<int> part;         // nearest at the pixel
+  std::vector<uint8_t> covered;  // something of the mesh is at most kMargin away
+  std::vector<uint8_t> alone;    // and no other part is
+  double gain = 1;
+};
+
+ObjectView Shrunk(const ObjectView& view, int factor) {
+  ObjectView small = view;
+  small.width = view.width / factor;
+  small.height = view.height / factor;
+  small.fx /= factor;
+  small.fy /= factor;
+  small.cx /= factor;
+  small.cy /= factor;
+  return small;
+}
+
+SeenParts See(const RefinementPhotoSource& photos, int index, const TriangleMesh& mesh,
+              const std::vector<int>& part_of_triangle) {
+  const ObjectView& full = photos.Camera(index);
+  int factor = 1;
+  while (factor<kMaxShrink&& static_cast<double>(full.width) * full.height / (factor * factor)> kMostPixels)
+    ++factor;
+  const ObjectView view = Shrunk(full, factor);
+  SeenParts seen;
+  seen.width = view.width;
+  seen.height = view.height;
+  seen.grey =
+      CutAndShrink(photos.Load(index), {0, 0, view.width * factor, view.height * factor}, factor).pixels;
+  std::vector<int32_t> triangles;
+  RenderMeshDepth(mesh, view, &triangles);
+  seen.part.resize(triangles.size());
+  for (size_t i = 0; i < triangles.size(); ++i)
+    seen.part[i] = triangles[i] < 0 ? kNothing : part_of_triangle[triangles[i]];
+  seen.covered.assign(triangles.size(), 0);
+  seen.alone.assign(triangles.size(), 0);
+  for (int y = 0; y < seen.height; ++y) {
+    for (int x = 0; x < seen.width; ++x) {
+      const size_t at = static_cast<size_t>(y) * seen.width + x;
+      const int own = seen.part[at];
+      bool is_covered = false;
+      bool is_alone = own >= 0;
+      for (int v = std::max(0, y - kMargin); v <= std::min(seen.height - 1, y + kMargin); ++v) {
+        for (int u = std::max(0, x - kMargin); u <= std::min(seen.width - 1, x + kMargin); ++u) {
+          const int other = seen.part[static_cast<size_t>(v) * seen.width + u];
+          is_covered |= other != kNothing;
+          is_alone &= other == own || other < 0;
+        }
+      }
+      seen.covered[at] = static_cast<uint8_t>(is_covered);
+      seen.alone[at] = static_cast<uint8_t>(is_alone);
+    }
+  }
+  return seen;
+}
+
+// The background's brightness at a pixel in each photo that shows it, brought to one exposure.
+void BackgroundsAt(size_t at, const std::vector<SeenParts>& photos, std::vector<double>* values) {
+  values->clear();
+  for (const SeenParts& photo : photos) {
+    if (photo.covered[at] == 0) values->push_back(photo.gain * photo.grey[at]);
+  }
+}
+
+void FindGains(std::vector<SeenParts>* photos) {
+  std::vector<std::vector<double>> ratios(photos->size());
+  const SeenParts& first = photos->front();
+  std::vector<double> values;
+  for (int y = 0; y < first.height; y += kGainStep) {
+    for (int x = 0; x < first.width; x += kGainStep) {
+      const size_t at = static_cast<size_t>(y) * first.width + x;
+      BackgroundsAt(at, *photos, &values);
+      if (static_cast<int>(values.size()) < kLeastBackgrounds) continue;
+      const double median = UpperMedian(values);
+      for (size_t k = 0; k < photos->size(); ++k) {
+        const SeenParts& photo = (*photos)[k];
+        if (photo.covered[at] == 0 && photo.grey[at] > 0) ratios[k].push_back(median / photo.grey[at]);
+      }
+    }
+  }
+  for (size_t k = 0; k < photos->size(); ++k) {
+    if (!ratios[k].empty()) (*photos)[k].gain = UpperMedian(ratios[k]);
+  }
+}
+
+// What a photo's pixels say of a part.
+struct PixelCount {
+  int known = 0;
+  int differ = 0;
+  double chance = 0;
+};
+
+// One camera's photos vote.
+void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vector<Votes>* votes) {
+  const SeenParts& first = photos.front();
+  const size_t num_parts = votes->size();
+  using Counts = std::vector<PixelCount>;  // by photo and part
+  std::vector<Counts> of_rows(first.height);
+  ParallelFor(first.height, num_threads, [&](int64_t y) {
+    Counts counts;
+    std::vector<double> values;
+    for (int x = 0; x < first.width; ++x) {
+      const size_t at = static_cast<size_t>(y) * first.width + x;
+      const bool is_asked = std::any_of(photos.begin(), photos.end(),
+                                        [&](const SeenParts& photo) { return photo.alone[at] != 0; });
+      if (!is_asked) continue;
+      BackgroundsAt(at, photos, &values);
+      const int count = static_cast<int>(values.size());
+      if (count < kLeastBackgrounds) continue;
+      const double median = UpperMedian(values);
+      for (double& value : values) value = std::abs(value - median);
+      const int passers_by = count / kPassersBy;
+      std::nth_element(values.begin(), values.begin() + passers_by, values.end(), std::greater<>());
+      const double most = values[passers_by];
+      if (counts.empty()) counts.resize(photos.size() * num_parts);
+      for (size_t k = 0; k < photos.size(); ++k) {
+        const SeenParts& photo = photos[k];
+        if (photo.alone[at] == 0) continue;
+        PixelCount& pixels = counts[k * num_parts + photo.part[at]];
+        ++pixels.known;
+        pixels.differ += std::abs(photo.gain * photo.grey[at] - median) > most ? 1 : 0;
+        pixels.chance += (passers_by + 1.0) / (count + 1.0);
+      }
+    }
+    of_rows[y] = std::move(counts);
+  });
+  for (size_t k = 0; k < photos.size(); ++k) {
+    for (size_t part = 0; part < num_parts; ++part) {
+      PixelCount sum;
+      for (const Counts& counts : of_rows) {
+        if (counts.empty()) continue;
+        const PixelCount& row = counts[k * num_parts + part];
+        sum.known += row.known;
+        sum.differ += row.differ;
+        sum.chance += row.chance;
+      }
+      if (sum.known < kLeastPixels) continue;
+      Votes& of_part = (*votes)[part];
+      ++of_part.photos;
+      of_part.differ += 2 * sum.differ > sum.known ? 1 : 0;
+      of_part.chance += sum.chance / sum.known;
+    }
+  }
+}
+
+std::vector<PartSight> Decide(const std::vector<Votes>& votes, size_t largest) {
+  std::vector<PartSight> sights(votes.size(), PartSight::kUnknown);
+  const auto is_judged = [&](size_t part) { return part != largest && votes[part].photos > 0; };
+  int judged = 0;
+  for (size_t part = 0; part < votes.size(); ++part) judged += is_judged(part) ? 1 : 0;
+  const Votes& there = votes[largest];
+  // Where photos do not tell the largest from the background, they refute none.
+  const bool is_largest_told =
+      there.photos > 0 &&
+      BinomialTail(there.differ, there.photos, there.chance / there.photos) < kMostFalseAlarms;
+  // Laplace's rule of succession: what was always so is not certain, and of what had no vote all is likely.
+  const double as_largest = (there.differ + 1.0) / (there.photos + 2.0);
+  for (size_t part = 0; part < votes.size(); ++part) {
+    if (!is_judged(part)) continue;
+    const Votes& vote = votes[part];
+    const double chance = vote.chance / vote.photos;
+    if (!(as_largest > chance)) continue;
+    const int same = vote.photos - vote.differ;
+    const double gain =
+        vote.differ * std::log(as_largest / chance) + same * std::log((1 - as_largest) / (1 - chance));
+    if (gain > 0 && judged * BinomialTail(vote.differ, vote.photos, chance) < kMostFalseAlarms)
+      sights[part] = PartSight::kThere;
+    if (is_largest_told && gain < 0 &&
+        judged * BinomialTail(same, vote.photos, 1 - as_largest) < kMostFalseAlarms)
+      sights[part] = PartSight::kNotThere;
+  }
+  return sights;
+}
+
+// Parts that are large enough for a vote: numbered anew from 0 by number, the largest too.
+struct Candidates {
+  std::vector<int> of_triangle;
+  std::vector<int> part;  // as it was numbered
+  size_t largest = 0;
+};
+
+Candidates FindCandidates(const TriangleMesh& mesh, const std::vector<int>& part_of_triangle, int num_parts,
+                          double largest_pixels_per_area) {
+  std::vector<double> areas(num_parts, 0);
+  for (size_t t = 0; t < part_of_triangle.size(); ++t) {
+    if (part_of_triangle[t] >= 0) areas[part_of_triangle[t]] += TriangleArea(mesh, mesh.triangles[t]);
+  }
+  const auto largest = std::max_element(areas.begin(), areas.end()) - areas.begin();
+  Candidates found;
+  std::vector<int> number(num_parts, kOfNoPart);
+  for (int part = 0; part < num_parts; ++part) {
+    if (areas[part] * largest_pixels_per_area < kLeastPixels && part != largest) continue;
+    if (part == largest) found.largest = found.part.size();
+    number[part] = static_cast<int>(found.part.size());
+    found.part.push_back(part);
+  }
+  for (const int part : part_of_triangle) found.of_triangle.push_back(part < 0 ? kOfNoPart : number[part]);
+  return found;
+}
+
+}  // namespace
+
+PartsBeforeBackground::PartsBeforeBackground(const RefinementPhotoSource& photos,
+                                             std::vector<int> station_of_photo, int num_threads,
+                                             Reporter& reporter)
+    : photos_(photos),
+      station_of_photo_(std::move(station_of_photo)),
+      num_threads_(num_threads),
+      reporter_(reporter) {}
+
+std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
+                                                    const std::vector<int>& part_of_triangle) const {
+  int num_parts = 0;
+  for (const int part : part_of_triangle) num_parts = std::max(num_parts, part + 1);
+  std::vector<PartSight> sights(num_parts, PartSight::kUnknown);
+  std::map<int, std::vector<int>> photos_of_station;
+  for (size_t i = 0; i < station_of_photo_.size(); ++i) {
+    if (station_of_photo_[i] >= 0) photos_of_station[station_of_photo_[i]].push_back(static_cast<int>(i));
+  }
+  // Seen head-on from as near as any camera is.
+  double pixels_per_area = 0;
+  for (const auto& [station, photos] : photos_of_station) {
+    for (const int index : photos) {
+      const ObjectView& view = photos_.Camera(index);
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const Eigen::Vector3f& vertex : mesh.vertices) {
+        const double depth = (view.cam_from_object * vertex.cast<double>()).z();
+        if (depth > 0) nearest = std::min(nearest, depth);
+      }
+      pixels_per_area = std::max(pixels_per_area, view.fx * view.fy / (nearest * nearest));
+    }
+  }
+  if (num_parts < 2 || pixels_per_area == 0) return sights;
+  const Candidates candidates = FindCandidates(mesh, part_of_triangle, num_parts, pixels_per_area);
+  if (candidates.part.size() < 2) return sights;
+
+  std::vector<Votes> votes(candidates.part.size());
+  for (const auto& [station, indices] : photos_of_station) {
+    if (indices.size() < kPicturesForMedian) continue;
+    std::vector<SeenParts> photos(indices.size());
+    ParallelFor(static_cast<int64_t>(indices.size()), num_threads_, [&](int64_t k) {
+      if (reporter_.StopRequested()) throw Interrupted();
+      photos[k] = See(photos_, indices[k], mesh, candidates.of_triangle);
+    });
+    const bool is_one_size = std::all_of(photos.begin(), photos.end(), [&](const SeenParts& photo) {
+      return photo.width == photos.front().width && photo.height == photos.front().height;
+    });
+    if (!is_one_size) continue;
+    FindGains(&photos);
+    CountVotes(photos, num_threads_, &votes);
+  }
+  const std::vector<PartSight> decided = Decide(votes, candidates.largest);
+  for (size_t i = 0; i < decided.size(); ++i) sights[candidates.part[i]] = decided[i];
+  return sights;
+}
+
+}  // namespace s2gs
