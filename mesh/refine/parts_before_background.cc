@@ -287,7 +287,8 @@ std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
   if (candidates.part.size() < 2) return sights;
 
   std::vector<Votes> votes(candidates.part.size());
-  for (const auto& [station, indices] : photos_of_station) {
+  for (const auto& of_station : photos_of_station) {
+    const std::vector<int>& indices = of_station.second;
     if (indices.size() < kPicturesForMedian) continue;
     std::vector<SeenParts> photos(indices.size());
     ParallelFor(static_cast<int64_t>(indices.size()), num_threads_, [&](int64_t k) {
