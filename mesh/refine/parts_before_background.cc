@@ -4,15 +4,14 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <limits>
 #include <map>
 #include <utility>
 
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/triangle_area.h"
+#include "s2gs/image/background_votes.h"
 #include "s2gs/image/photos.h"
-#include "sfm_split/base/binomial_tail.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/median_of_pictures.h"
 #include "sfm_split/base/parallel_for.h"
@@ -21,15 +20,10 @@
 namespace s2gs {
 namespace {
 
-constexpr double kMostFalseAlarms = 0.01;
 // What a photo must show of a part by itself for a vote [px].
 constexpr int kLeastPixels = 10;
 // A fused surface is so far off, and lenses blur so far, at least [px].
 constexpr int kMargin = 2;
-// Photos that must show a pixel's background: of fewer the largest difference is hardly one.
-constexpr int kLeastBackgrounds = 4;
-// Of these, one in so many may hold what passes by.
-constexpr int kPassersBy = 10;
 // Larger photos are shrunk: a part that is seen has many pixels then.
 constexpr double kMostPixels = 1e6;
 constexpr int kGainStep = 4;  // photos' brightness is compared at one pixel of so many, each way
@@ -37,13 +31,6 @@ constexpr int kMaxShrink = 16;
 
 constexpr int kNothing = -2;  // at a pixel; kOfNoPart is less than what a part's number can be, too
 constexpr int kOfNoPart = -1;
-
-// What votes say, summed over photos.
-struct Votes {
-  int photos = 0;
-  int differ = 0;
-  double chance = 0;  // of each photo's pixels to differ where nothing is
-};
 
 // A photo, and what of the mesh it shows.
 struct SeenParts {
@@ -143,7 +130,7 @@ struct PixelCount {
 };
 
 // One camera's photos vote.
-void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vector<Votes>* votes) {
+void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vector<BackgroundVotes>* votes) {
   const SeenParts& first = photos.front();
   const size_t num_parts = votes->size();
   using Counts = std::vector<PixelCount>;  // by photo and part
@@ -157,21 +144,18 @@ void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vect
                                         [&](const SeenParts& photo) { return photo.alone[at] != 0; });
       if (!is_asked) continue;
       BackgroundsAt(at, photos, &values);
-      const int count = static_cast<int>(values.size());
-      if (count < kLeastBackgrounds) continue;
+      if (static_cast<int>(values.size()) < kLeastBackgrounds) continue;
       const double median = UpperMedian(values);
       for (double& value : values) value = std::abs(value - median);
-      const int passers_by = count / kPassersBy;
-      std::nth_element(values.begin(), values.begin() + passers_by, values.end(), std::greater<>());
-      const double most = values[passers_by];
+      const BackgroundRange range = FindBackgroundRange(&values);
       if (counts.empty()) counts.resize(photos.size() * num_parts);
       for (size_t k = 0; k < photos.size(); ++k) {
         const SeenParts& photo = photos[k];
         if (photo.alone[at] == 0) continue;
         PixelCount& pixels = counts[k * num_parts + photo.part[at]];
         ++pixels.known;
-        pixels.differ += std::abs(photo.gain * photo.grey[at] - median) > most ? 1 : 0;
-        pixels.chance += (passers_by + 1.0) / (count + 1.0);
+        pixels.differ += std::abs(photo.gain * photo.grey[at] - median) > range.most ? 1 : 0;
+        pixels.chance += range.chance;
       }
     }
     of_rows[y] = std::move(counts);
@@ -187,7 +171,7 @@ void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vect
         sum.chance += row.chance;
       }
       if (sum.known < kLeastPixels) continue;
-      Votes& of_part = (*votes)[part];
+      BackgroundVotes& of_part = (*votes)[part];
       ++of_part.photos;
       of_part.differ += 2 * sum.differ > sum.known ? 1 : 0;
       of_part.chance += sum.chance / sum.known;
@@ -195,31 +179,19 @@ void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vect
   }
 }
 
-std::vector<PartSight> Decide(const std::vector<Votes>& votes, size_t largest) {
-  std::vector<PartSight> sights(votes.size(), PartSight::kUnknown);
-  const auto is_judged = [&](size_t part) { return part != largest && votes[part].photos > 0; };
+std::vector<PartSight> Decide(const std::vector<BackgroundVotes>& votes, size_t largest) {
   int judged = 0;
-  for (size_t part = 0; part < votes.size(); ++part) judged += is_judged(part) ? 1 : 0;
-  const Votes& there = votes[largest];
+  for (size_t part = 0; part < votes.size(); ++part)
+    judged += part != largest && votes[part].photos > 0 ? 1 : 0;
   // Where photos do not tell the largest from the background, they refute none.
-  const bool is_largest_told =
-      there.photos > 0 &&
-      BinomialTail(there.differ, there.photos, there.chance / there.photos) < kMostFalseAlarms;
-  // Laplace's rule of succession: what was always so is not certain, and of what had no vote all is likely.
-  const double as_largest = (there.differ + 1.0) / (there.photos + 2.0);
+  const bool may_refute = DifferBeyondChance(votes[largest]);
+  const double as_largest = ShareWhereSomethingIs(votes[largest]);
+  std::vector<PartSight> sights(votes.size(), PartSight::kUnknown);
   for (size_t part = 0; part < votes.size(); ++part) {
-    if (!is_judged(part)) continue;
-    const Votes& vote = votes[part];
-    const double chance = vote.chance / vote.photos;
-    if (!(as_largest > chance)) continue;
-    const int same = vote.photos - vote.differ;
-    const double gain =
-        vote.differ * std::log(as_largest / chance) + same * std::log((1 - as_largest) / (1 - chance));
-    if (gain > 0 && judged * BinomialTail(vote.differ, vote.photos, chance) < kMostFalseAlarms)
-      sights[part] = PartSight::kThere;
-    if (is_largest_told && gain < 0 &&
-        judged * BinomialTail(same, vote.photos, 1 - as_largest) < kMostFalseAlarms)
-      sights[part] = PartSight::kNotThere;
+    if (part == largest) continue;
+    const BackgroundSight sight = Weigh(votes[part], as_largest, judged);
+    if (sight == BackgroundSight::kThere) sights[part] = PartSight::kThere;
+    if (sight == BackgroundSight::kNotThere && may_refute) sights[part] = PartSight::kNotThere;
   }
   return sights;
 }
@@ -286,7 +258,7 @@ std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
   const Candidates candidates = FindCandidates(mesh, part_of_triangle, num_parts, pixels_per_area);
   if (candidates.part.size() < 2) return sights;
 
-  std::vector<Votes> votes(candidates.part.size());
+  std::vector<BackgroundVotes> votes(candidates.part.size());
   for (const auto& of_station : photos_of_station) {
     const std::vector<int>& indices = of_station.second;
     if (indices.size() < kPicturesForMedian) continue;

@@ -16,8 +16,8 @@ namespace s2gs {
 /// borne out, and a scrap of surface before a patterned wall is refuted.
 ///
 /// Each photo that shows enough of a part by itself has one vote, because a photo's pixels err together. The
-/// part is there or not by what is likelier, chance or as often as with the largest part, and only where
-/// the less likely would be expected less than kMostFalseAlarms times over all parts.
+/// part is there or not by what is likelier, chance or as often as with the largest part
+/// (background_votes.h).
 class PartsBeforeBackground {
  public:
   /// \param photos      must stay. \param station_of_photo  photos of one number are of a camera that stands

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "s2gs/image/photos.h"
+#include "s2gs/table/before_background.h"
 #include "s2gs/table/opaque_region.h"
 #include "sfm_split/base/error.h"
 
@@ -53,6 +54,28 @@ size_t ClearStanding(const std::vector<StationPhotos>& stations, const RotatingR
   return count;
 }
 
+// A table's own top changes as it turns, and under shadows: it is no background.
+size_t ClearBackground(const TrainingScene& scene, const std::vector<StationPhotos>& stations,
+                       const std::optional<RotatingShape>& shape, const SceneTable& table, Backend* backend,
+                       Reporter& reporter) {
+  size_t count = 0;
+  for (int round = 0; round < kStandingRounds; ++round) {
+    std::vector<std::vector<PixelMask>> masks;
+    for (const StationPhotos& station : stations) {
+      std::vector<PixelMask>& of_station = masks.emplace_back();
+      for (const PinholeView& view : station.views) {
+        of_station.push_back(RotatingMask(backend->Render(MaskRequest(scene, shape, view))));
+        if (table.rim) AddRegion(table.rim->region, view, &of_station.back());
+      }
+    }
+    const std::vector<uint32_t> showing = FindShowingBackground(stations, masks, backend->GetPlacement());
+    count += showing.size();
+    LeaveOut(showing, "at which photos show the background", backend, reporter);
+    if (kWorthARound * showing.size() <= count) break;
+  }
+  return count;
+}
+
 // By photo, of the rotating part.
 std::map<std::string, std::vector<float>> DepthsOfPhotos(const std::vector<uint32_t>& left_out,
                                                          const TrainingScene& scene, Backend* backend) {
@@ -89,6 +112,8 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
     table.rim = FindTableRim(scene, backend);
     if (table.rim && table.rim->IsUndecided() && *shape && options.plain_is_object)
       CountTableAsRotating(*table.rim, &**shape);
+    if (options.cut_around)
+      table.num_around = ClearBackground(scene, stations, *shape, table, backend, reporter);
     return table;
   }
   table.rim = RimOfCircle(scene, *table.circle, *shape, backend);
@@ -127,6 +152,7 @@ SceneTable SceneTable::Find(const TrainingScene& scene, const LoadPhoto& load,
       FindStandingAroundTable(stations, region, backend->GetPlacement(), of_things);
   table.num_around = standing.size();
   LeaveOut(standing, "around the table, where photos show no change", backend, reporter);
+  table.num_around += ClearBackground(scene, stations, *shape, table, backend, reporter);
   return table;
 }
 
