@@ -398,7 +398,7 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
   refinement.Add(
       "drop_refuted", &MeshRefinementOptions::drop_refuted,
       "where a table turns, drop parts of which hardly two photos show the same: webs between parts of "
-      "the object");
+      "the object, and parts by themselves that photos do not bear out");
   refinement.Add("drop_seen_through", &MeshRefinementOptions::drop_seen_through,
                  "where a table turns, drop parts over its top at which two photos show the top itself");
   refinement.Add("max_memory_gib", &MeshRefinementOptions::max_memory_gib, "photos are shrunk until they fit")
