@@ -32,6 +32,8 @@ constexpr double kSameView = 0.5;  // [px]: as near as rims are found.
 constexpr int kShadesOfOne = 4;    // photos that one outweighs in which the ground is lit: a judgement.
 constexpr int kMaskedPhotos = 6;   // of all, to see what the model takes to stand still
 constexpr double kFew = 0.05;      // of the points: outliers.
+// Of the points at least on a thing that is much plainer than its table.
+constexpr double kFewOfThing = 0.01;
 // The table lies where the rotating points begin, so many of their heights about it.
 constexpr double kAround = 0.5;
 // The same below it, where there is none: a thing hides its lower half from cameras that look down.
@@ -217,7 +219,7 @@ std::optional<TableCircle> FindTableInPhotos(const TrainingScene& scene,
   CircleSearch search;
   search.axis = axis;
   search.low = low - kAround * (high - low);
-  search.high = low + kAround * (high - low);
+  search.high = low + kAround * (Quantile(heights, 1 - kFewOfThing) - low);
   search.thing = ThingOver(low, high, heights, radii);
   search.max_radius = kReach * Quantile(std::move(radii), 1 - kFew);
   std::vector<StillPicture> pictures;

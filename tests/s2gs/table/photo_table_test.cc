@@ -53,6 +53,23 @@ TEST(PhotoTable, ItsRimIsFoundBelowAThingOfWhichTheUpperPartIsSeen) {
   EXPECT_NEAR(circle->height, kTableTop, 1.5 * kTablePixel);
 }
 
+// Of a plain thing there are few points, and the table's own lie on its side as well.
+TEST(PhotoTable, ItsRimIsFoundBelowAThingOfFewPoints) {
+  TrainingScene scene = TableOnGround(12, TopLook::kPlain);
+  scene.points.clear();
+  const auto add = [&](int i, double radius, double above_top) {
+    const Eigen::AngleAxisd turn(0.7 * i, Eigen::Vector3d::UnitZ());
+    const Eigen::Vector3d x(radius * kTableRadius, 0, kTableTop + above_top * kTableRadius);
+    scene.points.push_back({turn * x, {0, 0, 0}, true});
+  };
+  for (int i = 0; i < 97; ++i) add(i, i < 50 ? 0.9 : 1, i < 50 ? 0 : -0.2 * (i - 50) / 46);
+  for (int i = 0; i < 3; ++i) add(i, 0.2, 0.5);
+  const std::optional<TableCircle> circle = FindTableInPhotos(scene, LoadStations(scene));
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->radius, kTableRadius, kTablePixel);
+  EXPECT_NEAR(circle->height, kTableTop, 1.5 * kTablePixel);
+}
+
 TEST(PhotoTable, AStationIsSomeOfItsPhotosWithoutThoseHeldOut) {
   TrainingScene scene = TableOnGround(41, TopLook::kPlain);
   for (size_t i = 0; i < 30; i += 10) scene.photos[i].held_out = true;
