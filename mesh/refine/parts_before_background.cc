@@ -29,7 +29,8 @@ constexpr double kMostPixels = 1e6;
 constexpr int kGainStep = 4;  // photos' brightness is compared at one pixel of so many, each way
 constexpr int kMaxShrink = 16;
 
-constexpr int kNothing = -2;  // at a pixel; kOfNoPart is less than what a part's number can be, too
+// Instead of a part's number.
+constexpr int kNothing = -2;  // at a pixel that shows nothing of the mesh
 constexpr int kOfNoPart = -1;
 
 // A photo, and what of the mesh it shows.
@@ -57,9 +58,9 @@ ObjectView Shrunk(const ObjectView& view, int factor) {
 SeenParts See(const RefinementPhotoSource& photos, int index, const TriangleMesh& mesh,
               const std::vector<int>& part_of_triangle) {
   const ObjectView& full = photos.Camera(index);
+  const double pixels = static_cast<double>(full.width) * full.height;
   int factor = 1;
-  while (factor<kMaxShrink&& static_cast<double>(full.width) * full.height / (factor * factor)> kMostPixels)
-    ++factor;
+  while (factor < kMaxShrink && pixels > kMostPixels * factor * factor) ++factor;
   const ObjectView view = Shrunk(full, factor);
   SeenParts seen;
   seen.width = view.width;
