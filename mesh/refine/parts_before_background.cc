@@ -11,6 +11,7 @@
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/triangle_area.h"
 #include "s2gs/image/background_votes.h"
+#include "s2gs/image/image_error.h"
 #include "s2gs/image/photos.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/median_of_pictures.h"
@@ -44,15 +45,23 @@ struct SeenParts {
   double gain = 1;
 };
 
-ObjectView Shrunk(const ObjectView& view, int factor) {
-  ObjectView small = view;
-  small.width = view.width / factor;
-  small.height = view.height / factor;
-  small.fx /= factor;
-  small.fy /= factor;
-  small.cx /= factor;
-  small.cy /= factor;
-  return small;
+// Pixels of parts from which no other part is kMargin away or less.
+std::vector<uint8_t> FindAlone(const std::vector<int>& parts, int width, int height) {
+  std::vector<uint8_t> alone(parts.size(), 0);
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const size_t at = static_cast<size_t>(y) * width + x;
+      bool is_alone = parts[at] >= 0;
+      for (int v = std::max(0, y - kMargin); v <= std::min(height - 1, y + kMargin); ++v) {
+        for (int u = std::max(0, x - kMargin); u <= std::min(width - 1, x + kMargin); ++u) {
+          const int other = parts[static_cast<size_t>(v) * width + u];
+          is_alone &= other == parts[at] || other < 0;
+        }
+      }
+      alone[at] = static_cast<uint8_t>(is_alone);
+    }
+  }
+  return alone;
 }
 
 SeenParts See(const RefinementPhotoSource& photos, int index, const TriangleMesh& mesh,
@@ -61,36 +70,21 @@ SeenParts See(const RefinementPhotoSource& photos, int index, const TriangleMesh
   const double pixels = static_cast<double>(full.width) * full.height;
   int factor = 1;
   while (factor < kMaxShrink && pixels > kMostPixels * factor * factor) ++factor;
-  const ObjectView view = Shrunk(full, factor);
+  const ImagePart whole = {0, 0, full.width / factor * factor, full.height / factor * factor};
+  const ObjectView view = CutAndShrunk(full, whole, factor);
   SeenParts seen;
   seen.width = view.width;
   seen.height = view.height;
-  seen.grey =
-      CutAndShrink(photos.Load(index), {0, 0, view.width * factor, view.height * factor}, factor).pixels;
+  seen.grey = CutAndShrink(photos.Load(index), whole, factor).pixels;
   std::vector<int32_t> triangles;
   RenderMeshDepth(mesh, view, &triangles);
   seen.part.resize(triangles.size());
   for (size_t i = 0; i < triangles.size(); ++i)
     seen.part[i] = triangles[i] < 0 ? kNothing : part_of_triangle[triangles[i]];
-  seen.covered.assign(triangles.size(), 0);
-  seen.alone.assign(triangles.size(), 0);
-  for (int y = 0; y < seen.height; ++y) {
-    for (int x = 0; x < seen.width; ++x) {
-      const size_t at = static_cast<size_t>(y) * seen.width + x;
-      const int own = seen.part[at];
-      bool is_covered = false;
-      bool is_alone = own >= 0;
-      for (int v = std::max(0, y - kMargin); v <= std::min(seen.height - 1, y + kMargin); ++v) {
-        for (int u = std::max(0, x - kMargin); u <= std::min(seen.width - 1, x + kMargin); ++u) {
-          const int other = seen.part[static_cast<size_t>(v) * seen.width + u];
-          is_covered |= other != kNothing;
-          is_alone &= other == own || other < 0;
-        }
-      }
-      seen.covered[at] = static_cast<uint8_t>(is_covered);
-      seen.alone[at] = static_cast<uint8_t>(is_alone);
-    }
-  }
+  PixelMask mesh_mask = {seen.width, seen.height, {}};
+  for (const int part : seen.part) mesh_mask.inside.push_back(part == kNothing ? 0 : 1);
+  seen.covered = Widened(mesh_mask, kMargin).inside;
+  seen.alone = FindAlone(seen.part, seen.width, seen.height);
   return seen;
 }
 
@@ -197,6 +191,23 @@ std::vector<PartSight> Decide(const std::vector<BackgroundVotes>& votes, size_t 
   return sights;
 }
 
+// Of a surface seen head-on from as near as any of the cameras that stand still is.
+double MostPixelsPerArea(const TriangleMesh& mesh, const RefinementPhotoSource& photos,
+                         const std::vector<int>& station_of_photo) {
+  double most = 0;
+  for (size_t i = 0; i < station_of_photo.size(); ++i) {
+    if (station_of_photo[i] < 0) continue;
+    const ObjectView& view = photos.Camera(static_cast<int>(i));
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const Eigen::Vector3f& vertex : mesh.vertices) {
+      const double depth = (view.cam_from_object * vertex.cast<double>()).z();
+      if (depth > 0) nearest = std::min(nearest, depth);
+    }
+    most = std::max(most, view.fx * view.fy / (nearest * nearest));
+  }
+  return most;
+}
+
 // Parts that are large enough for a vote: numbered anew from 0 by number, the largest too.
 struct Candidates {
   std::vector<int> of_triangle;
@@ -205,7 +216,7 @@ struct Candidates {
 };
 
 Candidates FindCandidates(const TriangleMesh& mesh, const std::vector<int>& part_of_triangle, int num_parts,
-                          double largest_pixels_per_area) {
+                          double most_pixels_per_area) {
   std::vector<double> areas(num_parts, 0);
   for (size_t t = 0; t < part_of_triangle.size(); ++t) {
     if (part_of_triangle[t] >= 0) areas[part_of_triangle[t]] += TriangleArea(mesh, mesh.triangles[t]);
@@ -214,7 +225,7 @@ Candidates FindCandidates(const TriangleMesh& mesh, const std::vector<int>& part
   Candidates found;
   std::vector<int> number(num_parts, kOfNoPart);
   for (int part = 0; part < num_parts; ++part) {
-    if (areas[part] * largest_pixels_per_area < kLeastPixels && part != largest) continue;
+    if (areas[part] * most_pixels_per_area < kLeastPixels && part != largest) continue;
     if (part == largest) found.largest = found.part.size();
     number[part] = static_cast<int>(found.part.size());
     found.part.push_back(part);
@@ -238,25 +249,13 @@ std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
   int num_parts = 0;
   for (const int part : part_of_triangle) num_parts = std::max(num_parts, part + 1);
   std::vector<PartSight> sights(num_parts, PartSight::kUnknown);
+  if (num_parts < 2) return sights;
   std::map<int, std::vector<int>> photos_of_station;
   for (size_t i = 0; i < station_of_photo_.size(); ++i) {
     if (station_of_photo_[i] >= 0) photos_of_station[station_of_photo_[i]].push_back(static_cast<int>(i));
   }
-  // Seen head-on from as near as any camera is.
-  double pixels_per_area = 0;
-  for (const auto& [station, photos] : photos_of_station) {
-    for (const int index : photos) {
-      const ObjectView& view = photos_.Camera(index);
-      double nearest = std::numeric_limits<double>::infinity();
-      for (const Eigen::Vector3f& vertex : mesh.vertices) {
-        const double depth = (view.cam_from_object * vertex.cast<double>()).z();
-        if (depth > 0) nearest = std::min(nearest, depth);
-      }
-      pixels_per_area = std::max(pixels_per_area, view.fx * view.fy / (nearest * nearest));
-    }
-  }
-  if (num_parts < 2 || pixels_per_area == 0) return sights;
-  const Candidates candidates = FindCandidates(mesh, part_of_triangle, num_parts, pixels_per_area);
+  const Candidates candidates =
+      FindCandidates(mesh, part_of_triangle, num_parts, MostPixelsPerArea(mesh, photos_, station_of_photo_));
   if (candidates.part.size() < 2) return sights;
 
   std::vector<BackgroundVotes> votes(candidates.part.size());

@@ -58,17 +58,6 @@ std::optional<Crop> FindCrop(const TriangleMesh& mesh, const ObjectView& view, i
   return crop;
 }
 
-ObjectView CropView(const ObjectView& view, const ImagePart& part, int factor) {
-  ObjectView cropped = view;
-  cropped.width = part.width / factor;
-  cropped.height = part.height / factor;
-  cropped.fx /= factor;
-  cropped.fy /= factor;
-  cropped.cx = (view.cx - part.x) / factor;
-  cropped.cy = (view.cy - part.y) / factor;
-  return cropped;
-}
-
 ObjectView ScaleView(const ObjectView& view, int width, int height) {
   ObjectView scaled = view;
   scaled.width = width;
@@ -132,7 +121,7 @@ void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleM
       const Image8 photo = source.Load(crop.index);
       const ObjectView& view = source.Camera(crop.index);
       S2GS_INVARIANT(photo.channels == 1 && photo.width == view.width && photo.height == view.height);
-      views_[begin + i] = CropView(view, crop.part, factor);
+      views_[begin + i] = CutAndShrunk(view, crop.part, factor);
       Image8 seen = source.LoadPlaneSeen(crop.index);
       if (seen.width > 0) {
         const ObjectView small = ScaleView(view, seen.width, seen.height);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "s2gs/image/photos.h"
 #include "sfm_split/base/rigid3.h"
 
 namespace s2gs {
@@ -14,5 +15,8 @@ struct ObjectView {
   double cy = 0;
   Rigid3 cam_from_object;
 };
+
+/// The camera of CutAndShrink's picture.
+ObjectView CutAndShrunk(const ObjectView& view, const ImagePart& part, int factor);
 
 }  // namespace s2gs

@@ -86,6 +86,20 @@ PixelMask ResizeNearest(const PixelMask& mask, int width, int height) {
   return resized;
 }
 
+PixelMask Widened(const PixelMask& mask, int margin) {
+  PixelMask wide = {mask.width, mask.height, std::vector<uint8_t>(mask.inside.size(), 0)};
+  for (int y = 0; y < mask.height; ++y) {
+    for (int x = 0; x < mask.width; ++x) {
+      if (mask.inside[static_cast<size_t>(y) * mask.width + x] == 0) continue;
+      for (int v = std::max(0, y - margin); v <= std::min(mask.height - 1, y + margin); ++v) {
+        for (int u = std::max(0, x - margin); u <= std::min(mask.width - 1, x + margin); ++u)
+          wide.inside[static_cast<size_t>(v) * mask.width + u] = 1;
+      }
+    }
+  }
+  return wide;
+}
+
 double Psnr(const Image8& image, const Image8& reference, const PixelMask* mask) {
   CheckSameShape(image, reference);
   S2GS_INVARIANT(mask == nullptr || (mask->width == image.width && mask->height == image.height));

@@ -23,6 +23,9 @@ PixelMask MaskFromImage(const Image8& grey);
 /// x is floor(x * source width / width), as in OpenCV's INTER_NEAREST).
 PixelMask ResizeNearest(const PixelMask& mask, int width, int height);
 
+/// With every pixel that is at most `margin` rows and columns from one of the mask [px].
+PixelMask Widened(const PixelMask& mask, int margin);
+
 /// Peak signal-to-noise ratio [dB] for 8-bit images: 10 log10(255^2 / MSE), the mean over all pixels and
 /// channels. Infinite for equal images, NaN when no pixel counts. The images must be of equal size and
 /// channels. \param mask  the pixels that count, of the images' size; null: all.

@@ -26,25 +26,11 @@ struct PhotoVotes {
   std::vector<float> chances;  // of the photo to differ by chance
 };
 
-std::vector<uint8_t> Widened(const PixelMask& mask) {
-  std::vector<uint8_t> wide(mask.inside.size(), 0);
-  for (int y = 0; y < mask.height; ++y) {
-    for (int x = 0; x < mask.width; ++x) {
-      if (mask.inside[static_cast<size_t>(y) * mask.width + x] == 0) continue;
-      for (int v = std::max(0, y - kMargin); v <= std::min(mask.height - 1, y + kMargin); ++v) {
-        for (int u = std::max(0, x - kMargin); u <= std::min(mask.width - 1, x + kMargin); ++u)
-          wide[static_cast<size_t>(v) * mask.width + u] = 1;
-      }
-    }
-  }
-  return wide;
-}
-
 // Which pixels of a station's photos differ from the background, within the masks and about them.
 std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<PixelMask>& masks) {
   std::vector<std::vector<uint8_t>> covered;
   covered.reserve(masks.size());
-  for (const PixelMask& mask : masks) covered.push_back(Widened(mask));
+  for (const PixelMask& mask : masks) covered.push_back(Widened(mask, kMargin).inside);
   const int width = station.images.front().width;
   const int height = station.images.front().height;
   std::vector<PhotoVotes> votes(masks.size());

@@ -143,6 +143,18 @@ TEST(ResizeNearest, WholeFactorsAndOddOnes) {
   EXPECT_EQ(ResizeNearest({1, 1, {1}}, 2, 2).inside, (std::vector<uint8_t>{1, 1, 1, 1}));
 }
 
+TEST(Widened, SquaresAboutEachPixelEndAtTheBorder) {
+  const PixelMask mask{5,
+                       3,
+                       {0, 0, 0, 0, 1,  //
+                        0, 0, 0, 0, 0,  //
+                        1, 0, 0, 0, 0}};
+  EXPECT_EQ(Widened(mask, 0).inside, mask.inside);
+  EXPECT_EQ(Widened(mask, 1).inside, (std::vector<uint8_t>{0, 0, 0, 1, 1,  //
+                                                           1, 1, 0, 1, 1,  //
+                                                           1, 1, 0, 0, 0}));
+}
+
 TEST(CompareMask, CountedByHand) {
   // Labels:       object object object disc disc static static static; mask: 1 1 0 1 0 1 0 0.
   const Image8 labels{8, 1, 1, {255, 255, 255, 128, 128, 0, 0, 0}};
