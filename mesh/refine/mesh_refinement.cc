@@ -9,6 +9,9 @@
 #include <optional>
 #include <vector>
 
+#include "mesh/light/shaded_normals.h"
+#include "mesh/light/turn_light.h"
+#include "mesh/refine/normal_integration.h"
 #include "mesh/refine/offset_field.h"
 #include "mesh/refine/parts_borne_out.h"
 #include "mesh/refine/photo_consistency.h"
@@ -42,6 +45,10 @@ constexpr int kDropRounds = 3;
 // Around a vertex, as far as its patch reaches, the photo must show the mesh and nothing in front of it [px
 // of the pyramid's level].
 constexpr int kVisibilityMargin = kPatchSide / 2;
+// Around a vertex whose brightness is asked for, so that nothing in front of it adds to it [px].
+constexpr int kShadingMargin = 1;
+// How often places are averaged for what shadows itself: over some two edges.
+constexpr int kSmoothRounds = 5;
 // How often curves are averaged with their neighbours'.
 constexpr int kAverageRounds = 1;
 // Peaks up to the first correlation count nothing, those from the second on fully: below are surfaces that
@@ -78,6 +85,7 @@ class Refiner {
     photos_.Load(source, mesh_, options_.max_memory_gib);
   }
   size_t num_photos() const { return photos_.size(); }
+  const std::vector<Eigen::Matrix3d>& world_from_object() const { return photos_.world_from_object(); }
 
   // \return  how many triangles.
   int64_t DropUnseen() {
@@ -182,6 +190,33 @@ class Refiner {
     }
     ComputeNormals(&mesh_);
     has_moved_ = true;
+    NoteAgreement();
+  }
+
+  // Small forms that photos' correlation does not resolve, by how light shades them.
+  void FollowShading(MeshRefinementSummary* summary) {
+    const std::vector<VertexFlags> visible = photos_.FindVisible(
+        mesh_, {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)), kShadingMargin});
+    ShadedNormals shaded =
+        FindShadedNormals(mesh_, Smoothed(*graph_, mesh_, kSmoothRounds, num_threads_),
+                          photos_.SampleShading(mesh_, visible), photos_.world_from_object(), num_threads_);
+    summary->error_even_light = shaded.error_even;
+    summary->error_turn_light = shaded.error_lit;
+    if (shaded.normals.empty()) return;
+    ToldNormals told{std::move(shaded.normals), std::move(shaded.sigma_rad), shaded.spread_rad};
+    LeanAsMesh(*graph_, mesh_, num_threads_, &told);
+    const std::vector<float> offsets = IntegrateNormals(*graph_, mesh_, told, num_threads_);
+    double squares = 0;
+    for (size_t i = 0; i < offsets.size(); ++i) {
+      const float offset_px = offsets[i] / photos_.FinestPixel(mesh_.vertices[i]);
+      mesh_.vertices[i] += offsets[i] * mesh_.normals[i];
+      moved_px_[i] += offset_px;
+      summary->num_shaded += told.sigma_rad[i] > 0 ? 1 : 0;
+      squares += std::pow(offset_px, 2);
+    }
+    ComputeNormals(&mesh_);
+    if (summary->num_shaded == 0) return;
+    summary->rms_shaded_px = std::sqrt(squares / static_cast<double>(summary->num_shaded));
     NoteAgreement();
   }
 
@@ -389,6 +424,7 @@ MeshRefinementSummary RefineMesh(const RefinementPhotoSource& photos, const Mesh
     refiner.Run(kPasses[i], static_cast<int64_t>(i) * count, total);
   }
   if (refiner.Carve()) refiner.Run(kPasses.back(), total - count, total);
+  if (options.shading && Turns(refiner.world_from_object())) refiner.FollowShading(&summary);
   refiner.Summarise(&summary);
   if (options.drop_refuted && options.table_height)
     summary.num_refuted_triangles += refiner.DropPartsNotBorneOut(*options.table_height);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -21,7 +22,8 @@ namespace s2gs {
 /// surface (Furukawa and Ponce, "Accurate, dense, and robust multiview stereopsis", 2010, score their patches
 /// so). The peaks, weighted by their sharpness, become a smooth field of offsets on the mesh. From coarse to
 /// fine in three passes; in the last the patches have the mesh's own relief. Where photos contradict each
-/// other after these, the surface is carved (surface_carving.h), and the last pass comes again. What photos
+/// other after these, the surface is carved (surface_carving.h), and the last pass comes again. Where the
+/// table turns, small forms then follow their shading (normal_integration.h). What photos
 /// refute at the end is dropped (refuted_surface.h), and what no photo sees behind it.
 
 struct MeshRefinementOptions {
@@ -35,6 +37,7 @@ struct MeshRefinementOptions {
   /// A triangle stays when so many of the photos, and at least two, see each of its corners [%]; one with
   /// fewer than 30 photos; 0: all stay. So does one without which as many would see no surface there.
   double min_seen_pct = 3;
+  bool shading = true;       ///< small forms by how light that stands still shades them (shaded_normals.h).
   bool carve = true;         ///< open hollows that photos contradict (surface_carving.h).
   bool drop_refuted = true;  ///< parts where hardly two photos show the same (refuted_surface.h).
   /// A little above the top of a table across z, what is higher stands on it in parts that are judged as
@@ -63,6 +66,8 @@ class RefinementPhotoSource {
   /// SeenHeight() itself, so that nothing stands before it. Without pixels where nothing is known.
   virtual Image8 LoadPlaneSeen(int /*index*/) const { return {}; }
   virtual double SeenHeight() const { return 0; }  ///< along z.
+  /// How the table stands in the photo: light that stands still falls on the object from elsewhere.
+  virtual Eigen::Matrix3d WorldFromObject(int /*index*/) const { return Eigen::Matrix3d::Identity(); }
 };
 
 /// How well the photos agree on the mesh at one moment of its refinement.
@@ -84,8 +89,12 @@ struct MeshRefinementSummary {
   double rms_offset_px = 0;
   double seconds = 0;
   std::vector<RefinementMoment>
-      course;              ///< before the first pass and after each; what no photo sees is gone.
-  bool has_moved = false;  ///< enough vertices had a clear peak in some pass.
+      course;                   ///< before the first pass and after each; what no photo sees is gone.
+  int64_t num_shaded = 0;       ///< vertices that shading moved.
+  double rms_shaded_px = 0;     ///< how far.
+  double error_even_light = 0;  ///< of photos that no light was fitted to, under even light [grey values].
+  double error_turn_light = 0;  ///< the same under light that stands still.
+  bool has_moved = false;       ///< enough vertices had a clear peak in some pass.
 };
 
 /// Fewer photos of the mesh than this do not refine it.

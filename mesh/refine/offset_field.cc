@@ -3,24 +3,14 @@
 #include <algorithm>
 #include <utility>
 
+#include "mesh/refine/conjugate_gradients.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
 
 namespace s2gs {
 namespace {
 
-constexpr int kMaxIterations = 300;
 constexpr int64_t kGrain = 2048;  // vertices that a thread takes at a time; each is short work
-// Of the residual's square, preconditioned.
-constexpr double kConverged = 1e-8;
-
-double Dot(const std::vector<double>& a, const std::vector<double>& b) {
-  // In one order, whatever the number of threads.
-  double sum = 0;
-  for (size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
-  return sum;
-}
-
 }  // namespace
 
 VertexGraph::VertexGraph(const TriangleMesh& mesh) {
@@ -84,39 +74,24 @@ std::vector<float> SmoothOffsets(const VertexGraph& graph, const std::vector<Off
                                  double smoothness, double prior, int num_threads) {
   S2GS_INVARIANT(observations.size() == graph.size());
   const auto count = static_cast<int64_t>(graph.size());
-  std::vector<double> x(count);
-  std::vector<double> residual(count);
+  std::vector<double> right(count);
   std::vector<double> diagonal(count);
   for (int64_t i = 0; i < count; ++i) {
     const double weight = observations[i].weight;
-    residual[i] = weight * observations[i].offset;
+    right[i] = weight * observations[i].offset;
     diagonal[i] = weight + prior + smoothness * static_cast<double>(graph.Neighbors(i).size());
   }
-  std::vector<double> scaled(count);
-  for (int64_t i = 0; i < count; ++i) scaled[i] = residual[i] / diagonal[i];
-  std::vector<double> direction = scaled;
-  std::vector<double> image(count);
-  double error = Dot(residual, scaled);
-  const double first_error = error;
-  for (int iteration = 0; iteration < kMaxIterations && error > kConverged * first_error; ++iteration) {
+  const auto multiply = [&](const std::vector<double>& x, std::vector<double>* image) {
     ParallelFor(count, num_threads, kGrain, [&](int64_t i) {
-      double sum = (observations[i].weight + prior) * direction[i];
-      for (const uint32_t j : graph.Neighbors(i)) sum += smoothness * (direction[i] - direction[j]);
-      image[i] = sum;
+      double sum = (observations[i].weight + prior) * x[i];
+      for (const uint32_t j : graph.Neighbors(i)) sum += smoothness * (x[i] - x[j]);
+      (*image)[i] = sum;
     });
-    const double length = error / Dot(direction, image);
-    for (int64_t i = 0; i < count; ++i) {
-      x[i] += length * direction[i];
-      residual[i] -= length * image[i];
-      scaled[i] = residual[i] / diagonal[i];
-    }
-    const double next_error = Dot(residual, scaled);
-    for (int64_t i = 0; i < count; ++i) direction[i] = scaled[i] + next_error / error * direction[i];
-    error = next_error;
-  }
+  };
   std::vector<float> offsets;
   offsets.reserve(count);
-  for (const double value : x) offsets.push_back(static_cast<float>(value));
+  for (const double value : SolveByConjugateGradients(multiply, diagonal, right))
+    offsets.push_back(static_cast<float>(value));
   return offsets;
 }
 

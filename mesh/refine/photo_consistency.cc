@@ -113,6 +113,25 @@ class Comparison {
   float weight_squares_ = 0;
 };
 
+// \param p  counted from the centre of the first pixel.
+float GreyOf(const Image8& image, const Eigen::Vector2f& p) {
+  // One value below the last, so that there is a neighbour to the right and below.
+  const float max_x = static_cast<float>(image.width - 1) - 1e-3F;
+  const float max_y = static_cast<float>(image.height - 1) - 1e-3F;
+  // In this order a coordinate that is not a number becomes 0.
+  const float px = std::min(std::max(0.0F, p.x()), max_x);
+  const float py = std::min(std::max(0.0F, p.y()), max_y);
+  const int column = static_cast<int>(px);
+  const int row = static_cast<int>(py);
+  const float fx = px - static_cast<float>(column);
+  const float fy = py - static_cast<float>(row);
+  const uint8_t* grey = image.Pixel(column, row);
+  const float top = grey[0] + fx * static_cast<float>(grey[1] - grey[0]);
+  const uint8_t* below = grey + image.width;
+  const float bottom = below[0] + fx * static_cast<float>(below[1] - below[0]);
+  return top + fy * (bottom - top);
+}
+
 }  // namespace
 
 PhotoPyramid::PhotoPyramid(const ObjectView& view, Image8 grey)
@@ -142,6 +161,13 @@ float PhotoPyramid::PixelSize(const Eigen::Vector3f& x_in_object) const {
   return (rotation_.row(2).dot(x_in_object) + translation_.z()) / focal_;
 }
 
+float PhotoPyramid::GreyAt(const Eigen::Vector3f& x_in_object) const {
+  const Level& finest = levels_.front();
+  const Eigen::Vector3f x = rotation_ * x_in_object + translation_;
+  const Eigen::Vector2f ray = x.head<2>() / std::max(x.z(), std::numeric_limits<float>::min());
+  return GreyOf(finest.grey, finest.focal.cwiseProduct(ray) + finest.principal);
+}
+
 void PhotoPyramid::SamplePatch(const SurfacePatch& patch, const Eigen::Vector3f& middle, int level,
                                float* values) const {
   const Level& at = levels_[std::min<size_t>(level, levels_.size() - 1)];
@@ -158,24 +184,10 @@ void PhotoPyramid::SamplePatch(const SurfacePatch& patch, const Eigen::Vector3f&
   const Eigen::Vector2f along_u = image_step(patch.spacing * patch.u);
   const Eigen::Vector2f along_v = image_step(patch.spacing * patch.v);
   const Eigen::Vector2f along_normal = image_step(patch.spacing * patch.normal);
-  // One value below the last, so that there is a neighbour to the right and below.
-  const float max_x = static_cast<float>(image.width - 1) - 1e-3F;
-  const float max_y = static_cast<float>(image.height - 1) - 1e-3F;
   for (int k = 0; k < patch.num_points; ++k) {
     const Eigen::Vector3f& point = patch.points[k];
     const Eigen::Vector2f p = start + point.x() * along_u + point.y() * along_v + point.z() * along_normal;
-    // In this order a coordinate that is not a number becomes 0.
-    const float px = std::min(std::max(0.0F, p.x()), max_x);
-    const float py = std::min(std::max(0.0F, p.y()), max_y);
-    const int column = static_cast<int>(px);
-    const int row = static_cast<int>(py);
-    const float fx = px - static_cast<float>(column);
-    const float fy = py - static_cast<float>(row);
-    const uint8_t* grey = image.Pixel(column, row);
-    const float top = grey[0] + fx * static_cast<float>(grey[1] - grey[0]);
-    const uint8_t* below = grey + image.width;
-    const float bottom = below[0] + fx * static_cast<float>(below[1] - below[0]);
-    values[k] = top + fy * (bottom - top);
+    values[k] = GreyOf(image, p);
   }
 }
 

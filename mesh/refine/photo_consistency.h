@@ -26,6 +26,9 @@ class PhotoPyramid {
   /// Edge of a pixel of level 0 at the point's depth, in the object's unit.
   float PixelSize(const Eigen::Vector3f& x_in_object) const;
 
+  /// The grey value at a place of the object, from 0 to 255. Beyond the photo, that of its border.
+  float GreyAt(const Eigen::Vector3f& x_in_object) const;
+
   /// Grey values at the patch's points when its middle is elsewhere. Beyond the photo, the values of its
   /// border.
   void SamplePatch(const SurfacePatch& patch, const Eigen::Vector3f& middle, int level, float* values) const;

@@ -111,6 +111,8 @@ void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleM
   views_.resize(crops.size());
   sights_.resize(crops.size());
   seen_height_ = source.SeenHeight();
+  turns_.clear();
+  for (const Crop& crop : crops) turns_.push_back(source.WorldFromObject(crop.index));
   std::vector<std::unique_ptr<PhotoPyramid>> photos(crops.size());
   const auto group = static_cast<size_t>(4 * num_threads_);
   for (size_t begin = 0; begin < crops.size(); begin += group) {
@@ -204,6 +206,36 @@ std::vector<bool> RefinementPhotos::FindClosing(const TriangleMesh& mesh, const 
     is_closing.push_back(num_open[i] >= least_photos && num_open[i] > num_covered[i]);
   }
   return is_closing;
+}
+
+float RefinementPhotos::FinestPixel(const Eigen::Vector3f& x_in_object) const {
+  float finest = std::numeric_limits<float>::infinity();
+  for (const auto& photo : photos_) {
+    const float size = photo->PixelSize(x_in_object);
+    if (size > 0) finest = std::min(finest, size);
+  }
+  return finest;
+}
+
+std::vector<ShadedSample> RefinementPhotos::SampleShading(const TriangleMesh& mesh,
+                                                          const std::vector<VertexFlags>& visible) const {
+  const size_t count = mesh.vertices.size();
+  std::vector<size_t> first(count + 1, 0);
+  for (size_t i = 0; i < count; ++i) {
+    first[i + 1] =
+        first[i] + static_cast<size_t>(std::count_if(visible.begin(), visible.end(),
+                                                     [i](const VertexFlags& flags) { return flags.Get(i); }));
+  }
+  std::vector<ShadedSample> samples(first[count]);
+  ParallelFor(static_cast<int64_t>(count), num_threads_, 1024, [&](int64_t i) {
+    size_t at = first[i];
+    for (size_t k = 0; k < photos_.size(); ++k) {
+      if (!visible[k].Get(i)) continue;
+      samples[at++] = {static_cast<uint32_t>(i), static_cast<uint16_t>(k),
+                       photos_[k]->GreyAt(mesh.vertices[i])};
+    }
+  });
+  return samples;
 }
 
 SurfacePatch RefinementPhotos::PatchAt(const TriangleMesh& mesh, size_t vertex,

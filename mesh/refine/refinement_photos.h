@@ -1,9 +1,11 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <memory>
 #include <vector>
 
+#include "mesh/light/shaded_normals.h"
 #include "mesh/refine/mesh_refinement.h"
 #include "mesh/refine/photo_consistency.h"
 #include "mesh/refine/vertex_visibility.h"
@@ -45,6 +47,15 @@ class RefinementPhotos {
   std::vector<bool> FindClosing(const TriangleMesh& mesh, const std::vector<bool>& keep,
                                 int least_photos) const;
 
+  /// Edge of a pixel at a place, of the photo that is nearest to it, in the mesh's unit.
+  float FinestPixel(const Eigen::Vector3f& x_in_object) const;
+
+  /// What photos show of the vertices that they see, by vertex, and the photos' turns. \param visible  of
+  /// FindVisible.
+  std::vector<ShadedSample> SampleShading(const TriangleMesh& mesh,
+                                          const std::vector<VertexFlags>& visible) const;
+  const std::vector<Eigen::Matrix3d>& world_from_object() const { return turns_; }
+
   /// The surface at a vertex with the photos that are compared there, not laid out yet.
   /// \param visible  of FindVisible.
   SurfacePatch PatchAt(const TriangleMesh& mesh, size_t vertex, const std::vector<VertexFlags>& visible,
@@ -55,6 +66,7 @@ class RefinementPhotos {
   Reporter& reporter_;
   std::vector<ObjectView> views_;  // as the photos are: cut and shrunk
   std::vector<std::unique_ptr<PhotoPyramid>> photos_;
+  std::vector<Eigen::Matrix3d> turns_;
   struct PlaneSight {
     Image8 seen;
     ObjectView view;  // of its size

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "mesh/texture/turn_light.h"
+#include "mesh/light/turn_light.h"
 #include "s2gs/image/srgb.h"
 #include "sfm_split/base/statistics.h"
 

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <utility>
 
-#include "mesh/texture/turn_light.h"
+#include "mesh/light/turn_light.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
 

@@ -6,8 +6,8 @@
 #include <cstddef>
 #include <vector>
 
-#include "mesh/texture/mesh_raster.h"
-#include "mesh/texture/turn_light.h"
+#include "mesh/light/mesh_raster.h"
+#include "mesh/light/turn_light.h"
 
 namespace s2gs {
 namespace {

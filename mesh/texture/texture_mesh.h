@@ -4,10 +4,10 @@
 #include <cstdint>
 #include <vector>
 
+#include "mesh/light/turn_light.h"
 #include "mesh/surface/object_view.h"
 #include "mesh/surface/textured_mesh.h"
 #include "mesh/surface/triangle_mesh.h"
-#include "mesh/texture/turn_light.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/reporter.h"

@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <vector>
 
+#include "mesh/light/mesh_raster.h"
 #include "mesh/surface/object_view.h"
 #include "mesh/surface/triangle_mesh.h"
-#include "mesh/texture/mesh_raster.h"
 #include "s2gs/image/image_file.h"
 
 namespace s2gs {

@@ -18,6 +18,7 @@
 #include "mesh/surface/table_plane.h"
 #include "mesh/surface/vertex_normals.h"
 #include "plugin/outputs/dense_views.h"
+#include "plugin/outputs/photo_turns.h"
 #include "plugin/stage/stage.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -49,10 +50,21 @@ class GreyPhotos : public RefinementPhotoSource {
     return seen_height_ ? photos_.LoadTableSeen(index) : Image8();
   }
   double SeenHeight() const override { return seen_height_.value_or(0); }
+  Eigen::Matrix3d WorldFromObject(int index) const override {
+    return turns_.empty() ? Eigen::Matrix3d::Identity() : turns_[index];
+  }
+  // Tells how the table stands in each of the photos.
+  void SetTurns(const Workspace& workspace, const std::vector<DenseViewFiles>& files) {
+    const PhotoTurns turns(workspace, files);
+    for (const DenseViewFiles& view : files) {
+      if (!view.image.empty()) turns_.push_back(turns.Of(view.name));
+    }
+  }
 
  private:
   DensePhotos photos_;
   std::optional<double> seen_height_;
+  std::vector<Eigen::Matrix3d> turns_;
 };
 
 std::vector<DenseViewFiles> FindDepthViews(const Workspace& workspace, const TsdfMesherOptions& options,
@@ -108,6 +120,14 @@ void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
       refinement.num_photos, refinement.num_unseen_triangles, refinement.num_refuted_triangles,
       100.0 * static_cast<double>(refinement.num_accepted) / static_cast<double>(refinement.num_vertices),
       refinement.num_vertices, refinement.mean_offset_px, refinement.rms_offset_px, refinement.seconds));
+  if (refinement.num_shaded > 0) {
+    reporter.Info(
+        fmt::format("shading moved {} vertices by {:.2f} px rms: photos left out differ by {:.2f} grey "
+                    "values under light "
+                    "that stands still, by {:.2f} under even light",
+                    refinement.num_shaded, refinement.rms_shaded_px, refinement.error_turn_light,
+                    refinement.error_even_light));
+  }
 }
 
 void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, std::ostream& out) {
@@ -238,6 +258,8 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"moved", refinement.has_moved},
        {"carved", refinement.num_carved},
        {"refuted_triangles", refinement.num_refuted_triangles},
+       {"shaded_vertices", refinement.num_shaded},
+       {"shaded_rms_px", refinement.rms_shaded_px},
        {"triangles_seen_through", refinement.num_seen_through},
        {"rms_offset_px", refinement.rms_offset_px},
        {"vertices_on_outlines", summary.outlines.num_vertices},
@@ -312,8 +334,8 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     }
     refinement.table_height = table_height;
     summary.fused_seconds = watch.Lap();
-    const GreyPhotos photos(files,
-                            top && top->is_seen ? std::make_optional(top->plane.height) : std::nullopt);
+    GreyPhotos photos(files, top && top->is_seen ? std::make_optional(top->plane.height) : std::nullopt);
+    photos.SetTurns(workspace, files);
     summary.refinement = RefineMesh(photos, refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
     // Shadows stand still on a plain top that turns: what little photos see there is not its place.
@@ -393,6 +415,8 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
           "drop triangles that fewer of the photos see, where a table turns; with fewer than 30 photos those "
           "that none sees; 0 keeps all")
       .Unit("%");
+  refinement.Add("shading", &MeshRefinementOptions::shading,
+                 "where a table turns, shape small forms by how light that stands still shades them");
   refinement.Add("carve", &MeshRefinementOptions::carve,
                  "let parts sink that photos contradict, where they agree deeper: hollows that were filled");
   refinement.Add(

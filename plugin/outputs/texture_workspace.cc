@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -12,6 +11,7 @@
 #include "mesh/io/textured_mesh_files.h"
 #include "mesh/texture/render_textured.h"
 #include "plugin/outputs/dense_views.h"
+#include "plugin/outputs/photo_turns.h"
 #include "s2gs/image/image_error.h"
 #include "sfm_split/base/file_io.h"
 #include "sfm_split/base/image_name.h"
@@ -22,26 +22,6 @@ namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
-
-// How the table stands in each photo; as if it stood still where turntable.json does not say it of all views.
-class PhotoTurns {
- public:
-  PhotoTurns(const Workspace& workspace, const std::vector<DenseViewFiles>& views) {
-    if (!Exists(workspace.Turntable())) return;
-    for (const TurntableImage& image : ReadTurntableFile(workspace.Turntable()).images) {
-      turns_[image.name] = image.world_from_object.rotation.toRotationMatrix();
-    }
-    const bool knows_all = std::all_of(
-        views.begin(), views.end(), [&](const DenseViewFiles& view) { return turns_.count(view.name) > 0; });
-    if (!knows_all) turns_.clear();
-  }
-  Eigen::Matrix3d Of(const std::string& name) const {
-    return turns_.empty() ? Eigen::Matrix3d::Identity() : turns_.at(name);
-  }
-
- private:
-  std::map<std::string, Eigen::Matrix3d> turns_;
-};
 
 class WorkspaceTexturePhotos : public TexturePhotoSource {
  public:

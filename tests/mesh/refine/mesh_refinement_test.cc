@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -83,6 +84,48 @@ TEST(MeshRefinement, TakesNoiseOff) {
   const double before = DistanceFromSphere(mesh).second;
   Refine(photos, &mesh);
   EXPECT_LT(DistanceFromSphere(mesh).second, 0.2 * before);
+}
+
+// Photos of a ball that turns before a camera and a lamp.
+class LitPhotos : public RefinementPhotoSource {
+ public:
+  explicit LitPhotos(const RefinementPhotoSource& photos) : photos_(photos) {}
+  int size() const override { return photos_.size(); }
+  const ObjectView& Camera(int index) const override { return photos_.Camera(index); }
+  Image8 Load(int index) const override { return photos_.Load(index); }
+  Eigen::Matrix3d WorldFromObject(int index) const override {
+    return photos_.Camera(index).cam_from_object.rotation.toRotationMatrix();
+  }
+
+ private:
+  const RefinementPhotoSource& photos_;
+};
+
+// Plain clay gives correlation nothing, and shading its forms. Measured [px]: .50 as it was, .20 by shading.
+TEST(MeshRefinement, ShapesSmallFormsByTheirShading) {
+  const SpherePhotos photos(24, kThreeRings, Plain, 1, {-0.6, -0.4, -0.3});
+  const LitPhotos turning(photos);
+  TriangleMesh rough = Sphere(1, 110);
+  RandomNumbers random(3);
+  for (Eigen::Vector3f& vertex : rough.vertices)
+    vertex *= static_cast<float>(1 + 0.5 * kPixel * random.Normal());
+  TriangleMesh shaped = rough;
+  const MeshRefinementSummary summary = Refine(turning, &shaped);
+  EXPECT_GT(summary.num_shaded, 5000);
+  // The photos' exposures differ by more than the light.
+  EXPECT_LT(summary.error_turn_light, summary.error_even_light);
+  EXPECT_LT(DistanceFromSphere(shaped).second, 0.6 * DistanceFromSphere(rough).second)
+      << DistanceFromSphere(shaped).second << " " << DistanceFromSphere(rough).second;
+  EXPECT_NEAR(summary.rms_shaded_px, 0.5, 0.15);
+
+  MeshRefinementOptions options;
+  options.shading = false;
+  TriangleMesh left = rough;
+  EXPECT_EQ(Refine(turning, &left, options).num_shaded, 0);
+  EXPECT_EQ(left.vertices, rough.vertices);
+  // A table that stands still is lit alike in all photos.
+  EXPECT_EQ(Refine(photos, &left).num_shaded, 0);
+  EXPECT_EQ(left.vertices, rough.vertices);
 }
 
 TEST(MeshRefinement, LeavesPlainSurfacesAlone) {

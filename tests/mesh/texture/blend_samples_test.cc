@@ -6,8 +6,8 @@
 #include <cmath>
 #include <vector>
 
+#include "mesh/light/turn_light.h"
 #include "mesh/texture/photo_tones.h"
-#include "mesh/texture/turn_light.h"
 #include "tests/support/random_numbers.h"
 
 namespace s2gs {

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <vector>
 
+#include "mesh/light/mesh_raster.h"
 #include "mesh/surface/vertex_normals.h"
-#include "mesh/texture/mesh_raster.h"
 #include "mesh/texture/pack_rectangles.h"
 #include "mesh/texture/page_fill.h"
 #include "sfm_split/base/angles.h"

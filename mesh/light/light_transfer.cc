@@ -1,4 +1,4 @@
-#include "mesh/texture/light_transfer.h"
+#include "mesh/light/light_transfer.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -6,8 +6,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "mesh/light/mesh_raster.h"
 #include "mesh/surface/object_view.h"
-#include "mesh/texture/mesh_raster.h"
 #include "s2gs/kernel/sh.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
@@ -90,6 +90,15 @@ LightTerms LightHarmonics(const Eigen::Vector3f& direction) {
   return terms;
 }
 
+LightTerms OpenTransfer(const Eigen::Vector3f& normal) {
+  LightTerms terms = LightHarmonics(normal);
+  terms[0] *= static_cast<float>(kPi);
+  terms.segment<3>(1) *= static_cast<float>(2 * kPi / 3);
+  terms.segment<5>(4) *= static_cast<float>(kPi / 4);
+  terms.segment<7>(9).setZero();
+  return terms;
+}
+
 LightTransfer::LightTransfer(const TriangleMesh& mesh, int num_threads) : triangles_(mesh.triangles) {
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3f& vertex : mesh.vertices) box.extend(vertex.cast<double>());
@@ -98,7 +107,10 @@ LightTransfer::LightTransfer(const TriangleMesh& mesh, int num_threads) : triang
   points.reserve(mesh.vertices.size());
   for (size_t i = 0; i < mesh.vertices.size(); ++i) points.push_back({mesh.vertices[i], mesh.normals[i]});
   AddLattices(mesh, kSpacing * diagonal, &points);
-  values_.assign(points.size(), LightTerms::Zero());
+  // What is hidden comes off what an open sky adds: sums over directions are no more exact than these are
+  // many.
+  values_.reserve(points.size());
+  for (const Point& point : points) values_.push_back(OpenTransfer(point.normal));
   const double radius = diagonal / 2;
   const auto raised = static_cast<float>(kRaisedPixels * 2 * radius / kSide);
   constexpr float kShare = 4 * static_cast<float>(kPi) / kNumDirections;
@@ -117,8 +129,8 @@ LightTransfer::LightTransfer(const TriangleMesh& mesh, int num_threads) : triang
         const Eigen::Vector3f direction = Direction(begin + i).cast<float>();
         const float cosine = point.normal.dot(direction);
         if (!(cosine > 0)) continue;
-        const float light = kShare * cosine * Visibility(rasters[i], views[i], x);
-        values_[p] += light * LightHarmonics(direction);
+        const float hidden = 1 - Visibility(rasters[i], views[i], x);
+        if (hidden > 0) values_[p] -= kShare * cosine * hidden * LightHarmonics(direction);
       }
     });
   }

@@ -1,4 +1,4 @@
-#include "mesh/texture/mesh_raster.h"
+#include "mesh/light/mesh_raster.h"
 
 #include <algorithm>
 #include <cmath>

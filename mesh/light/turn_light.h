@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "mesh/texture/light_transfer.h"
+#include "mesh/light/light_transfer.h"
 
 namespace s2gs {
 

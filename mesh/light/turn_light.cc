@@ -1,4 +1,4 @@
-#include "mesh/texture/turn_light.h"
+#include "mesh/light/turn_light.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -24,6 +25,7 @@ class LightTransfer {
 
   /// At a place of a triangle, in the mesh's frame. \param u,v  barycentric, of the first and second corner.
   LightTerms At(uint32_t triangle, float u, float v) const;
+  const LightTerms& AtVertex(size_t vertex) const { return values_[vertex]; }
 
  private:
   struct Point {
@@ -39,6 +41,11 @@ class LightTransfer {
   std::vector<uint32_t> first_;
   std::vector<LightTerms> values_;  // of the vertices, then of the lattices
 };
+
+/// What each harmonic of the light adds to the light that arrives at a surface under an open sky, by its
+/// normal of unit length. (Ramamoorthi and Hanrahan, "An efficient representation for irradiance environment
+/// maps", SIGGRAPH 2001)
+LightTerms OpenTransfer(const Eigen::Vector3f& normal);
 
 /// All sixteen harmonics at a direction of unit length.
 LightTerms LightHarmonics(const Eigen::Vector3f& direction);

@@ -1,4 +1,4 @@
-#include "mesh/texture/turn_light.h"
+#include "mesh/light/turn_light.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "mesh/light/light_transfer.h"
 #include "mesh/surface/vertex_normals.h"
-#include "mesh/texture/light_transfer.h"
 #include "mesh/texture/texture_mesh.h"
 #include "sfm_split/base/angles.h"
 #include "tests/mesh/texture/box_photos.h"
@@ -17,16 +17,6 @@
 
 namespace s2gs {
 namespace {
-
-// What a place of that normal adds up of the harmonics when it sees the whole half space above it: the
-// clamped cosine's bands are pi, 2 pi / 3, pi / 4 and 0 (Ramamoorthi and Hanrahan, SIGGRAPH 2001).
-LightTerms OpenTransfer(const Eigen::Vector3f& normal) {
-  LightTerms terms = LightHarmonics(normal);
-  const double bands[] = {kPi, 2 * kPi / 3, kPi / 4, 0};
-  for (int i = 0; i < kLightTerms; ++i)
-    terms[i] *= static_cast<float>(bands[i < 1 ? 0 : i < 4 ? 1 : i < 9 ? 2 : 3]);
-  return terms;
-}
 
 Eigen::Matrix3d TurnAboutZ(double degrees) {
   return Eigen::AngleAxisd(degrees * kPi / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix();
