@@ -18,11 +18,10 @@ struct ShadedSample {
 /// Normals of a mesh's vertices as their shading tells them.
 struct ShadedNormals {
   std::vector<Eigen::Vector3f> normals;
-  std::vector<float>
-      sigma_rad;          ///< in each direction across the normal; 0: nothing is known, the mesh's own.
-  double spread_rad = 0;  ///< of the mesh's normals about these, in each direction.
-  double error_even = 0;  ///< of photos that the light was not fitted to [grey values, median].
-  double error_lit = 0;   ///< the same under the light.
+  std::vector<float> sigma_rad;  ///< across the normal; 0: nothing is known, the mesh's own.
+  double spread_rad = 0;         ///< of the mesh's normals about these, in each direction.
+  double error_even = 0;         ///< of photos that the light was not fitted to [grey values, median].
+  double error_lit = 0;          ///< the same under the light.
 };
 
 /// Photometric stereo of what turns under light that stands still (turn_light.h): each photo shows a place

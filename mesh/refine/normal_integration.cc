@@ -19,12 +19,17 @@ constexpr int64_t kVerticesAtOnce = 2048;  // that a thread takes
 // A plane through six neighbours at one distance e, each off by sigma, slopes by sigma / (sqrt(3) e).
 constexpr double kNeighborsOfSlope = 3;
 
-std::vector<float> MeanNormals(const VertexGraph& graph, const std::vector<uint8_t>& is_told,
-                               const std::vector<Eigen::Vector3f>& normals, int num_threads) {
-  std::vector<float> rows(3 * normals.size());
-  for (size_t i = 0; i < normals.size(); ++i) std::copy_n(normals[i].data(), 3, &rows[3 * i]);
-  AverageOverNeighbors(graph, is_told, 3, kLeanRounds, num_threads, &rows);
-  return rows;
+std::vector<Eigen::Vector3f> MeansOverNeighbors(const VertexGraph& graph,
+                                                const std::vector<uint8_t>& is_known,
+                                                const std::vector<Eigen::Vector3f>& vectors, int rounds,
+                                                int num_threads) {
+  std::vector<float> rows(3 * vectors.size());
+  for (size_t i = 0; i < vectors.size(); ++i) std::copy_n(vectors[i].data(), 3, &rows[3 * i]);
+  AverageOverNeighbors(graph, is_known, 3, rounds, num_threads, &rows);
+  std::vector<Eigen::Vector3f> means;
+  means.reserve(vectors.size());
+  for (size_t i = 0; i < vectors.size(); ++i) means.emplace_back(&rows[3 * i]);
+  return means;
 }
 
 // An edge from a vertex to one of its neighbours.
@@ -39,12 +44,10 @@ struct EdgeTerm {
 }  // namespace
 
 TriangleMesh Smoothed(const VertexGraph& graph, const TriangleMesh& mesh, int rounds, int num_threads) {
-  std::vector<float> rows(3 * mesh.vertices.size());
-  for (size_t i = 0; i < mesh.vertices.size(); ++i) std::copy_n(mesh.vertices[i].data(), 3, &rows[3 * i]);
-  AverageOverNeighbors(graph, std::vector<uint8_t>(mesh.vertices.size(), 1), 3, rounds, num_threads, &rows);
   TriangleMesh smooth;
   smooth.triangles = mesh.triangles;
-  for (size_t i = 0; i < mesh.vertices.size(); ++i) smooth.vertices.emplace_back(&rows[3 * i]);
+  const std::vector<uint8_t> all(mesh.vertices.size(), 1);
+  smooth.vertices = MeansOverNeighbors(graph, all, mesh.vertices, rounds, num_threads);
   ComputeNormals(&smooth);
   return smooth;
 }
@@ -53,12 +56,15 @@ void LeanAsMesh(const VertexGraph& graph, const TriangleMesh& mesh, int num_thre
   std::vector<uint8_t> is_told;
   is_told.reserve(told->sigma_rad.size());
   for (const float sigma : told->sigma_rad) is_told.push_back(sigma > 0 ? 1 : 0);
-  const std::vector<float> of_mesh = MeanNormals(graph, is_told, mesh.normals, num_threads);
-  const std::vector<float> of_told = MeanNormals(graph, is_told, told->normals, num_threads);
+  const auto means = [&](const std::vector<Eigen::Vector3f>& normals) {
+    return MeansOverNeighbors(graph, is_told, normals, kLeanRounds, num_threads);
+  };
+  const std::vector<Eigen::Vector3f> of_mesh = means(mesh.normals);
+  const std::vector<Eigen::Vector3f> of_told = means(told->normals);
   ParallelFor(static_cast<int64_t>(graph.size()), num_threads, kVerticesAtOnce, [&](int64_t i) {
     if (is_told[i] == 0) return;
-    const Eigen::Vector3f from = Eigen::Map<const Eigen::Vector3f>(&of_told[3 * i]).normalized();
-    const Eigen::Vector3f to = Eigen::Map<const Eigen::Vector3f>(&of_mesh[3 * i]).normalized();
+    const Eigen::Vector3f from = of_told[i].normalized();
+    const Eigen::Vector3f to = of_mesh[i].normalized();
     told->normals[i] = (Eigen::Quaternionf::FromTwoVectors(from, to) * told->normals[i]).normalized();
   });
 }

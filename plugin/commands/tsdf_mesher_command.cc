@@ -121,12 +121,11 @@ void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
       100.0 * static_cast<double>(refinement.num_accepted) / static_cast<double>(refinement.num_vertices),
       refinement.num_vertices, refinement.mean_offset_px, refinement.rms_offset_px, refinement.seconds));
   if (refinement.num_shaded > 0) {
-    reporter.Info(
-        fmt::format("shading moved {} vertices by {:.2f} px rms: photos left out differ by {:.2f} grey "
-                    "values under light "
-                    "that stands still, by {:.2f} under even light",
-                    refinement.num_shaded, refinement.rms_shaded_px, refinement.error_turn_light,
-                    refinement.error_even_light));
+    reporter.Info(fmt::format(
+        "shading moved {} vertices by {:.2f} px rms: photos left out differ by {:.2f} grey values "
+        "under light that stands still, by {:.2f} under even light",
+        refinement.num_shaded, refinement.rms_shaded_px, refinement.error_turn_light,
+        refinement.error_even_light));
   }
 }
 
