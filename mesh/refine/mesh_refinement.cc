@@ -197,27 +197,36 @@ class Refiner {
   void FollowShading(MeshRefinementSummary* summary) {
     const std::vector<VertexFlags> visible = photos_.FindVisible(
         mesh_, {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)), kShadingMargin});
-    ShadedNormals shaded =
-        FindShadedNormals(mesh_, Smoothed(*graph_, mesh_, kSmoothRounds, num_threads_),
-                          photos_.SampleShading(mesh_, visible), photos_.world_from_object(), num_threads_);
+    ShadedNormals shaded = FindShadedNormals(mesh_, Smoothed(*graph_, mesh_, kSmoothRounds, num_threads_),
+                                             photos_.SampleShading(mesh_, *graph_, visible),
+                                             photos_.world_from_object(), num_threads_);
     summary->error_even_light = shaded.error_even;
     summary->error_turn_light = shaded.error_lit;
-    if (shaded.normals.empty()) return;
+    summary->is_lit = !shaded.normals.empty();
+    if (!summary->is_lit) return;
     ToldNormals told{std::move(shaded.normals), std::move(shaded.sigma_rad), shaded.spread_rad};
     LeanAsMesh(*graph_, mesh_, num_threads_, &told);
     const std::vector<float> offsets = IntegrateNormals(*graph_, mesh_, told, num_threads_);
+    const std::vector<Eigen::Vector3f> before = mesh_.vertices;
+    for (size_t i = 0; i < offsets.size(); ++i) mesh_.vertices[i] += offsets[i] * mesh_.normals[i];
+    ComputeNormals(&mesh_);
+    NoteAgreement();
+    // Where the light is hardly told, or the mesh is coarse, the photos agree worse on what it leads to.
+    if (course_.size() > 1 && course_.back().disagreement > course_[course_.size() - 2].disagreement) {
+      mesh_.vertices = before;
+      ComputeNormals(&mesh_);
+      NoteAgreement();
+      return;
+    }
     double squares = 0;
     for (size_t i = 0; i < offsets.size(); ++i) {
-      const float offset_px = offsets[i] / photos_.FinestPixel(mesh_.vertices[i]);
-      mesh_.vertices[i] += offsets[i] * mesh_.normals[i];
+      const float offset_px = offsets[i] / photos_.FinestPixel(before[i]);
       moved_px_[i] += offset_px;
       summary->num_shaded += told.sigma_rad[i] > 0 ? 1 : 0;
       squares += std::pow(offset_px, 2);
     }
-    ComputeNormals(&mesh_);
-    if (summary->num_shaded == 0) return;
-    summary->rms_shaded_px = std::sqrt(squares / static_cast<double>(summary->num_shaded));
-    NoteAgreement();
+    if (summary->num_shaded > 0)
+      summary->rms_shaded_px = std::sqrt(squares / static_cast<double>(summary->num_shaded));
   }
 
   // The next pass is for what lies deeper and its surroundings alone. \return  whether there is any.

@@ -92,6 +92,7 @@ struct MeshRefinementSummary {
       course;                   ///< before the first pass and after each; what no photo sees is gone.
   int64_t num_shaded = 0;       ///< vertices that shading moved.
   double rms_shaded_px = 0;     ///< how far.
+  bool is_lit = false;          ///< a light that stands still explains how places change from photo to photo.
   double error_even_light = 0;  ///< of photos that no light was fitted to, under even light [grey values].
   double error_turn_light = 0;  ///< the same under light that stands still.
   bool has_moved = false;       ///< enough vertices had a clear peak in some pass.

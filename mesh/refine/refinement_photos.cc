@@ -217,7 +217,7 @@ float RefinementPhotos::FinestPixel(const Eigen::Vector3f& x_in_object) const {
   return finest;
 }
 
-std::vector<ShadedSample> RefinementPhotos::SampleShading(const TriangleMesh& mesh,
+std::vector<ShadedSample> RefinementPhotos::SampleShading(const TriangleMesh& mesh, const VertexGraph& graph,
                                                           const std::vector<VertexFlags>& visible) const {
   const size_t count = mesh.vertices.size();
   std::vector<size_t> first(count + 1, 0);
@@ -228,11 +228,18 @@ std::vector<ShadedSample> RefinementPhotos::SampleShading(const TriangleMesh& me
   }
   std::vector<ShadedSample> samples(first[count]);
   ParallelFor(static_cast<int64_t>(count), num_threads_, 1024, [&](int64_t i) {
+    // A vertex stands for half of each edge. What texture lies under the very place of one that is not quite
+    // where the surface is changes from photo to photo.
+    std::vector<Eigen::Vector3f> places = {mesh.vertices[i]};
+    for (const uint32_t j : graph.Neighbors(static_cast<size_t>(i)))
+      places.emplace_back((mesh.vertices[i] + mesh.vertices[j]) / 2);
     size_t at = first[i];
     for (size_t k = 0; k < photos_.size(); ++k) {
       if (!visible[k].Get(i)) continue;
+      float sum = 0;
+      for (const Eigen::Vector3f& place : places) sum += photos_[k]->GreyAt(place);
       samples[at++] = {static_cast<uint32_t>(i), static_cast<uint16_t>(k),
-                       photos_[k]->GreyAt(mesh.vertices[i])};
+                       sum / static_cast<float>(places.size())};
     }
   });
   return samples;

@@ -7,6 +7,7 @@
 
 #include "mesh/light/shaded_normals.h"
 #include "mesh/refine/mesh_refinement.h"
+#include "mesh/refine/offset_field.h"
 #include "mesh/refine/photo_consistency.h"
 #include "mesh/refine/vertex_visibility.h"
 #include "mesh/surface/object_view.h"
@@ -52,7 +53,7 @@ class RefinementPhotos {
 
   /// What photos show of the vertices that they see, by vertex, and the photos' turns. \param visible  of
   /// FindVisible.
-  std::vector<ShadedSample> SampleShading(const TriangleMesh& mesh,
+  std::vector<ShadedSample> SampleShading(const TriangleMesh& mesh, const VertexGraph& graph,
                                           const std::vector<VertexFlags>& visible) const;
   const std::vector<Eigen::Matrix3d>& world_from_object() const { return turns_; }
 

@@ -20,6 +20,7 @@
 #include "plugin/report/scan_summary.h"
 #include "plugin/scan/scan_preflight.h"
 #include "plugin/scan/scan_steps.h"
+#include "plugin/shared_options/backend_choice.h"
 #include "plugin/shared_options/quality.h"
 #include "plugin/shared_options/scale_options.h"
 #include "plugin/stage/stage_stamp.h"
@@ -288,6 +289,7 @@ void RunAutomaticScanner(CommandContext& context) {
   settings.forced = ForcedParts(settings.force);
   settings.random_seed = options.random_seed();
   settings.log_level = options.log_level();
+  settings.has_gpu = settings.use_gpu != "0" && GpuProblem({}).empty();
   RequireComplete(settings.scale);
 
   const Workspace workspace{settings.workspace_path};

@@ -126,6 +126,13 @@ void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
         "under light that stands still, by {:.2f} under even light",
         refinement.num_shaded, refinement.rms_shaded_px, refinement.error_turn_light,
         refinement.error_even_light));
+  } else if (refinement.is_lit) {
+    reporter.Info("forms by shading are left out: the photos agree less on them");
+  } else if (refinement.error_even_light > 0) {
+    reporter.Info(
+        fmt::format("no forms by shading: photos left out differ by {:.2f} grey values under the "
+                    "likeliest light that stands still, by {:.2f} under even light",
+                    refinement.error_turn_light, refinement.error_even_light));
   }
 }
 
@@ -257,6 +264,7 @@ void WriteMeshLog(const fs::path& path, const TsdfMesherSummary& summary, const 
        {"moved", refinement.has_moved},
        {"carved", refinement.num_carved},
        {"refuted_triangles", refinement.num_refuted_triangles},
+       {"lit", refinement.is_lit},
        {"shaded_vertices", refinement.num_shaded},
        {"shaded_rms_px", refinement.rms_shaded_px},
        {"triangles_seen_through", refinement.num_seen_through},
@@ -415,7 +423,8 @@ void AddRefinementOptions(Options* options, MeshRefinementOptions* fields) {
           "that none sees; 0 keeps all")
       .Unit("%");
   refinement.Add("shading", &MeshRefinementOptions::shading,
-                 "where a table turns, shape small forms by how light that stands still shades them");
+                 "where a table turns, shape small forms by how light that stands still shades them; "
+                 "automatic_scanner leaves it out at quality low");
   refinement.Add("carve", &MeshRefinementOptions::carve,
                  "let parts sink that photos contradict, where they agree deeper: hollows that were filled");
   refinement.Add(

@@ -340,6 +340,8 @@ void DecideRefinement(const PlanRequest& /*request*/, const Evidence& e, PlanDec
   d->threshold =
       fmt::format("{} photos, {:.0f} %", kMinRefinementPhotos, MeshRefinementOptions().least_clear_pct);
   if (e.mesh.value("moved", false)) return Keep(d, "the photos' texture says where the surface is");
+  if (Number(e.mesh, "shaded_vertices") > 0)
+    return Keep(d, "hardly any vertex has texture, but light that stands still tells small forms");
   LeaveOut(d,
            !e.mesh.value("enabled", true)  ? "it was switched off"
            : photos < kMinRefinementPhotos ? "too few photos show the mesh"

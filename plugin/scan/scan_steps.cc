@@ -114,9 +114,15 @@ std::vector<ScanStep> ScanSteps(const ScanSettings& settings) {
   add("gaussian_renderer", "Masks, depth and normal maps",
       {"--workspace_path", root, "--image_path", images, "--use_gpu", settings.use_gpu, "--plain_table",
        settings.plain_table});
-  add("tsdf_mesher", "The mesh",
-      {"--workspace_path", root, "--use_gpu", settings.use_gpu, "--Cleanup.remove_disc",
-       settings.keep_disc ? "0" : "1"});
+  std::vector<std::string> meshing = {"--workspace_path",
+                                      root,
+                                      "--use_gpu",
+                                      settings.use_gpu,
+                                      "--Cleanup.remove_disc",
+                                      settings.keep_disc ? "0" : "1"};
+  // Meshes of such models err over more than light tells of their forms.
+  if (settings.IsLow()) meshing.insert(meshing.end(), {"--Refine.shading", "0"});
+  add("tsdf_mesher", "The mesh", std::move(meshing));
   if (settings.texture) {
     add("mesh_texturer", "The photos' colours on the mesh",
         {"--workspace_path", root, "--test_every", std::to_string(settings.test_every)});

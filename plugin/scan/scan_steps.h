@@ -33,6 +33,7 @@ struct ScanSettings {
   Quality quality = Quality::kAuto;
   ScanUntil until = ScanUntil::kMesh;
   std::string use_gpu = "auto";
+  bool has_gpu = true;  ///< that may be used: without one quality auto is low.
   int test_every = 0;
   std::optional<int64_t> num_iterations;
   std::optional<int> first_octave;
@@ -51,6 +52,7 @@ struct ScanSettings {
   LogLevel log_level = LogLevel::kInfo;
 
   bool Imports() const { return is_video || import.has_value(); }
+  bool IsLow() const { return quality == Quality::kLow || (quality == Quality::kAuto && !has_gpu); }
 };
 
 /// A command of this program, as the scanner runs it.

@@ -70,7 +70,22 @@ TEST(ScanSteps, PassOnWhatTheScannerIsTold) {
   ScanSettings plain = Least();
   plain.texture = false;
   text += TextOf("No texture", plain);
+  ScanSettings low = Least();
+  low.has_gpu = false;
+  text += TextOf("Without a GPU", low);
   ExpectText(text, "plugin/scan/expected/scan_steps.txt");
+}
+
+TEST(ScanSteps, QualityIsLowWhereItIsAskedForOrNoGpuIsThere) {
+  ScanSettings settings = Least();
+  EXPECT_FALSE(settings.IsLow());
+  settings.has_gpu = false;
+  EXPECT_TRUE(settings.IsLow());
+  settings.quality = Quality::kMedium;
+  EXPECT_FALSE(settings.IsLow());
+  settings.has_gpu = true;
+  settings.quality = Quality::kLow;
+  EXPECT_TRUE(settings.IsLow());
 }
 
 TEST(ScanSteps, WhatIsCheckedAndPlannedIsWhatRuns) {
