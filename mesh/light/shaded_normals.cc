@@ -28,11 +28,7 @@ constexpr double kMostStep = 0.3;
 // Where the spread of normals begins, and beyond which a mesh is no surface [rad].
 constexpr double kMostSpread = 15 * kPi / 180;
 constexpr double kLeastSpread = 0.5 * kPi / 180;
-// With normal errors 95 % as good as least squares. (Holland and Welsch, 1977)
-constexpr double kCauchy = 2.385;
-constexpr double kLeastSigma = 0.5;  // [grey values], of rounding
 constexpr double kLeastLight = 1.0 / 1024;
-constexpr float kBrightest = 250;  // brighter values may be clipped
 
 struct Vertex {
   size_t first = 0;  // of its samples
@@ -59,7 +55,7 @@ class Solver {
     for (size_t i = 0; i < samples.size(); ++i) light_[i] = LightFromSrgb(samples[i].grey / 255);
   }
 
-  bool IsUsed(size_t i) const { return samples_[i].grey <= kBrightest; }
+  bool IsUsed(size_t i) const { return samples_[i].grey <= kBrightestGrey; }
 
   // The colour by the samples that the last errors leave, and the errors under it.
   void FindColor(Vertex* vertex) {
@@ -130,7 +126,7 @@ class Solver {
     for (size_t i = 0; i < errors_.size(); ++i) {
       if (IsUsed(i)) sizes.push_back(std::abs(errors_[i]));
     }
-    sigma_ = sizes.empty() ? kLeastSigma : std::max(kLeastSigma, kSigmaOfMad * UpperMedian(sizes));
+    sigma_ = sizes.empty() ? kLeastLightSigma : std::max(kLeastLightSigma, kSigmaOfMad * UpperMedian(sizes));
   }
 
  private:
@@ -141,7 +137,7 @@ class Solver {
     return 255 * SrgbSlope(std::max(kLeastLight, static_cast<double>(light_[i])));
   }
   double RobustWeight(size_t i) const {
-    const double x = errors_[i] / (kCauchy * sigma_);
+    const double x = errors_[i] / (kLightCauchy * sigma_);
     return 1 / (1 + x * x);
   }
   double Weight(size_t i) const { return Slope(i) * Slope(i) * RobustWeight(i); }

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 
@@ -23,16 +22,11 @@ using Turn = Eigen::Matrix<float, kLightTerms, kLightTerms>;
 constexpr float kLeastShade = 1.0F / 16;
 // A table that turns less than a photo's step does is no table.
 constexpr double kLeastTurnDeg = 2;
-// Brighter values may be clipped.
-constexpr float kBrightest = 250;
 // 48 numbers from so many values are known far better than the model is right.
 constexpr size_t kMaxSamples = 400'000;
 constexpr int kRounds = 12;
 // Of the mean of the equations' diagonal: what no place tells apart stays near 0.
 constexpr double kRidge = 1e-5;
-// With normal errors 95 % as good as least squares. (Holland and Welsch, 1977)
-constexpr double kCauchy = 2.385;
-constexpr double kLeastSigma = 0.5;  // rounding to grey values and the smoothing of photos
 constexpr int kJudgeEvery = 5;
 constexpr int kJudge = 2;
 
@@ -148,9 +142,9 @@ class ChannelFit {
     for (size_t i = 0; i < samples_.size(); ++i) {
       if (IsUsed(samples_[i])) errors.push_back(std::abs(Error(i)));
     }
-    const double sigma = std::max(kLeastSigma, kSigmaOfMad * UpperMedian(errors));
+    const double sigma = std::max(kLeastLightSigma, kSigmaOfMad * UpperMedian(errors));
     for (size_t i = 0; i < samples_.size(); ++i) {
-      const double x = Error(i) / (kCauchy * sigma);
+      const double x = Error(i) / (kLightCauchy * sigma);
       const double slope = SrgbSlope<double>(samples_[i].light);
       weights_[i] = slope * slope / (1 + x * x);
     }
@@ -205,35 +199,41 @@ LightFinding FitTurnLight(const std::vector<LitSample>& samples, const std::vect
   turns.reserve(world_from_object.size());
   for (const Eigen::Matrix3d& rotation : world_from_object) turns.push_back(TurnOf(rotation));
   const size_t stride = (samples.size() + kMaxSamples - 1) / kMaxSamples;
-  std::array<std::vector<ChannelFit::Sample>, 3> of_channel;
+  // Of grey photos one channel tells all.
+  const bool are_grey = std::all_of(samples.begin(), samples.end(), [](const LitSample& s) {
+    return s.color[0] == s.color[1] && s.color[0] == s.color[2];
+  });
+  const int num_channels = are_grey ? 1 : 3;
+  std::vector<std::vector<ChannelFit::Sample>> of_channel(num_channels);
   for (const LitSample& s : samples) {
-    if (s.place % stride != 0 || s.color.maxCoeff() > kBrightest) continue;
+    if (s.place % stride != 0 || s.color.maxCoeff() > kBrightestGrey) continue;
     const LightTerms terms = turns[s.photo] * transfers[s.place];
-    for (int c = 0; c < 3; ++c) {
+    for (int c = 0; c < num_channels; ++c) {
       of_channel[c].push_back({s.place, s.photo, s.color[c], LightFromSrgb(s.color[c] / 255), terms});
     }
   }
   if (of_channel[0].empty()) return finding;
   // Of each channel: even light and light without the photos that judge, and light of all photos.
   Eigen::Matrix<double, kLightTerms, 3> in_world;
-  std::array<double, 3> error_even{};
-  std::array<double, 3> error_lit{};
-  ParallelFor(9, num_threads, [&](int64_t job) {
-    const auto c = static_cast<size_t>(job % 3);
+  std::vector<double> error_even(num_channels, 0);
+  std::vector<double> error_lit(num_channels, 0);
+  ParallelFor(3 * num_channels, num_threads, [&](int64_t job) {
+    const auto c = static_cast<size_t>(job % num_channels);
     ChannelFit fit(of_channel[c]);
     // The longest first.
-    if (job < 3) {
+    if (job < num_channels) {
       in_world.col(static_cast<int>(c)) = fit.Fit(true, true);
       return;
     }
-    const bool is_lit = job < 6;
+    const bool is_lit = job < 2 * num_channels;
     fit.Fit(false, is_lit);
     (is_lit ? error_lit : error_even)[c] = fit.JudgesError();
   });
-  for (size_t c = 0; c < 3; ++c) {
-    finding.error_even += error_even[c] / 3;
-    finding.error_lit += error_lit[c] / 3;
+  for (int c = 0; c < num_channels; ++c) {
+    finding.error_even += error_even[c] / num_channels;
+    finding.error_lit += error_lit[c] / num_channels;
   }
+  for (int c = num_channels; c < 3; ++c) in_world.col(c) = in_world.col(0);
   if (finding.error_lit < finding.error_even) finding.light = TurnLight(in_world, world_from_object);
   return finding;
 }

@@ -8,6 +8,14 @@
 
 namespace s2gs {
 
+/// Brighter grey values may be clipped.
+inline constexpr float kBrightestGrey = 250;
+/// Of Cauchy's weights, in sigmas: with normal errors 95 % as good as least squares. (Holland and Welsch,
+/// 1977)
+inline constexpr double kLightCauchy = 2.385;
+/// Rounding to grey values and the smoothing of photos.
+inline constexpr double kLeastLightSigma = 0.5;
+
 /// What one photo shows of a place, with its exposure taken out.
 struct LitSample {
   uint32_t place = 0;

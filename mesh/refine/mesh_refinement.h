@@ -68,6 +68,8 @@ class RefinementPhotoSource {
   virtual double SeenHeight() const { return 0; }  ///< along z.
   /// How the table stands in the photo: light that stands still falls on the object from elsewhere.
   virtual Eigen::Matrix3d WorldFromObject(int /*index*/) const { return Eigen::Matrix3d::Identity(); }
+  /// By how much the photo is brighter than others of the same light.
+  virtual double Gain(int /*index*/) const { return 1; }
 };
 
 /// How well the photos agree on the mesh at one moment of its refinement.

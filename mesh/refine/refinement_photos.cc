@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "mesh/light/turn_light.h"
 #include "s2gs/image/photos.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/parallel_for.h"
@@ -112,7 +113,11 @@ void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleM
   sights_.resize(crops.size());
   seen_height_ = source.SeenHeight();
   turns_.clear();
-  for (const Crop& crop : crops) turns_.push_back(source.WorldFromObject(crop.index));
+  gains_.clear();
+  for (const Crop& crop : crops) {
+    turns_.push_back(source.WorldFromObject(crop.index));
+    gains_.push_back(static_cast<float>(source.Gain(crop.index)));
+  }
   std::vector<std::unique_ptr<PhotoPyramid>> photos(crops.size());
   const auto group = static_cast<size_t>(4 * num_threads_);
   for (size_t begin = 0; begin < crops.size(); begin += group) {
@@ -238,8 +243,9 @@ std::vector<ShadedSample> RefinementPhotos::SampleShading(const TriangleMesh& me
       if (!visible[k].Get(i)) continue;
       float sum = 0;
       for (const Eigen::Vector3f& place : places) sum += photos_[k]->GreyAt(place);
+      const float grey = sum / static_cast<float>(places.size());
       samples[at++] = {static_cast<uint32_t>(i), static_cast<uint16_t>(k),
-                       sum / static_cast<float>(places.size())};
+                       grey > kBrightestGrey ? grey : grey / gains_[k]};
     }
   });
   return samples;

@@ -51,8 +51,8 @@ class RefinementPhotos {
   /// Edge of a pixel at a place, of the photo that is nearest to it, in the mesh's unit.
   float FinestPixel(const Eigen::Vector3f& x_in_object) const;
 
-  /// What photos show of the vertices that they see, by vertex, and the photos' turns. \param visible  of
-  /// FindVisible.
+  /// What photos of one exposure show of the vertices that they see, by vertex, and the photos' turns. \param
+  /// visible  of FindVisible.
   std::vector<ShadedSample> SampleShading(const TriangleMesh& mesh, const VertexGraph& graph,
                                           const std::vector<VertexFlags>& visible) const;
   const std::vector<Eigen::Matrix3d>& world_from_object() const { return turns_; }
@@ -68,6 +68,7 @@ class RefinementPhotos {
   std::vector<ObjectView> views_;  // as the photos are: cut and shrunk
   std::vector<std::unique_ptr<PhotoPyramid>> photos_;
   std::vector<Eigen::Matrix3d> turns_;
+  std::vector<float> gains_;  // of the photos' exposures
   struct PlaneSight {
     Image8 seen;
     ObjectView view;  // of its size

@@ -18,6 +18,7 @@
 #include "mesh/surface/table_plane.h"
 #include "mesh/surface/vertex_normals.h"
 #include "plugin/outputs/dense_views.h"
+#include "plugin/outputs/photo_gains.h"
 #include "plugin/outputs/photo_turns.h"
 #include "plugin/stage/stage.h"
 #include "sfm_split/base/error.h"
@@ -53,6 +54,10 @@ class GreyPhotos : public RefinementPhotoSource {
   Eigen::Matrix3d WorldFromObject(int index) const override {
     return turns_.empty() ? Eigen::Matrix3d::Identity() : turns_[index];
   }
+  double Gain(int index) const override { return gains_.empty() ? 1 : gains_[index]; }
+  void FindGains(const std::vector<int>& stations, int num_threads) {
+    gains_ = GreyGains(photos_, stations, num_threads);
+  }
   // Tells how the table stands in each of the photos.
   void SetTurns(const Workspace& workspace, const std::vector<DenseViewFiles>& files) {
     const PhotoTurns turns(workspace, files);
@@ -65,6 +70,7 @@ class GreyPhotos : public RefinementPhotoSource {
   DensePhotos photos_;
   std::optional<double> seen_height_;
   std::vector<Eigen::Matrix3d> turns_;
+  std::vector<double> gains_;
 };
 
 std::vector<DenseViewFiles> FindDepthViews(const Workspace& workspace, const TsdfMesherOptions& options,
@@ -128,7 +134,7 @@ void Report(const MeshRefinementSummary& refinement, Reporter& reporter) {
         refinement.error_even_light));
   } else if (refinement.is_lit) {
     reporter.Info("forms by shading are left out: the photos agree less on them");
-  } else if (refinement.error_even_light > 0) {
+  } else if (refinement.error_turn_light > refinement.error_even_light) {
     reporter.Info(
         fmt::format("no forms by shading: photos left out differ by {:.2f} grey values under the "
                     "likeliest light that stands still, by {:.2f} under even light",
@@ -309,9 +315,9 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   const bool is_flat = options.flatten_table && top &&
                        FlattenTable(*top, GreyPhotos(files), options.refinement, reporter, &mesh);
   const GreyPhotos all_photos(files);
-  const PartsBeforeBackground before_background(all_photos,
-                                                StationsOf(workspace, files, cleanup.is_axis_known),
-                                                options.refinement.num_threads, reporter);
+  const std::vector<int> stations = StationsOf(workspace, files, cleanup.is_axis_known);
+  const PartsBeforeBackground before_background(all_photos, stations, options.refinement.num_threads,
+                                                reporter);
   PartJudge judge;
   if (options.judge_by_background) {
     judge = [&](const TriangleMesh& parts, const std::vector<int>& part_of_triangle) {
@@ -343,6 +349,7 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
     summary.fused_seconds = watch.Lap();
     GreyPhotos photos(files, top && top->is_seen ? std::make_optional(top->plane.height) : std::nullopt);
     photos.SetTurns(workspace, files);
+    if (refinement.shading) photos.FindGains(stations, refinement.num_threads);
     summary.refinement = RefineMesh(photos, refinement, reporter, &mesh);
     Report(summary.refinement, reporter);
     // Shadows stand still on a plain top that turns: what little photos see there is not its place.

@@ -28,12 +28,6 @@ constexpr int kEqualisingRounds = 3;      // the median's own exposure changes w
 
 using LogGains = std::array<double, 3>;
 
-Image8 Small(const Image8& image) {
-  const double scale = std::min(1.0, static_cast<double>(kSmallSide) / std::max(image.width, image.height));
-  return ResizeByArea(image, std::max(1, static_cast<int>(image.width * scale)),
-                      std::max(1, static_cast<int>(image.height * scale)));
-}
-
 Image8 Divided(const Image8& image, const LogGains& gains) {
   std::array<std::array<uint8_t, 256>, 3> table;
   for (size_t c = 0; c < 3; ++c) {
@@ -66,10 +60,11 @@ bool FindGains(const Image8& photo, const Image8& still, LogGains* gains) {
 }
 
 // Of a camera's photos. Empty where they do not tell.
-std::vector<LogGains> GainsOf(const std::vector<Image8*>& photos) {
+std::vector<LogGains> GainsOf(const std::vector<const Image8*>& photos) {
   std::vector<Image8> pictures(photos.size());
-  ParallelFor(static_cast<int64_t>(photos.size()), 0,
-              [&](int64_t i) { pictures[static_cast<size_t>(i)] = Small(*photos[static_cast<size_t>(i)]); });
+  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
+    pictures[static_cast<size_t>(i)] = ExposurePicture(*photos[static_cast<size_t>(i)]);
+  });
   std::vector<LogGains> gains(photos.size(), LogGains{});
   for (int round = 0; round < kEqualisingRounds; ++round) {
     std::vector<Image8> equal(pictures.size());
@@ -97,14 +92,8 @@ std::vector<LogGains> GainsOf(const std::vector<Image8*>& photos) {
 
 // The gains that were taken off a camera's photos. Empty where nothing was.
 std::vector<LogGains> EqualiseCamera(const std::vector<Image8*>& photos) {
-  if (photos.size() < kPicturesForMedian) return {};
-  std::vector<LogGains> gains = GainsOf(photos);
-  double most = 0;
-  for (const LogGains& of_photo : gains) {
-    for (const double gain : of_photo) most = std::max(most, std::abs(gain));
-  }
-  if (!(most > kGreyLevel)) return {};
-  ParallelFor(static_cast<int64_t>(photos.size()), 0, [&](int64_t i) {
+  std::vector<LogGains> gains = LogExposureGains({photos.begin(), photos.end()});
+  ParallelFor(static_cast<int64_t>(gains.size()), 0, [&](int64_t i) {
     Image8& photo = *photos[static_cast<size_t>(i)];
     photo = Divided(photo, gains[static_cast<size_t>(i)]);
   });
@@ -112,6 +101,22 @@ std::vector<LogGains> EqualiseCamera(const std::vector<Image8*>& photos) {
 }
 
 }  // namespace
+
+Image8 ExposurePicture(const Image8& photo) {
+  const double scale = std::min(1.0, static_cast<double>(kSmallSide) / std::max(photo.width, photo.height));
+  return ResizeByArea(photo, std::max(1, static_cast<int>(photo.width * scale)),
+                      std::max(1, static_cast<int>(photo.height * scale)));
+}
+
+std::vector<std::array<double, 3>> LogExposureGains(const std::vector<const Image8*>& photos) {
+  if (photos.size() < kPicturesForMedian) return {};
+  std::vector<LogGains> gains = GainsOf(photos);
+  double most = 0;
+  for (const LogGains& of_photo : gains) {
+    for (const double gain : of_photo) most = std::max(most, std::abs(gain));
+  }
+  return most > kGreyLevel ? gains : std::vector<LogGains>();
+}
 
 ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos) {
   std::map<std::tuple<int, int, int>, std::vector<Image8*>> by_camera;

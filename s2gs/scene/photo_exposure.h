@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include "s2gs/image/image_file.h"
@@ -20,6 +21,13 @@ struct ExposureSpread {
 /// of zero. Where what turns fills most of the picture, where a camera has fewer than eight photos, and where
 /// photos agree to a grey level, photos stay as they are.
 ExposureSpread EqualiseExposure(std::vector<ScenePhoto>* photos);
+
+/// A photo as small as exposures are compared in.
+Image8 ExposurePicture(const Image8& photo);
+
+/// Logarithms of the gains that EqualiseExposure takes off photos of one camera, by channel; empty: none.
+/// \param photos  of one size, or their ExposurePicture.
+std::vector<std::array<double, 3>> LogExposureGains(const std::vector<const Image8*>& photos);
 
 /// The same for the photos of one camera, all of one size. Returns whether they were changed.
 bool EqualiseExposure(std::vector<Image8>* photos);

@@ -90,6 +90,7 @@ SpherePhotos::SpherePhotos(int num_around, const std::vector<double>& elevations
         }
       }
       views_.push_back(view);
+      gains_.push_back(gain);
       photos_.push_back(std::move(photo));
     }
   }

@@ -41,9 +41,11 @@ class SpherePhotos : public RefinementPhotoSource {
   int size() const override { return static_cast<int>(views_.size()); }
   const ObjectView& Camera(int index) const override { return views_[index]; }
   Image8 Load(int index) const override { return photos_[index]; }
+  double Gain(int index) const override { return gains_[index]; }
 
  private:
   std::vector<ObjectView> views_;
+  std::vector<double> gains_;
   std::vector<Image8> photos_;
 };
 

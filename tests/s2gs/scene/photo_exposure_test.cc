@@ -73,6 +73,30 @@ TEST(PhotoExposure, PhotosOfOneCameraBecomeAlike) {
   EXPECT_LT(most, 2.5);
 }
 
+// Half a per cent: grey values are whole numbers.
+TEST(PhotoExposure, GainsAreToldOfPhotosAndOfTheirSmallPictures) {
+  constexpr int kCount = 12;
+  std::vector<ScenePhoto> photos = Photos(kCount, 0.3, true);
+  std::vector<Image8> pictures;
+  std::vector<const Image8*> of_photos;
+  std::vector<const Image8*> of_pictures;
+  for (const ScenePhoto& photo : photos) pictures.push_back(ExposurePicture(photo.image));
+  for (size_t i = 0; i < photos.size(); ++i) {
+    of_photos.push_back(&photos[i].image);
+    of_pictures.push_back(&pictures[i]);
+  }
+  const std::vector<std::array<double, 3>> gains = LogExposureGains(of_photos);
+  ASSERT_EQ(gains.size(), photos.size());
+  EXPECT_EQ(gains, LogExposureGains(of_pictures));
+  for (size_t i = 1; i < gains.size(); ++i) {
+    for (size_t c = 0; c < 3; ++c) {
+      const double expected = std::log(GainsOf(static_cast<int>(i))[c] / GainsOf(0)[c]);
+      EXPECT_NEAR(gains[i][c] - gains[0][c], expected, 0.005) << i;
+    }
+  }
+  EXPECT_TRUE(LogExposureGains({of_photos.begin(), of_photos.begin() + 7}).empty());
+}
+
 TEST(PhotoExposure, WhatDoesNotTellStaysAsItIs) {
   struct Case {
     const char* why;
