@@ -51,7 +51,11 @@ struct Sums {
 class Solver {
  public:
   Solver(const std::vector<ShadedSample>& samples, const std::vector<LightTerms>& lights)
-      : samples_(samples), lights_(lights), light_(samples.size()), errors_(samples.size(), 0) {
+      : samples_(samples),
+        lights_(lights),
+        light_(samples.size()),
+        errors_(samples.size(), 0),
+        is_compared_(samples.size(), 0) {
     for (size_t i = 0; i < samples.size(); ++i) light_[i] = LightFromSrgb(samples[i].grey / 255);
   }
 
@@ -71,7 +75,9 @@ class Solver {
     }
     vertex->color = denominator > 0 ? std::max(kLeastLight, numerator / denominator) : 0;
     for (size_t i = vertex->first; i < vertex->last; ++i) {
-      if (IsUsed(i)) errors_[i] = Slope(i) * (vertex->color * Shade(i, transfer) - light_[i]);
+      if (!IsUsed(i)) continue;
+      errors_[i] = Slope(i) * (vertex->color * Shade(i, transfer) - light_[i]);
+      is_compared_[i] = 1;
     }
   }
 
@@ -124,7 +130,7 @@ class Solver {
     std::vector<double> sizes;
     sizes.reserve(errors_.size());
     for (size_t i = 0; i < errors_.size(); ++i) {
-      if (IsUsed(i)) sizes.push_back(std::abs(errors_[i]));
+      if (is_compared_[i] != 0) sizes.push_back(std::abs(errors_[i]));
     }
     sigma_ = sizes.empty() ? kLeastLightSigma : std::max(kLeastLightSigma, kSigmaOfMad * UpperMedian(sizes));
   }
@@ -151,7 +157,8 @@ class Solver {
   const std::vector<LightTerms>& lights_;
   std::vector<float> light_;    // of the samples
   std::vector<double> errors_;  // of the samples [grey values]
-  double sigma_ = 255;          // of the errors: all count until they are known
+  std::vector<uint8_t> is_compared_;  // those of places that too few photos show are not
+  double sigma_ = 255;  // of the errors: all count until they are known
 };
 
 std::vector<Vertex> FindVertices(const TriangleMesh& mesh, const TriangleMesh& smooth,
@@ -177,6 +184,7 @@ std::vector<Vertex> FindVertices(const TriangleMesh& mesh, const TriangleMesh& s
 }  // namespace
 
 ShadedNormals FindShadedNormals(const TriangleMesh& mesh, const TriangleMesh& smooth,
+                                const std::vector<uint8_t>& does_judge,
                                 const std::vector<ShadedSample>& samples,
                                 const std::vector<Eigen::Matrix3d>& world_from_object, int num_threads) {
   ShadedNormals found;
@@ -188,7 +196,8 @@ ShadedNormals FindShadedNormals(const TriangleMesh& mesh, const TriangleMesh& sm
   std::vector<LitSample> lit;
   lit.reserve(samples.size());
   for (const ShadedSample& sample : samples)
-    lit.push_back({sample.vertex, sample.photo, Eigen::Array3f::Constant(sample.grey)});
+    lit.push_back(
+        {sample.vertex, sample.photo, Eigen::Array3f::Constant(sample.grey), does_judge[sample.vertex] != 0});
   const LightFinding finding = FitTurnLight(lit, transfers, world_from_object, num_threads);
   lit = {};
   found.error_even = finding.error_even;

@@ -33,10 +33,12 @@ struct ShadedNormals {
 /// \param mesh               with normals.
 /// \param smooth             the same without small forms, with normals: what shadows itself. Dents that are
 /// noise shadow nothing.
+/// \param does_judge         vertices at which photos that are left out judge the light.
 /// \param samples            by vertex in ascending order; of a vertex by photo.
 /// \param world_from_object  rotations of the photos.
 /// \param num_threads        0: one for each core. The result does not depend on it.
 ShadedNormals FindShadedNormals(const TriangleMesh& mesh, const TriangleMesh& smooth,
+                                const std::vector<uint8_t>& does_judge,
                                 const std::vector<ShadedSample>& samples,
                                 const std::vector<Eigen::Matrix3d>& world_from_object, int num_threads);
 

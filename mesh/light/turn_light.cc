@@ -50,6 +50,7 @@ class ChannelFit {
     float value;       // sRGB, 0 to 255
     float light;       // the same as light, 0 to 1
     LightTerms terms;  // of the world's light
+    bool judges;
   };
   explicit ChannelFit(const std::vector<Sample>& samples) : samples_(samples) {
     for (const Sample& s : samples_) num_places_ = std::max<size_t>(num_places_, s.place + size_t{1});
@@ -79,7 +80,7 @@ class ChannelFit {
   double JudgesError() const {
     std::vector<double> errors;
     for (size_t i = 0; i < samples_.size(); ++i) {
-      if (!IsJudge(samples_[i]) || !(color_weights_[samples_[i].place] > 0)) continue;
+      if (!IsJudge(samples_[i]) || !samples_[i].judges || !(color_weights_[samples_[i].place] > 0)) continue;
       errors.push_back(std::abs(Error(i)));
     }
     return errors.empty() ? 0 : UpperMedian(errors);
@@ -209,7 +210,8 @@ LightFinding FitTurnLight(const std::vector<LitSample>& samples, const std::vect
     if (s.place % stride != 0 || s.color.maxCoeff() > kBrightestGrey) continue;
     const LightTerms terms = turns[s.photo] * transfers[s.place];
     for (int c = 0; c < num_channels; ++c) {
-      of_channel[c].push_back({s.place, s.photo, s.color[c], LightFromSrgb(s.color[c] / 255), terms});
+      of_channel[c].push_back(
+          {s.place, s.photo, s.color[c], LightFromSrgb(s.color[c] / 255), terms, s.judges});
     }
   }
   if (of_channel[0].empty()) return finding;

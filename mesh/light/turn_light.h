@@ -21,6 +21,7 @@ struct LitSample {
   uint32_t place = 0;
   uint16_t photo = 0;
   Eigen::Array3f color = Eigen::Array3f::Zero();  ///< sRGB, from 0 to 255.
+  bool judges = true;  ///< counts where its photo judges whether there is such light.
 };
 
 /// The light of each channel in the object's frame as it stands in one photo.

@@ -198,7 +198,7 @@ class Refiner {
     const std::vector<VertexFlags> visible = photos_.FindVisible(
         mesh_, {static_cast<float>(std::cos(options_.max_view_angle_deg * kPi / 180)), kShadingMargin});
     ShadedNormals shaded = FindShadedNormals(mesh_, Smoothed(*graph_, mesh_, kSmoothRounds, num_threads_),
-                                             photos_.SampleShading(mesh_, *graph_, visible),
+                                             OverTable(), photos_.SampleShading(mesh_, *graph_, visible),
                                              photos_.world_from_object(), num_threads_);
     summary->error_even_light = shaded.error_even;
     summary->error_turn_light = shaded.error_lit;
@@ -260,6 +260,15 @@ class Refiner {
   }
 
  private:
+  // Light changes a table's top by shadows alone as it turns, and most of what photos show may be of it.
+  std::vector<uint8_t> OverTable() const {
+    std::vector<uint8_t> is_over(mesh_.vertices.size(), 1);
+    if (!options_.table_height) return is_over;
+    for (size_t i = 0; i < is_over.size(); ++i)
+      is_over[i] = mesh_.vertices[i].z() > *options_.table_height ? 1 : 0;
+    return is_over;
+  }
+
   // Where the mesh is now, by what was visible at first: at all moments the same places in the same photos.
   void NoteAgreement() {
     const size_t every = std::max<size_t>(1, mesh_.vertices.size() / kMeasuredVertices);

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 #include "mesh/refine/normal_integration.h"
@@ -16,6 +17,8 @@
 
 namespace s2gs {
 namespace {
+
+std::vector<uint8_t> All(const TriangleMesh& mesh) { return std::vector<uint8_t>(mesh.vertices.size(), 1); }
 
 // A rough ball that turns under one lamp and an even sky. Its true normals are those of the sphere.
 class ShadedBall {
@@ -80,7 +83,8 @@ class ShadedBall {
 // one height all the time, so that how much it leans towards it is hardly told from its colour.
 TEST(ShadedNormals, AreNearerToTheTruthThanARoughMesh) {
   const ShadedBall ball(1);
-  const ShadedNormals found = FindShadedNormals(ball.mesh, ball.smooth, ball.samples, ball.turns, 0);
+  const ShadedNormals found =
+      FindShadedNormals(ball.mesh, ball.smooth, All(ball.mesh), ball.samples, ball.turns, 0);
   ASSERT_EQ(found.normals.size(), ball.mesh.vertices.size());
   const ShadedBall::Errors of_mesh = ball.ErrorsOf(ball.mesh.normals, found.sigma_rad);
   const ShadedBall::Errors of_shading = ball.ErrorsOf(found.normals, found.sigma_rad);
@@ -98,7 +102,8 @@ TEST(ShadedNormals, OfVerticesThatFewPhotosShowAreTheMeshs) {
   ball.samples.erase(std::remove_if(ball.samples.begin(), ball.samples.end(),
                                     [](const ShadedSample& s) { return s.vertex == 1000 && s.photo > 6; }),
                      ball.samples.end());
-  const ShadedNormals found = FindShadedNormals(ball.mesh, ball.smooth, ball.samples, ball.turns, 0);
+  const ShadedNormals found =
+      FindShadedNormals(ball.mesh, ball.smooth, All(ball.mesh), ball.samples, ball.turns, 0);
   ASSERT_FALSE(found.normals.empty());
   EXPECT_EQ(found.sigma_rad[1000], 0);
   EXPECT_EQ(found.normals[1000], ball.mesh.normals[1000]);
@@ -106,7 +111,8 @@ TEST(ShadedNormals, OfVerticesThatFewPhotosShowAreTheMeshs) {
 
 TEST(ShadedNormals, NothingIsToldByEvenLightOrWithoutATurn) {
   const ShadedBall even(0);
-  const ShadedNormals of_even = FindShadedNormals(even.mesh, even.smooth, even.samples, even.turns, 0);
+  const ShadedNormals of_even =
+      FindShadedNormals(even.mesh, even.smooth, All(even.mesh), even.samples, even.turns, 0);
   // No light explains more than noise does.
   if (!of_even.normals.empty()) {
     EXPECT_NEAR(of_even.error_lit, of_even.error_even, 0.1 * of_even.error_even);
@@ -117,14 +123,22 @@ TEST(ShadedNormals, NothingIsToldByEvenLightOrWithoutATurn) {
     EXPECT_LT(of_shading.along, 1.1 * of_mesh.along);
   }
   const ShadedBall still(1, 0);
-  EXPECT_TRUE(FindShadedNormals(still.mesh, still.smooth, still.samples, still.turns, 0).normals.empty());
-  EXPECT_TRUE(FindShadedNormals(still.mesh, still.smooth, {}, even.turns, 0).normals.empty());
+  EXPECT_TRUE(FindShadedNormals(still.mesh, still.smooth, All(still.mesh), still.samples, still.turns, 0)
+                  .normals.empty());
+  EXPECT_TRUE(
+      FindShadedNormals(still.mesh, still.smooth, All(still.mesh), {}, even.turns, 0).normals.empty());
+  // Where none judges, none says that there is light.
+  const ShadedBall lit(1);
+  const std::vector<uint8_t> none(lit.mesh.vertices.size(), 0);
+  EXPECT_TRUE(FindShadedNormals(lit.mesh, lit.smooth, none, lit.samples, lit.turns, 0).normals.empty());
 }
 
 TEST(ShadedNormals, SameBitsForAnyNumberOfThreads) {
   const ShadedBall ball(1);
-  const ShadedNormals one = FindShadedNormals(ball.mesh, ball.smooth, ball.samples, ball.turns, 1);
-  const ShadedNormals three = FindShadedNormals(ball.mesh, ball.smooth, ball.samples, ball.turns, 3);
+  const ShadedNormals one =
+      FindShadedNormals(ball.mesh, ball.smooth, All(ball.mesh), ball.samples, ball.turns, 1);
+  const ShadedNormals three =
+      FindShadedNormals(ball.mesh, ball.smooth, All(ball.mesh), ball.samples, ball.turns, 3);
   ASSERT_FALSE(one.normals.empty());
   EXPECT_EQ(one.normals, three.normals);
   EXPECT_EQ(one.sigma_rad, three.sigma_rad);
