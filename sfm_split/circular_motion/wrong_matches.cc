@@ -17,6 +17,7 @@ constexpr int kDraws = 500;     // of two moves: where a tenth orbits, 99 of 100
 constexpr double kOrbitPx = 3;  // of a move that a draw explains: twice what outlines are placed to
 constexpr double kLeastTurn = 0.1;  // determinant of two turns that tell an orbit
 constexpr int kRounds = 20;         // of expectation and maximisation
+constexpr double kSigmas = 3;       // all but one in ninety moves of a thing that orbits
 constexpr double kCertain = 8;      // e^-8: what is believed against chance
 constexpr int kOrbitUnknowns = 6;   // four of the map, a share, a deviation
 
@@ -36,6 +37,10 @@ double OrbitingThing::Density(const MatchMove& move) const {
   const double variance = sigma_px * sigma_px;
   return std::exp(-0.5 * (move.px - image_from_turn * move.turn).squaredNorm() / variance) /
          (2 * kPi * variance);
+}
+
+bool OrbitingThing::Explains(const MatchMove& move) const {
+  return share > 0 && (move.px - image_from_turn * move.turn).norm() < kSigmas * sigma_px;
 }
 
 OrbitingThing FindOrbitingThing(const std::vector<MatchMove>& far_moves, double extent) {

@@ -26,6 +26,8 @@ struct OrbitingThing {
 
   /// Density of a move that follows it [1 / px^2].
   double Density(const MatchMove& move) const;
+  /// Whether it moves as the thing does, to three standard deviations; never where there is none.
+  bool Explains(const MatchMove& move) const;
 };
 
 /// By consensus, then as a mixture with moves that lie anywhere. \param extent  of the object [px].
@@ -45,6 +47,7 @@ class WrongMatches {
   /// Density of a wrong match's epipolar error [1 / px], for a match that moved so. From several threads.
   double Chance(const MatchMove& move) const;
 
+  const OrbitingThing& orbit() const { return orbit_; }
   /// OrbitingThing::gain.
   double OrbitGain() const { return orbit_.gain; }
 

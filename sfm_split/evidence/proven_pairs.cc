@@ -6,11 +6,15 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
+#include "sfm_split/circular_motion/match_mixture.h"
+#include "sfm_split/circular_motion/possible_matches.h"
+#include "sfm_split/circular_motion/wrong_matches.h"
 #include "sfm_split/evidence/pair_proof.h"
 
 namespace s2gs {
@@ -52,7 +56,11 @@ class ProvenPairs {
   };
   Ending EndingOf(int station) const;
   std::array<std::vector<const ImagePairMatches*>, 2> PairsInOrder() const;
-  std::optional<ProvenPair> Prove(const ImagePairMatches& pair, double risk, ScanEvidence* evidence);
+  double TurnedDeg(const ImagePairMatches& pair) const;
+  MatchMove MoveOfMatch(const ImagePairMatches& pair, const FeatureMatch& match) const;
+  std::map<int, OrbitingThing> FindOrbits(const std::vector<const ImagePairMatches*>& seam) const;
+  std::optional<ProvenPair> Prove(const ImagePairMatches& pair, const OrbitingThing& orbit, double risk,
+                                  ScanEvidence* evidence);
   void RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidence* evidence) const;
   void RecordDistant(const std::array<std::vector<ProvenPair>, 2>& proven, ScanEvidence* evidence) const;
 
@@ -83,10 +91,55 @@ std::array<std::vector<const ImagePairMatches*>, 2> ProvenPairs::PairsInOrder() 
   return pairs;
 }
 
-// What a pair proves, if anything, counts for its kind. Keypoints of other bodies are remembered.
-std::optional<ProvenPairs::ProvenPair> ProvenPairs::Prove(const ImagePairMatches& pair, double risk,
+// By the poses, from 0 to 180.
+double ProvenPairs::TurnedDeg(const ImagePairMatches& pair) const {
+  const double turned = matches_.views()[static_cast<size_t>(pair.image2)]->angle_deg -
+                        matches_.views()[static_cast<size_t>(pair.image1)]->angle_deg;
+  return std::abs(WrapAngle(turned * kDegree)) / kDegree;
+}
+
+MatchMove ProvenPairs::MoveOfMatch(const ImagePairMatches& pair, const FeatureMatch& match) const {
+  return MoveOf(matches_.features(), pair.image1, pair.image2, match,
+                TurnBetween(matches_.views()[static_cast<size_t>(pair.image1)]->angle_deg * kDegree,
+                            matches_.views()[static_cast<size_t>(pair.image2)]->angle_deg * kDegree));
+}
+
+// What orbits at each station, told by photos far apart, without those whose matches are asked of it.
+std::map<int, OrbitingThing> ProvenPairs::FindOrbits(const std::vector<const ImagePairMatches*>& seam) const {
+  std::map<int, std::vector<MatchMove>> moves;
+  std::map<int, KeypointExtent> extents;
+  std::map<int, double> far_deg;
+  for (const ImagePairMatches* pair : seam) {
+    const int station = matches_.StationOf(pair->image1);
+    if (far_deg.count(station) == 0) far_deg[station] = kFarApart * EndingOf(station).step_deg;
+  }
+  const std::set<const ImagePairMatches*> asked(seam.begin(), seam.end());
+  for (const ImagePairMatches& pair : matches_.features().raw_pairs) {
+    if (!matches_.IsPosed(pair.image1) || !matches_.IsPosed(pair.image2) || asked.count(&pair) > 0) continue;
+    const int station = matches_.StationOf(pair.image1);
+    if (station != matches_.StationOf(pair.image2) || far_deg.count(station) == 0) continue;
+    if (TurnedDeg(pair) <= far_deg[station]) continue;
+    for (const FeatureMatch& match : PossibleObjectMatches(matches_.features(), pair)) {
+      moves[station].push_back(MoveOfMatch(pair, match));
+      extents[station].Add(matches_.KeypointsOf(pair.image1)[match.point2D_idx1].cast<double>());
+    }
+  }
+  std::map<int, OrbitingThing> orbits;
+  for (const auto& [station, of_station] : moves)
+    orbits[station] = WrongMatches(of_station, extents[station].Px()).orbit();
+  return orbits;
+}
+
+// What a pair proves, if anything, counts for its kind. Keypoints of other bodies are remembered. What goes
+// with a thing that orbits tells nothing of how far it turned.
+std::optional<ProvenPairs::ProvenPair> ProvenPairs::Prove(const ImagePairMatches& pair,
+                                                          const OrbitingThing& orbit, double risk,
                                                           ScanEvidence* evidence) {
-  const FeatureMatches possible = PossibleObjectMatches(matches_.features(), pair);
+  FeatureMatches possible = PossibleObjectMatches(matches_.features(), pair);
+  possible.erase(
+      std::remove_if(possible.begin(), possible.end(),
+                     [&](const FeatureMatch& match) { return orbit.Explains(MoveOfMatch(pair, match)); }),
+      possible.end());
   const MatchError posed = [&](const Eigen::Vector2d& xy1, const Eigen::Vector2d& xy2) {
     return MatchErrorPx(matches_.posed()[static_cast<size_t>(pair.image1)],
                         matches_.posed()[static_cast<size_t>(pair.image2)], xy1, xy2);
@@ -102,22 +155,26 @@ std::optional<ProvenPairs::ProvenPair> ProvenPairs::Prove(const ImagePairMatches
   evidence->other_bodies += proof.has_other_body ? 1 : 0;
   FeatureMatches proven;
   for (const int m : proof.proven) proven.push_back(possible[static_cast<size_t>(m)]);
-  const double turned = matches_.views()[static_cast<size_t>(pair.image2)]->angle_deg -
-                        matches_.views()[static_cast<size_t>(pair.image1)]->angle_deg;
-  return ProvenPair{matches_.StationOf(pair.image1), std::abs(WrapAngle(turned * kDegree)) / kDegree,
-                    proof.is_contradicted, matches_.Compare(pair, proven)};
+  return ProvenPair{matches_.StationOf(pair.image1), TurnedDeg(pair), proof.is_contradicted,
+                    matches_.Compare(pair, proven)};
 }
 
 void ProvenPairs::Record(ScanEvidence* evidence) {
   const std::array<std::vector<const ImagePairMatches*>, 2> pairs = PairsInOrder();
   std::array<std::vector<ProvenPair>, 2> proven;
   const auto num_pairs = static_cast<double>(pairs[kNeighbours].size() + pairs[kSeam].size());
+  std::map<int, OrbitingThing> orbits = FindOrbits(pairs[kSeam]);
   for (const Kind kind : {kNeighbours, kSeam}) {
     const size_t stride = (pairs[kind].size() + kMaxProvenPairs - 1) / kMaxProvenPairs;
     int& contradicted =
         kind == kNeighbours ? evidence->contradicted_neighbours : evidence->contradicted_seams;
     for (size_t p = 0; p < pairs[kind].size(); p += stride) {
-      const std::optional<ProvenPair> pair = Prove(*pairs[kind][p], kScanRisk / num_pairs, evidence);
+      const int station = matches_.StationOf(pairs[kind][p]->image1);
+      // Of photos that are near nearly all details turn with the table.
+      const bool is_far =
+          kind == kSeam && TurnedDeg(*pairs[kind][p]) > kFarApart * EndingOf(station).step_deg;
+      const OrbitingThing orbit = is_far ? orbits[station] : OrbitingThing();
+      const std::optional<ProvenPair> pair = Prove(*pairs[kind][p], orbit, kScanRisk / num_pairs, evidence);
       if (!pair) continue;
       proven[kind].push_back(*pair);
       contradicted += pair->is_contradicted ? 1 : 0;
