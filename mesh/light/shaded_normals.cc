@@ -155,10 +155,10 @@ class Solver {
 
   const std::vector<ShadedSample>& samples_;
   const std::vector<LightTerms>& lights_;
-  std::vector<float> light_;    // of the samples
-  std::vector<double> errors_;  // of the samples [grey values]
+  std::vector<float> light_;          // of the samples
+  std::vector<double> errors_;        // of the samples [grey values]
   std::vector<uint8_t> is_compared_;  // those of places that too few photos show are not
-  double sigma_ = 255;  // of the errors: all count until they are known
+  double sigma_ = 255;                // of the errors: all count until they are known
 };
 
 std::vector<Vertex> FindVertices(const TriangleMesh& mesh, const TriangleMesh& smooth,
