@@ -30,8 +30,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Of a mean of 1: what is tried, not what is believed, so its place is no matter of chance.
-constexpr double kScoreWorthFitting = 1.5;
 // A general model is taken where each of its parameters lowers the cost by the logarithm of the number of
 // residuals (CompareModels), and its score says by how much they do to within a factor: in 73 fits they
 // lowered it by 2.6 times the score at most, by 1.9 in those that were taken.

@@ -36,6 +36,10 @@ namespace s2gs {
 // from the station farthest from it. Its standard deviation is propagated from theirs and depends on no
 // gauge.
 
+/// Score of a simple model, whose mean is 1, beyond which a general one is tried. It says what is tried, not
+/// what is believed, so that its place is no matter of chance.
+inline constexpr double kScoreWorthFitting = 1.5;
+
 /// One comparison of nested models.
 struct ModelTest {
   JointModel simple = JointModel::kSharedStations;

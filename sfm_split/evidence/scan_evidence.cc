@@ -219,7 +219,9 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   }
   const PosedMatches matches(features, scene, max_error_px);
   const std::vector<int> verified = RecordVerifiedMatches(matches, held_back, &evidence);
-  const bool has_one_angle_each = joint.model == JointModel::kSharedStations;
+  // What a wobbling table does goes smoothly with its angle.
+  const bool has_one_angle_each =
+      joint.model == JointModel::kSharedStations || joint.model == JointModel::kWobblingTable;
   RecordSupportOfPhotos(matches, verified, has_one_angle_each, &evidence);
   const KeypointSet of_others = RecordProvenPairs(matches, &evidence);
   RecordAngles(matches, scene.axis, of_others, InSteps(features, scene, joint), &evidence);

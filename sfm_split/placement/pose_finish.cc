@@ -64,6 +64,7 @@ void PoseFinish::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
       (photos.facing_finding.empty() ? "" : "; in all photos that they face " + photos.facing_finding));
   result_.durations.emplace_back("photo_tracks", watch_.Lap());
   AdjustToSurface(read_photo);
+  if (LetTableWobble(read_photo)) AdjustToSurface(read_photo);
 }
 
 // Where the poses are not sure yet, the surface between keypoints is asked; again while its patches agree
@@ -88,6 +89,43 @@ void PoseFinish::AdjustToSurface(const ReadGreyPhoto& read_photo) {
     if (!has_gained) break;
   }
   result_.durations.emplace_back("surface", watch_.Lap());
+}
+
+// Poses of a table that wobbles (smooth_wobble.h), where patches of either half of the points are borne out
+// better by those of the other half than by the poses as they are, which knew both. Not asked where photos do
+// not ask for object poses of their own: the score of those is 1 of a pure turn. \return  whether they are
+// taken.
+bool PoseFinish::LetTableWobble(const ReadGreyPhoto& read_photo) {
+  ScanCandidate& best = result_.best;
+  if (options_.joint.model != JointModel::kAuto || best.refined.model != JointModel::kSharedStations)
+    return false;
+  const std::vector<ModelTest>& tests = best.refined.model_tests;
+  if (std::any_of(tests.begin(), tests.end(), [](const ModelTest& test) {
+        return test.general == JointModel::kFreeObject && test.score <= kScoreWorthFitting;
+      }))
+    return false;
+  JointPriors priors = best.refined.priors;
+  // Of pure turns.
+  priors.station_turns.clear();
+  priors.rims.clear();
+  AlignedScene aligned = best.aligned;
+  JointReport joint = best.refined.joint;
+  PhotoAdjustment wobbling =
+      AdjustByPhotos(read_photo, features_, best.refined.held_back, priors, options_.joint,
+                     JointModel::kWobblingTable, options_.photos, reporter_, &aligned, &joint);
+  result_.durations.emplace_back("wobble", watch_.Lap());
+  const bool is_taken = wobbling.reason == PhotoReason::kHeldBackPatches;
+  reporter_.Info(
+      std::string(is_taken ? "the table wobbles: " : "the table does not wobble, as far as patches tell: ") +
+      wobbling.finding);
+  if (!is_taken) return false;
+  best.aligned = std::move(aligned);
+  best.refined.joint = std::move(joint);
+  best.refined.priors = std::move(priors);
+  best.refined.model = JointModel::kWobblingTable;
+  result_.photos = std::move(wobbling);
+  result_.findings += "; patches told how the table wobbles";
+  return true;
 }
 
 // Where matches of highlights leave a station's turn open, silhouettes may tell it, and patches that it

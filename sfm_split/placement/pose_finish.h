@@ -48,6 +48,7 @@ class PoseFinish {
  private:
   void AdjustToPhotos(const ReadGreyPhoto& read_photo);
   void AdjustToSurface(const ReadGreyPhoto& read_photo);
+  bool LetTableWobble(const ReadGreyPhoto& read_photo);
   void AskAllMatches();
   bool MatchesBear(const std::vector<RimPrior>& rims, const ScanCandidate& about_rims) const;
   ScanCandidate AdjustAboutRims(const std::vector<RimPrior>& rims) const;
