@@ -215,7 +215,8 @@ class Refiner {
     if (course_.size() > 1 && course_.back().disagreement > course_[course_.size() - 2].disagreement) {
       mesh_.vertices = before;
       ComputeNormals(&mesh_);
-      NoteAgreement();
+      const double as_before = course_[course_.size() - 2].disagreement;
+      course_.push_back({SteadySeconds() - started_, as_before});
       return;
     }
     double squares = 0;

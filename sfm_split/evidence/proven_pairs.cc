@@ -31,6 +31,7 @@ class ProvenPairs {
   explicit ProvenPairs(const PosedMatches& matches) : matches_(matches) {
     const std::vector<ScanImage>& images = matches.features().images;
     for (size_t i = 0; i < images.size(); ++i) order_[images[i].station].push_back(static_cast<int>(i));
+    for (const auto& entry : order_) endings_[entry.first] = EndingOf(entry.first);
   }
 
   void Record(ScanEvidence* evidence);
@@ -58,6 +59,7 @@ class ProvenPairs {
   std::array<std::vector<const ImagePairMatches*>, 2> PairsInOrder() const;
   double TurnedDeg(const ImagePairMatches& pair) const;
   MatchMove MoveOfMatch(const ImagePairMatches& pair, const FeatureMatch& match) const;
+  bool IsFar(const ImagePairMatches& pair) const;
   std::map<int, OrbitingThing> FindOrbits(const std::vector<const ImagePairMatches*>& seam) const;
   std::optional<ProvenPair> Prove(const ImagePairMatches& pair, const OrbitingThing& orbit, double risk,
                                   ScanEvidence* evidence);
@@ -66,6 +68,7 @@ class ProvenPairs {
 
   const PosedMatches& matches_;
   std::map<int, std::vector<int>> order_;  // images of a station, by name
+  std::map<int, Ending> endings_;          // of the stations
   KeypointSet of_others_;                  // keypoints of bodies that the poses are not of
 };
 
@@ -104,21 +107,26 @@ MatchMove ProvenPairs::MoveOfMatch(const ImagePairMatches& pair, const FeatureMa
                             matches_.views()[static_cast<size_t>(pair.image2)]->angle_deg * kDegree));
 }
 
-// What orbits at each station, told by photos far apart, without those whose matches are asked of it.
+// By the poses, of photos of one station.
+bool ProvenPairs::IsFar(const ImagePairMatches& pair) const {
+  return TurnedDeg(pair) > kFarApart * endings_.at(matches_.StationOf(pair.image1)).step_deg;
+}
+
+// What orbits at each station that has photos far apart across the end, told by others that are far apart.
 std::map<int, OrbitingThing> ProvenPairs::FindOrbits(const std::vector<const ImagePairMatches*>& seam) const {
+  std::set<const ImagePairMatches*> asked;
+  std::set<int> stations;
+  for (const ImagePairMatches* pair : seam) {
+    if (!IsFar(*pair)) continue;
+    asked.insert(pair);
+    stations.insert(matches_.StationOf(pair->image1));
+  }
   std::map<int, std::vector<MatchMove>> moves;
   std::map<int, KeypointExtent> extents;
-  std::map<int, double> far_deg;
-  for (const ImagePairMatches* pair : seam) {
-    const int station = matches_.StationOf(pair->image1);
-    if (far_deg.count(station) == 0) far_deg[station] = kFarApart * EndingOf(station).step_deg;
-  }
-  const std::set<const ImagePairMatches*> asked(seam.begin(), seam.end());
   for (const ImagePairMatches& pair : matches_.features().raw_pairs) {
     if (!matches_.IsPosed(pair.image1) || !matches_.IsPosed(pair.image2) || asked.count(&pair) > 0) continue;
     const int station = matches_.StationOf(pair.image1);
-    if (station != matches_.StationOf(pair.image2) || far_deg.count(station) == 0) continue;
-    if (TurnedDeg(pair) <= far_deg[station]) continue;
+    if (station != matches_.StationOf(pair.image2) || stations.count(station) == 0 || !IsFar(pair)) continue;
     for (const FeatureMatch& match : PossibleObjectMatches(matches_.features(), pair)) {
       moves[station].push_back(MoveOfMatch(pair, match));
       extents[station].Add(matches_.KeypointsOf(pair.image1)[match.point2D_idx1].cast<double>());
@@ -169,12 +177,11 @@ void ProvenPairs::Record(ScanEvidence* evidence) {
     int& contradicted =
         kind == kNeighbours ? evidence->contradicted_neighbours : evidence->contradicted_seams;
     for (size_t p = 0; p < pairs[kind].size(); p += stride) {
-      const int station = matches_.StationOf(pairs[kind][p]->image1);
+      const ImagePairMatches& given = *pairs[kind][p];
       // Of photos that are near nearly all details turn with the table.
-      const bool is_far =
-          kind == kSeam && TurnedDeg(*pairs[kind][p]) > kFarApart * EndingOf(station).step_deg;
-      const OrbitingThing orbit = is_far ? orbits[station] : OrbitingThing();
-      const std::optional<ProvenPair> pair = Prove(*pairs[kind][p], orbit, kScanRisk / num_pairs, evidence);
+      const bool is_asked = kind == kSeam && IsFar(given);
+      const OrbitingThing orbit = is_asked ? orbits[matches_.StationOf(given.image1)] : OrbitingThing();
+      const std::optional<ProvenPair> pair = Prove(given, orbit, kScanRisk / num_pairs, evidence);
       if (!pair) continue;
       proven[kind].push_back(*pair);
       contradicted += pair->is_contradicted ? 1 : 0;
@@ -215,7 +222,7 @@ void ProvenPairs::RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidenc
   std::set<int> closed;
   std::set<int> came_back;
   for (const ProvenPair& pair : seam) {
-    const Ending ending = EndingOf(pair.station);
+    const Ending& ending = endings_.at(pair.station);
     if (ending.end == End::kCameBack && !pair.is_contradicted) came_back.insert(pair.station);
     if (ending.end != End::kClosed || pair.apart_deg > kFarApart * ending.step_deg) continue;
     evidence->closing.Add(pair.matches);

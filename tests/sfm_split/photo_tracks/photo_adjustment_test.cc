@@ -16,8 +16,8 @@
 #include "sfm_split/relocalise/scan_refinement.h"
 #include "sfm_split/scene/pose_error.h"
 #include "sfm_split/scene/projection_jacobians.h"
+#include "tests/support/synthetic_grey_photos.h"
 #include "tests/support/synthetic_models.h"
-#include "tests/support/synthetic_render.h"
 #include "tests/support/synthetic_scan.h"
 
 namespace s2gs {
@@ -43,22 +43,11 @@ SyntheticTurntableOptions SmallScan() {
 struct Scan {
   SyntheticTurntable turntable = MakeSyntheticTurntable(SmallScan());
   ScanFeatures features = SyntheticScanFeatures(turntable);
-  std::map<std::string, GreyPhoto> photos;
+  std::map<std::string, GreyPhoto> photos = RenderGreyPhotos(turntable);
   AlignedScene aligned;
   RefineReport refined;
 
   Scan() {
-    SyntheticRenderOptions render;
-    render.use_turntable_object = true;
-    const SyntheticRenderScene scene = MakeSyntheticRenderScene(turntable, render);
-    for (size_t i = 0; i < turntable.images.size(); ++i) {
-      const Image8 rgb = RenderImage(scene, turntable, static_cast<int>(i)).rgb;
-      GreyPhoto photo{rgb.width, rgb.height, {}};
-      for (int y = 0; y < rgb.height; ++y) {
-        for (int x = 0; x < rgb.width; ++x) photo.grey.push_back(GreyFromRgb(rgb.Pixel(x, y)));
-      }
-      photos[turntable.scene.views[i].name] = std::move(photo);
-    }
     const ColmapModel object = SyntheticObjectModel(turntable);
     const ColmapModel background = SyntheticStaticModel(turntable);
     aligned = AlignScene(object, &background, StationsOf(features));

@@ -11,8 +11,8 @@
 #include "sfm_split/placement/pose_finish.h"
 #include "sfm_split/scene/camera_model.h"
 #include "sfm_split/scene/pose_error.h"
+#include "tests/support/synthetic_grey_photos.h"
 #include "tests/support/synthetic_models.h"
-#include "tests/support/synthetic_render.h"
 #include "tests/support/synthetic_scan.h"
 
 namespace s2gs {
@@ -74,18 +74,7 @@ double ErrorOf(const SyntheticTurntable& turntable, const AlignedScene& aligned)
 Finished Finish(double wobble_deg, double score, JointModel asked = JointModel::kAuto) {
   const SyntheticTurntable turntable = MakeTurntable(wobble_deg);
   const ScanFeatures features = SyntheticScanFeatures(turntable);
-  SyntheticRenderOptions render;
-  render.use_turntable_object = true;
-  const SyntheticRenderScene scene = MakeSyntheticRenderScene(turntable, render);
-  std::map<std::string, GreyPhoto> photos;
-  for (size_t i = 0; i < turntable.images.size(); ++i) {
-    const Image8 rgb = RenderImage(scene, turntable, static_cast<int>(i)).rgb;
-    GreyPhoto photo{rgb.width, rgb.height, {}};
-    for (int y = 0; y < rgb.height; ++y) {
-      for (int x = 0; x < rgb.width; ++x) photo.grey.push_back(GreyFromRgb(rgb.Pixel(x, y)));
-    }
-    photos[turntable.scene.views[i].name] = std::move(photo);
-  }
+  const std::map<std::string, GreyPhoto> photos = RenderGreyPhotos(turntable);
   Reporter reporter;
   ScanPlacement result;
   result.best.is_usable = true;
