@@ -93,13 +93,19 @@ JointSolved SolveWithWobble(bool fit_loss, JointModel model, Reporter& reporter,
     const double sigma_px = SigmaOfLossPx(options->loss_scale_px);
     const std::optional<WobblePrior> before = problem->priors.wobble;
     std::optional<WobblePrior> now;
-    if (model == JointModel::kWobblingTable) now = FitHarmonics(*problem, *options, sigma_px);
+    if (before && !before->harmonics.empty()) {
+      now = FitDeviations(*problem, *options);
+    } else if (model == JointModel::kWobblingTable) {
+      now = NoWobble(*problem);
+    }
     // Few photos tell no function of the angle.
     if (!now) now = FitWobble(*problem, *options, sigma_px);
     problem->priors.wobble = now;
     const auto is_near = [](double a, double b) { return std::abs(a - b) <= kWobbleSettled * b; };
     if (!now || (before && is_near(now->sigma_tilt_rad, before->sigma_tilt_rad) &&
-                 is_near(now->sigma_shift, before->sigma_shift)))
+                 is_near(now->sigma_shift, before->sigma_shift) &&
+                 is_near(now->sigma_harmonic_tilt_rad, before->sigma_harmonic_tilt_rad) &&
+                 is_near(now->sigma_harmonic_shift, before->sigma_harmonic_shift)))
       break;
     report->iterations +=
         SolveJointOnce(*options, std::max(kCoarseTolerance, options->function_tolerance), reporter, problem)
@@ -109,7 +115,7 @@ JointSolved SolveWithWobble(bool fit_loss, JointModel model, Reporter& reporter,
 }
 
 // How far free object poses lie from the turn, an adjustment without any prior tells first, where none before
-// did. Harmonics are told by what keypoints ask for beyond the poses that there are.
+// did. Harmonics start from none.
 JointSolved Solve(bool fit_loss, JointModel model, Reporter& reporter, JointOptions* options,
                   JointProblem* problem, JointReport* report) {
   JointSolved solved;

@@ -70,6 +70,10 @@ struct WobblePrior {
   double sigma_shift = 0;     ///< of each coordinate of where the axis' point goes, world units.
   /// Of each station: what its poses lie about in place of pure turns. None: they lie about pure turns.
   std::vector<WobbleHarmonics> harmonics;
+  /// Of each of their coefficients about zero. An axis or a camera place that lies elsewhere looks like a
+  /// wobble that goes round with the table, or one that stays: nothing else holds these.
+  double sigma_harmonic_tilt_rad = 0;
+  double sigma_harmonic_shift = 0;
 };
 
 struct JointPriors {

@@ -323,7 +323,7 @@ void JointSystem::AddStationTurn(const StationTurnPrior& turn, double scale_px) 
   priors_.push_back(std::move(term));
 }
 
-std::vector<int> JointSystem::AddHarmonics(const JointProblem& problem) {
+std::vector<int> JointSystem::AddHarmonics(const JointProblem& problem, double scale_px) {
   std::vector<int> block_of_image(problem.images.size(), -1);
   for (WobbleHarmonics& wobble : harmonics_) {
     Block block;
@@ -337,6 +337,16 @@ std::vector<int> JointSystem::AddHarmonics(const JointProblem& problem) {
       block_of_image[static_cast<size_t>(i)] = static_cast<int>(blocks_.size());
       block.used |= blocks_[ObjectPoseBlock(i)].used;
     }
+    for (int k = 0; block.used && k < block.size; ++k) {
+      const WobblePrior& prior = *problem.priors.wobble;
+      const bool is_tilt = k < 2 * WobbleHarmonics::kTerms;
+      PriorTerm term;
+      term.parts = {{static_cast<int>(blocks_.size()), k, 1}};
+      term.sigma = is_tilt ? prior.sigma_harmonic_tilt_rad : prior.sigma_harmonic_shift;
+      term.scale_px = scale_px;
+      (is_tilt ? wobble_terms_.harmonic_tilts : wobble_terms_.harmonic_shifts).push_back(priors_.size());
+      priors_.push_back(std::move(term));
+    }
     blocks_.push_back(std::move(block));
   }
   return block_of_image;
@@ -345,7 +355,7 @@ std::vector<int> JointSystem::AddHarmonics(const JointProblem& problem) {
 // Small deviations from pure turns: tilts add up like vectors, and the axis' point stays where they turn.
 void JointSystem::AddWobble(const JointProblem& problem, double scale_px) {
   const auto [across, beside] = AcrossAxis(axis_direction_);
-  const std::vector<int> harmonics = AddHarmonics(problem);
+  const std::vector<int> harmonics = AddHarmonics(problem, scale_px);
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const int block = ObjectPoseBlock(static_cast<int>(i));
     if (!blocks_[block].used || blocks_[block].free.size() < 6) continue;
@@ -357,6 +367,7 @@ void JointSystem::AddWobble(const JointProblem& problem, double scale_px) {
       for (int k = 0; harmonics[i] >= 0 && k < WobbleHarmonics::kTerms; ++k)
         term.parts.push_back({harmonics[i], part * WobbleHarmonics::kTerms + k, -terms(k)});
       term.scale_px = scale_px;
+      (part < 2 ? wobble_terms_.tilts : wobble_terms_.shifts).push_back(priors_.size());
       priors_.push_back(std::move(term));
     };
     for (const auto& [part, about] : {std::make_pair(0, across), std::make_pair(1, beside)}) {
@@ -374,6 +385,12 @@ void JointSystem::AddWobble(const JointProblem& problem, double scale_px) {
       add(2 + k, std::move(term));
     }
   }
+}
+
+int JointSystem::NumFree() const {
+  int free = 0;
+  for (const Block& block : blocks_) free += block.used ? static_cast<int>(block.free.size()) : 0;
+  return free;
 }
 
 void JointSystem::Hold(int block, int value) {

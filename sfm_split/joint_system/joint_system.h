@@ -59,6 +59,15 @@ class JointSystem {
   int AxisBlock() const { return num_poses_ + num_cameras_; }
   int AngleBlock(int image) const { return num_poses_ + num_cameras_ + 1 + image; }
   int ObjectPoseBlock(int image) const { return num_poses_ + num_cameras_ + image; }
+  /// Which priors are of each kind of the wobble prior's deviations.
+  struct WobbleTerms {
+    std::vector<size_t> tilts;
+    std::vector<size_t> shifts;
+    std::vector<size_t> harmonic_tilts;
+    std::vector<size_t> harmonic_shifts;
+  };
+  const WobbleTerms& wobble_terms() const { return wobble_terms_; }
+  int NumFree() const;
   Eigen::Vector3d CentreOfPose(int pose) const;
   int anchor() const { return anchor_; }
   /// Whether background points tie a pose's place about the axis to the anchor's.
@@ -75,7 +84,7 @@ class JointSystem {
   void AddRims(const JointProblem& problem, double scale_px);
   void AddWobble(const JointProblem& problem, double scale_px);
   // The block of an image's smooth wobble; -1: its pose lies about a pure turn.
-  std::vector<int> AddHarmonics(const JointProblem& problem);
+  std::vector<int> AddHarmonics(const JointProblem& problem, double scale_px);
   // The parts of a prior that say by how much an image's object turns about the axis.
   void AddTurnOf(int image, double factor, PriorTerm* term) const;
   void TieByBackground(const JointProblem& problem);
@@ -102,6 +111,7 @@ class JointSystem {
   std::vector<Term> terms_;
   std::vector<std::array<double, 2>> equal_steps_;  // (offset, step)
   std::vector<WobbleHarmonics> harmonics_;
+  WobbleTerms wobble_terms_;                        // places in priors_
   std::vector<std::array<double, 2>> rim_circles_;  // (height, radius)
   std::vector<PriorTerm> priors_;
 };

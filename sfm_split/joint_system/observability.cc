@@ -72,10 +72,7 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   if (options.loss_scale_px == 0) options.loss_scale_px = LossScalePx(sigma_px);
   Observability result;
   const JointSystem system(problem, options, fix_gauge);
-  int free = 0;
-  for (const JointSystem::Block& block : system.blocks()) {
-    if (block.used) free += static_cast<int>(block.free.size());
-  }
+  const int free = system.NumFree();
   result.num_parameters = free;
   if (free == 0 || free > options.max_dense_parameters) return result;
 

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <optional>
-#include <vector>
 
 #include "sfm_split/joint_system/joint_options.h"
 #include "sfm_split/joint_system/joint_problem.h"
@@ -9,12 +8,15 @@
 
 namespace s2gs {
 
-/// One for each camera pose that enough of a problem's images share to tell its coefficients: zeros.
-std::vector<WobbleHarmonics> NoHarmonics(const JointProblem& problem);
+/// Harmonics (all zero) for each camera pose that enough of a problem's images share to tell them, and how
+/// far a table's plate wobbles at most. Nothing where no camera pose has enough images.
+std::optional<WobblePrior> NoWobble(const JointProblem& problem);
 
-/// The harmonics that a problem's free object poses lie about, and how closely, as the keypoints that see
-/// each tell it, all else being held. Nothing where no station has enough images.
-std::optional<WobblePrior> FitHarmonics(const JointProblem& problem, const JointOptions& options,
-                                        double sigma_px);
+/// The prior of an adjusted problem with its standard deviations as the adjustment found them: of tilts and
+/// of shifts, of harmonics about zero and of poses about harmonics. Each is the mean square of what lies
+/// about it, over the share of these that keypoints tell, what the prior itself tells not being counted (D.
+/// MacKay, Bayesian interpolation, 1992, eq. 4.7 and 4.8), all unknowns being free beside each other. The
+/// same prior where there are too many unknowns to tell.
+WobblePrior FitDeviations(const JointProblem& problem, const JointOptions& options);
 
 }  // namespace s2gs

@@ -196,11 +196,11 @@ void PhotoAdjuster::ActivateAll(JointProblem* problem) const {
   problem->background.observations = problem_.background.observations;
 }
 
-std::vector<ErrorPair> PhotoAdjuster::ErrorsOf(PointSet set, const JointProblem& after,
-                                               bool by_patches) const {
+std::vector<ErrorPair> PhotoAdjuster::ErrorsOf(PointSet set, const JointProblem& before,
+                                               const JointProblem& after, bool by_patches) const {
   std::vector<ErrorPair> errors;
   const std::vector<std::vector<size_t>> of_point = ByPoint(problem_.object);
-  const std::vector<PosedImage> old_poses = Posed(problem_, true);
+  const std::vector<PosedImage> old_poses = Posed(before, true);
   const std::vector<PosedImage> new_poses = Posed(after, true);
   for (size_t p = 0; p < of_point.size(); ++p) {
     std::vector<int> images;

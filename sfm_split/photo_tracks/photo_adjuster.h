@@ -40,7 +40,8 @@ class PhotoAdjuster {
   void ActivateAll(JointProblem* problem) const;
   /// Of a set's points, by places of patches or by keypoints. Both sets of poses see the same places of the
   /// same points, which lie where these poses put them best; what fewer than three see is left out.
-  std::vector<ErrorPair> ErrorsOf(PointSet set, const JointProblem& after, bool by_patches) const;
+  std::vector<ErrorPair> ErrorsOf(PointSet set, const JointProblem& before, const JointProblem& after,
+                                  bool by_patches) const;
   /// The stations that patches tie to the reference's, itself among them.
   /// \param overdispersion  how many times larger errors are than places say (HeldBackChange).
   std::set<int> TiedStations(const JointProblem& after, double overdispersion) const;

@@ -113,7 +113,7 @@ struct AdjustmentInput {
   const HeldBackKeypoints& held_back;
   const JointPriors& priors;
   const JointOptions& joint_options;
-  JointModel model;
+  const PosesToAdjust& poses;
   const PhotoAdjustmentOptions& options;
 };
 
@@ -142,7 +142,7 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   PhotoAdjuster adjuster(input.features, input.held_back, input.options, aligned);
   adjuster.SetUp(tracks, input.priors, joint->sigma_px, result.sigma_px, min_places);
   JointOptions by_patches = input.joint_options;
-  by_patches.model = input.model;
+  by_patches.model = input.poses.model;
   by_patches.loss_scale_px = 0;
   std::vector<ErrorPair> errors;
   std::vector<double> log_focal(adjuster.problem().cameras.size(), 0);  // the mean of both halves
@@ -152,15 +152,23 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   of_half.max_rounds = 1;
   JointProblem problem;
   for (const PointSet half : {PointSet::kFirstHalf, PointSet::kSecondHalf}) {
+    JointProblem before = adjuster.problem();
+    if (input.poses.rival) {
+      before = adjuster.Without(half);
+      of_half.model = *input.poses.rival;
+      AdjustJointly(of_half, reporter, &before);
+      of_half.model = by_patches.model;
+    }
     problem = adjuster.Without(half);
     AdjustJointly(of_half, reporter, &problem);
-    const std::vector<ErrorPair> of_other = adjuster.ErrorsOf(half, problem, true);
+    const std::vector<ErrorPair> of_other = adjuster.ErrorsOf(half, before, problem, true);
     errors.insert(errors.end(), of_other.begin(), of_other.end());
     for (size_t c = 0; c < log_focal.size(); ++c)
       log_focal[c] += 0.5 * std::log(FocalLengths(problem.cameras[c]).x());
   }
   result.patches = ChangeOf(errors);
   result.patches.overdispersion = std::max(1.0, kSigmaOfMedian * result.patches.after_px / result.sigma_px);
+  const bool has_fallen = result.patches.HasFallen(input.poses.deviations);
   const std::string of_photos = result.looked_in == PhotosLookedIn::kFacing ? "in all photos that they face"
                                                                             : "in photos of their tracks";
   const std::string change = PxText(result.patches.before_px) + " to " + PxText(result.patches.after_px);
@@ -168,7 +176,7 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   if (result.patches.HasRisen()) return finish(no_better);
   const bool is_noise = result.patches.overdispersion <= kMostOverdispersion;
   if (result.places_beside > 0 && !is_noise) {
-    for (size_t c = 0; result.patches.HasFallen() && c < log_focal.size(); ++c)
+    for (size_t c = 0; has_fallen && c < log_focal.size(); ++c)
       result.refused_focal_px.push_back(std::exp(log_focal[c]));
     return finish("patches are not the same from all around: " + PxText(result.patches.after_px) + ", not " +
                   PxText(result.sigma_px / kSigmaOfMedian));
@@ -178,9 +186,9 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   result.log_sigma_change = LogSigmaChange(*joint, report);
   // Standard deviations know of noise alone.
   const bool is_surer = is_noise && result.log_sigma_change < 0;
-  if (!result.patches.HasFallen() && !is_surer) return finish(no_better);
-  result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, problem, false));
-  if (!result.patches.HasFallen() && !CamerasHold(adjuster.problem(), problem, joint->focal_sigma_px))
+  if (!has_fallen && !is_surer) return finish(no_better);
+  result.keypoints = ChangeOf(adjuster.ErrorsOf(PointSet::kHeldBack, adjuster.problem(), problem, false));
+  if (!has_fallen && !CamerasHold(adjuster.problem(), problem, joint->focal_sigma_px))
     return finish("patches ask for another focal length");
   if (Contradict(result.keypoints, result.patches))
     return finish("keypoints that were held back contradict the patches");
@@ -188,7 +196,7 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   adjuster.Take(&problem);
   *joint = std::move(report);
   result.is_taken = true;
-  if (result.patches.HasFallen()) {
+  if (has_fallen) {
     result.reason = PhotoReason::kHeldBackPatches;
     return finish("points looked for " + of_photos + ", errors of patches that were held back went from " +
                   change);
@@ -226,12 +234,12 @@ OptionCheck PhotoAdjustmentOptions::Check() const {
 
 PhotoAdjustment AdjustByTracks(const FindTracks& find, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
-                               const JointOptions& joint_options, JointModel model,
+                               const JointOptions& joint_options, const PosesToAdjust& poses,
                                const PhotoAdjustmentOptions& options, Reporter& reporter,
                                AlignedScene* aligned, JointReport* joint) {
   S2GS_INVARIANT(!options.Check() && !joint_options.Check());
   const double start = SteadySeconds();
-  const AdjustmentInput input{features, held_back, priors, joint_options, model, options};
+  const AdjustmentInput input{features, held_back, priors, joint_options, poses, options};
   PhotoAdjustment result = AdjustOnce(input, find(PhotosLookedIn::kFacing), PhotosLookedIn::kFacing,
                                       joint_options.min_free_observations, reporter, aligned, joint);
   if (!result.is_taken && result.places_beside > 0) {
@@ -250,7 +258,7 @@ PhotoAdjustment AdjustByTracks(const FindTracks& find, const ScanFeatures& featu
 
 PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
-                               const JointOptions& joint_options, JointModel model,
+                               const JointOptions& joint_options, const PosesToAdjust& poses,
                                const PhotoAdjustmentOptions& options, Reporter& reporter,
                                AlignedScene* aligned, JointReport* joint) {
   const auto find = [&](PhotosLookedIn where) {
@@ -258,7 +266,7 @@ PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& fe
     if (where == PhotosLookedIn::kTracks) places.min_facing = 1;
     return AlignTracks(aligned->object, read, places, reporter);
   };
-  return AdjustByTracks(find, features, held_back, priors, joint_options, model, options, reporter, aligned,
+  return AdjustByTracks(find, features, held_back, priors, joint_options, poses, options, reporter, aligned,
                         joint);
 }
 

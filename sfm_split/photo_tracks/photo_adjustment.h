@@ -29,8 +29,10 @@ struct HeldBackChange {
   /// that points are no longer witnesses of their own.
   double overdispersion = 1;
 
-  /// By more than chance does once in e^8.
-  bool HasFallen() const { return points > 1 && gain > 3.4 * overdispersion * gain_sigma; }
+  /// By more than so many standard deviations: by default by more than chance does once in e^8.
+  bool HasFallen(double deviations = 3.4) const {
+    return points > 1 && gain > deviations * overdispersion * gain_sigma;
+  }
   bool HasRisen() const { return points > 1 && -gain > 3.4 * overdispersion * gain_sigma; }
 };
 
@@ -86,6 +88,15 @@ struct PhotoAdjustmentOptions {
   OptionCheck Check() const;
 };
 
+/// What poses are to share.
+struct PosesToAdjust {
+  JointModel model = JointModel::kAuto;
+  /// A simpler one, which the same patches are given to as well: patches that were held back compare these
+  /// two. Without it they compare the model with the scene's own poses, which may have seen all of them.
+  std::optional<JointModel> rival;
+  double deviations = 3.4;  ///< of the errors' fall, which tell it from chance (HeldBackChange).
+};
+
 /// Where photos show points of the object, by its poses as they stand. Ids of points that are none of the
 /// model's follow those of the model's.
 using FindTracks = std::function<std::vector<AlignedTrack>(PhotosLookedIn where)>;
@@ -101,18 +112,18 @@ using FindTracks = std::function<std::vector<AlignedTrack>(PhotosLookedIn where)
 /// neither is. Where poses are taken, both models' points are adjusted to them all, and the object's
 /// keypoints in `aligned->object` are where patches were found.
 /// \param priors  of the adjustment that the scene comes from.
-/// \param model   what the poses share.
+/// \param poses   what they share.
 /// \param joint   the adjustment that the scene comes from; replaced where poses are taken.
 PhotoAdjustment AdjustByTracks(const FindTracks& find, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
-                               const JointOptions& joint_options, JointModel model,
+                               const JointOptions& joint_options, const PosesToAdjust& poses,
                                const PhotoAdjustmentOptions& options, Reporter& reporter,
                                AlignedScene* aligned, JointReport* joint);
 
 /// The same with the object's points, which are looked for in all photos that they face (AlignTracks).
 PhotoAdjustment AdjustByPhotos(const ReadGreyPhoto& read, const ScanFeatures& features,
                                const HeldBackKeypoints& held_back, const JointPriors& priors,
-                               const JointOptions& joint_options, JointModel model,
+                               const JointOptions& joint_options, const PosesToAdjust& poses,
                                const PhotoAdjustmentOptions& options, Reporter& reporter,
                                AlignedScene* aligned, JointReport* joint);
 

@@ -25,6 +25,8 @@ constexpr int kSurfaceRounds = 4;     // a judgement: bounds the time
 // Standard deviation of the axis and of the table's angles that leaves nothing to ask for: a sixth of how far
 // the median photo of a good scan may be turned.
 constexpr double kSureDeg = 0.05;
+// One table in ten wobbles by what photos tell: so many standard deviations are ten times likelier of one.
+constexpr double kWobbleDeviations = 2.15;
 
 bool IsSure(const JointReport& joint) {
   std::vector<double> angles;
@@ -54,9 +56,9 @@ std::map<int, double> TurnsByPatches(const TurntableScene& scene, const JointRep
 
 void PoseFinish::AdjustToPhotos(const ReadGreyPhoto& read_photo) {
   ScanCandidate& best = result_.best;
-  result_.photos =
-      AdjustByPhotos(read_photo, features_, best.refined.held_back, best.refined.priors, options_.joint,
-                     best.refined.model, options_.photos, reporter_, &best.aligned, &best.refined.joint);
+  result_.photos = AdjustByPhotos(read_photo, features_, best.refined.held_back, best.refined.priors,
+                                  options_.joint, {best.refined.model, {}}, options_.photos, reporter_,
+                                  &best.aligned, &best.refined.joint);
   const PhotoAdjustment& photos = result_.photos;
   reporter_.Info(
       std::string(photos.is_taken ? "poses by patches of the photos: " : "poses by keypoints: ") +
@@ -76,9 +78,9 @@ void PoseFinish::AdjustToSurface(const ReadGreyPhoto& read_photo) {
     const SurfaceSweep swept(best.aligned, read_photo, {}, reporter_);
     if (swept.NumPoints() < static_cast<int>(best.aligned.scene.views.size())) break;
     const auto find = [&](PhotosLookedIn where) { return swept.Tracks(where, reporter_); };
-    PhotoAdjustment surface =
-        AdjustByTracks(find, features_, best.refined.held_back, best.refined.priors, options_.joint,
-                       best.refined.model, options_.photos, reporter_, &best.aligned, &best.refined.joint);
+    PhotoAdjustment surface = AdjustByTracks(find, features_, best.refined.held_back, best.refined.priors,
+                                             options_.joint, {best.refined.model, {}}, options_.photos,
+                                             reporter_, &best.aligned, &best.refined.joint);
     reporter_.Info(std::string("the surface between keypoints ") +
                    (surface.is_taken ? "tells better poses: " : "does not tell better poses: ") +
                    surface.finding);
@@ -92,9 +94,9 @@ void PoseFinish::AdjustToSurface(const ReadGreyPhoto& read_photo) {
 }
 
 // Poses of a table that wobbles (smooth_wobble.h), where patches of either half of the points are borne out
-// better by those of the other half than by the poses as they are, which knew both. Not asked where photos do
-// not ask for object poses of their own: the score of those is 1 of a pure turn. \return  whether they are
-// taken.
+// better by such poses from those of the other half than by a pure turn's from the same. Not asked where
+// photos do not ask for object poses of their own: the score of those is 1 of a pure turn. \return  whether
+// they are taken.
 bool PoseFinish::LetTableWobble(const ReadGreyPhoto& read_photo) {
   ScanCandidate& best = result_.best;
   if (options_.joint.model != JointModel::kAuto || best.refined.model != JointModel::kSharedStations)
@@ -112,7 +114,8 @@ bool PoseFinish::LetTableWobble(const ReadGreyPhoto& read_photo) {
   JointReport joint = best.refined.joint;
   PhotoAdjustment wobbling =
       AdjustByPhotos(read_photo, features_, best.refined.held_back, priors, options_.joint,
-                     JointModel::kWobblingTable, options_.photos, reporter_, &aligned, &joint);
+                     {JointModel::kWobblingTable, JointModel::kSharedStations, kWobbleDeviations},
+                     options_.photos, reporter_, &aligned, &joint);
   result_.durations.emplace_back("wobble", watch_.Lap());
   const bool is_taken = wobbling.reason == PhotoReason::kHeldBackPatches;
   reporter_.Info(

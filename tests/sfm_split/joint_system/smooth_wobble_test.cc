@@ -30,11 +30,12 @@ WobbleOfPose Smooth(double angle) {
   return wobble;
 }
 
-WobblingScan SmoothScan(uint32_t seed, int few) {
+WobblingScan SmoothScan(uint32_t seed, int few, bool does_wobble = true) {
   std::mt19937 rng(seed);
   std::normal_distribution<double> normal;
   return MakeWobblingScan(
-      seed, few, [&] { return normal(rng); }, [](size_t, double angle) { return Smooth(angle); });
+      seed, few, [&] { return normal(rng); },
+      [&](size_t, double angle) { return does_wobble ? Smooth(angle) : WobbleOfPose(); });
 }
 
 JointOptions Options() {
@@ -81,6 +82,42 @@ TEST(SmoothWobble, HarmonicsAreThoseOfTheTable) {
   const double twice = wobble.coefficients.block<2, 2>(0, 3).norm();
   EXPECT_NEAR(twice, kTilt * std::sqrt(0.5), 0.1 * kTilt);
   EXPECT_LT(scan.problem.priors.wobble->sigma_tilt_rad, 0.1 * kTilt);
+}
+
+// Each of a tilt's five coefficients is half of kTilt in the root of the mean of squares.
+TEST(SmoothWobble, HarmonicsAreAsLargeAsTheyTurnOutToBe) {
+  JointOptions options = Options();
+  options.model = JointModel::kWobblingTable;
+  Reporter reporter;
+  WobblingScan wobbling = SmoothScan(5, 12, true);
+  AdjustJointly(options, reporter, &wobbling.problem);
+  const WobblePrior& found = *wobbling.problem.priors.wobble;
+  EXPECT_NEAR(found.sigma_harmonic_tilt_rad / kTilt, 0.5, 0.15);  // .549
+  EXPECT_LT(found.sigma_tilt_rad, 0.15 * kTilt);                  // .071: there is none
+  WobblingScan still = SmoothScan(5, 12, false);
+  AdjustJointly(options, reporter, &still.problem);
+  EXPECT_LT(still.problem.priors.wobble->sigma_harmonic_tilt_rad, 0.03 * kTilt);  // .0097
+}
+
+// Poses that lie about no turn at all, of which keypoints tell little, stay where they are.
+TEST(SmoothWobble, WhatKeypointsDoNotTellStays) {
+  WobblingScan scan = SmoothScan(7, 12, false);
+  scan.problem = WithFreeObject(scan.problem);
+  scan.problem.priors.wobble = NoWobble(scan.problem);
+  ASSERT_TRUE(scan.problem.priors.wobble.has_value());
+  JointOptions options = Options();
+  WobblePrior& prior = *scan.problem.priors.wobble;
+  prior.sigma_tilt_rad = prior.sigma_harmonic_tilt_rad = 1e-7;
+  prior.sigma_shift = prior.sigma_harmonic_shift = 1e-8;
+  const WobblePrior found = FitDeviations(scan.problem, options);
+  EXPECT_GE(found.sigma_tilt_rad, prior.sigma_tilt_rad);
+  EXPECT_GE(found.sigma_shift, prior.sigma_shift);
+  EXPECT_GE(found.sigma_harmonic_tilt_rad, prior.sigma_harmonic_tilt_rad);
+  EXPECT_GE(found.sigma_harmonic_shift, prior.sigma_harmonic_shift);
+  // Too many unknowns to tell.
+  options.max_dense_parameters = 1;
+  prior.sigma_tilt_rad = 1;
+  EXPECT_EQ(FitDeviations(scan.problem, options).sigma_tilt_rad, 1);
 }
 
 // Where every second photo shows few keypoints, harmonics tell how it tilts by what the others show.

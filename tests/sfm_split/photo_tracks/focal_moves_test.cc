@@ -94,7 +94,7 @@ class FocalMoves : public testing::Test {
     for (const ScanImage& image : features_.images) none.emplace_back(image.keypoints.size(), false);
     Reporter reporter;
     return AdjustByTracks([&](PhotosLookedIn) { return tracks; }, features_, none, {}, {},
-                          JointModel::kSharedStations, {}, reporter, &aligned_, &joint_);
+                          {JointModel::kSharedStations, {}}, {}, reporter, &aligned_, &joint_);
   }
 
   double FocalLengthPx(const AlignedScene& aligned) const {

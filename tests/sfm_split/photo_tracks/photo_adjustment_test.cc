@@ -57,8 +57,8 @@ struct Scan {
 
   PhotoAdjustment Adjust(const ReadGreyPhoto& read, AlignedScene* scene, JointReport* joint) const {
     Reporter reporter;
-    return AdjustByPhotos(read, features, refined.held_back, refined.priors, {}, refined.model, {}, reporter,
-                          scene, joint);
+    return AdjustByPhotos(read, features, refined.held_back, refined.priors, {}, {refined.model, {}}, {},
+                          reporter, scene, joint);
   }
 
   // The largest rotation error and that of the cameras' centres in metres, medians.
@@ -143,8 +143,8 @@ TEST(PhotoAdjustment, PointsThatNoKeypointSeesTellPoses) {
     return tracks;
   };
   const PhotoAdjustment result =
-      AdjustByTracks(find, scan.features, scan.refined.held_back, scan.refined.priors, {}, scan.refined.model,
-                     {}, reporter, &scene, &joint);
+      AdjustByTracks(find, scan.features, scan.refined.held_back, scan.refined.priors, {},
+                     {scan.refined.model, {}}, {}, reporter, &scene, &joint);
   EXPECT_TRUE(result.is_taken) << result.finding;
   EXPECT_GT(result.tracks, 50);
   EXPECT_LT(joint.sigma_px, 0.5 * scan.refined.joint.sigma_px);
@@ -205,7 +205,7 @@ TEST(PhotoAdjustment, PhotosThatPointsFaceTellMoreThanTracksAlone) {
     ShortenTracks(&scene->object);
     *joint = scan.refined.joint;
     return AdjustByPhotos([&](const std::string& name) { return scan.photos.at(name); }, scan.features,
-                          scan.refined.held_back, scan.refined.priors, {}, scan.refined.model, options,
+                          scan.refined.held_back, scan.refined.priors, {}, {scan.refined.model, {}}, options,
                           reporter, scene, joint);
   };
   AlignedScene by_tracks;
@@ -267,8 +267,8 @@ TEST(PhotoAdjustment, WhatBendsLeavesThePhotosOfTheTracks) {
   };
   Reporter reporter;
   const PhotoAdjustment result =
-      AdjustByPhotos(bent, scan.features, scan.refined.held_back, scan.refined.priors, {}, scan.refined.model,
-                     {}, reporter, &scene, &joint);
+      AdjustByPhotos(bent, scan.features, scan.refined.held_back, scan.refined.priors, {},
+                     {scan.refined.model, {}}, {}, reporter, &scene, &joint);
   EXPECT_TRUE(result.is_taken) << result.finding << "; " << result.facing_finding;
   EXPECT_EQ(result.looked_in, PhotosLookedIn::kTracks);
   EXPECT_EQ(result.reason, PhotoReason::kHeldBackPatches);
@@ -391,6 +391,7 @@ TEST(HeldBackChange, ChanceIsNoChange) {
   EXPECT_FALSE(HeldBackChange().HasFallen());
   EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.35, 0.1}).HasFallen());
   EXPECT_FALSE((HeldBackChange{100, 1, 0.5, 0.3, 0.1}).HasFallen());
+  EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.3, 0.1}).HasFallen(2.9));
   EXPECT_TRUE((HeldBackChange{100, 1, 0.5, 0.7, 0.1, 2}).HasFallen());
   EXPECT_FALSE((HeldBackChange{100, 1, 0.5, 0.67, 0.1, 2}).HasFallen());
   EXPECT_FALSE(HeldBackChange().HasRisen());
