@@ -87,14 +87,19 @@ PixelMask ResizeNearest(const PixelMask& mask, int width, int height) {
 }
 
 PixelMask Widened(const PixelMask& mask, int margin) {
-  PixelMask wide = {mask.width, mask.height, std::vector<uint8_t>(mask.inside.size(), 0)};
+  PixelMask in_rows = {mask.width, mask.height, std::vector<uint8_t>(mask.inside.size(), 0)};
+  PixelMask wide = in_rows;
+  const size_t width = static_cast<size_t>(mask.width);
   for (int y = 0; y < mask.height; ++y) {
     for (int x = 0; x < mask.width; ++x) {
-      if (mask.inside[static_cast<size_t>(y) * mask.width + x] == 0) continue;
-      for (int v = std::max(0, y - margin); v <= std::min(mask.height - 1, y + margin); ++v) {
-        for (int u = std::max(0, x - margin); u <= std::min(mask.width - 1, x + margin); ++u)
-          wide.inside[static_cast<size_t>(v) * mask.width + u] = 1;
-      }
+      if (mask.inside[y * width + x] == 0) continue;
+      for (int u = std::max(0, x - margin); u <= std::min(mask.width - 1, x + margin); ++u)
+        in_rows.inside[y * width + u] = 1;
+    }
+  }
+  for (int y = 0; y < mask.height; ++y) {
+    for (int v = std::max(0, y - margin); v <= std::min(mask.height - 1, y + margin); ++v) {
+      for (size_t x = 0; x < width; ++x) wide.inside[v * width + x] |= in_rows.inside[y * width + x];
     }
   }
   return wide;

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 
@@ -15,7 +16,9 @@
 namespace s2gs {
 namespace {
 
-constexpr int kMargin = 2;  // [px], as far as a mask's edge blurs
+constexpr int kMargin = 2;           // [px], as far as a mask's edge blurs
+constexpr int kReach = 32;           // [px], as far as plain surroundings are asked
+constexpr int kLeastDirections = 3;  // of eight, from which plain surroundings enclose a pixel
 constexpr int64_t kGaussiansAtOnce = 256;
 
 // At the pixels of one photo.
@@ -23,12 +26,111 @@ enum class Pixel : uint8_t { kUnknown, kSame, kDiffers };
 
 struct PhotoVotes {
   std::vector<Pixel> pixels;
-  std::vector<float> chances;  // of the photo to differ by chance
+  std::vector<float> chances;       // of the photo to differ by chance
+  std::vector<uint8_t> is_between;  // known by what is about the pixel alone
 };
+
+// What a station's photos show at a pixel where nothing turns.
+struct Still {
+  bool is_known = false;
+  std::array<uint8_t, 3> colour{};
+  BackgroundRange range;
+};
+
+// Per photo, the pixels about which it may show what turns.
+using Covered = std::vector<std::vector<uint8_t>>;
+
+// At a pixel, by the photos that show it uncovered.
+Still StillAt(const StationPhotos& station, const Covered& covered, int x, int y) {
+  Still still;
+  const size_t at = static_cast<size_t>(y) * station.images.front().width + x;
+  std::vector<size_t> shows;
+  for (size_t k = 0; k < covered.size(); ++k) {
+    if (covered[k][at] == 0) shows.push_back(k);
+  }
+  if (static_cast<int>(shows.size()) < kLeastBackgrounds) return still;
+  still.is_known = true;
+  std::vector<uint8_t> values;
+  for (int c = 0; c < 3; ++c) {
+    values.clear();
+    for (const size_t k : shows) values.push_back(station.images[k].Pixel(x, y)[c]);
+    still.colour[c] = UpperMedian(values);
+  }
+  std::vector<double> differences;
+  for (const size_t k : shows)
+    differences.push_back(MostDifferentChannel(station.images[k].Pixel(x, y), still.colour.data()));
+  still.range = FindBackgroundRange(&differences);
+  return still;
+}
+
+// By pixel: where any photo is covered, and about where nearly all are.
+std::vector<Still> KnownAbout(const StationPhotos& station, const Covered& covered) {
+  const int width = station.images.front().width;
+  const int height = station.images.front().height;
+  std::vector<Still> known(static_cast<size_t>(width) * height);
+  PixelMask asked{width, height, std::vector<uint8_t>(known.size(), 0)};
+  for (const std::vector<uint8_t>& of_photo : covered) {
+    for (size_t at = 0; at < known.size(); ++at) asked.inside[at] |= of_photo[at];
+  }
+  PixelMask unknown{width, height, std::vector<uint8_t>(known.size(), 0)};
+  const auto ask = [&](const PixelMask& where, const PixelMask* but) {
+    ParallelFor(height, 0, [&](int64_t y) {
+      for (int x = 0; x < width; ++x) {
+        const size_t at = static_cast<size_t>(y) * width + x;
+        if (where.inside[at] == 0 || (but != nullptr && but->inside[at] != 0)) continue;
+        known[at] = StillAt(station, covered, x, static_cast<int>(y));
+        unknown.inside[at] = known[at].is_known ? 0 : 1;
+      }
+    });
+  };
+  ask(asked, nullptr);
+  ask(Widened(unknown, kReach), &asked);
+  return known;
+}
+
+// At a pixel that is covered in nearly all photos: where what is known in most directions about it looks
+// alike, by no more than photos differ there, the same between them.
+Still BetweenKnown(const std::vector<Still>& known, int width, int height, int x, int y) {
+  constexpr std::array<std::array<int, 2>, 8> kDirections = {
+      {{1, 0}, {1, 1}, {0, 1}, {-1, 1}, {-1, 0}, {-1, -1}, {0, -1}, {1, -1}}};
+  std::array<int, 3> least = {255, 255, 255};
+  std::array<int, 3> most = {0, 0, 0};
+  std::array<double, 3> sums{};
+  double weights = 0;
+  int found = 0;
+  Still still;
+  for (const auto& [dx, dy] : kDirections) {
+    for (int step = 1; step <= kReach; ++step) {
+      const int u = x + step * dx;
+      const int v = y + step * dy;
+      if (u < 0 || v < 0 || u >= width || v >= height) break;
+      const Still& at = known[static_cast<size_t>(v) * width + u];
+      if (!at.is_known) continue;
+      ++found;
+      const double weight = 1.0 / (step * std::hypot(dx, dy));
+      weights += weight;
+      for (int c = 0; c < 3; ++c) {
+        least[c] = std::min<int>(least[c], at.colour[c]);
+        most[c] = std::max<int>(most[c], at.colour[c]);
+        sums[c] += weight * at.colour[c];
+      }
+      still.range.most = std::max(still.range.most, at.range.most);
+      still.range.chance = found == 1 ? at.range.chance : std::max(still.range.chance, at.range.chance);
+      break;
+    }
+  }
+  if (found < kLeastDirections) return still;
+  for (int c = 0; c < 3; ++c) {
+    if (most[c] - least[c] > still.range.most) return still;
+    still.colour[c] = static_cast<uint8_t>(std::lround(sums[c] / weights));
+  }
+  still.is_known = true;
+  return still;
+}
 
 // Which pixels of a station's photos differ from the background, within the masks and about them.
 std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<PixelMask>& masks) {
-  std::vector<std::vector<uint8_t>> covered;
+  Covered covered;
   covered.reserve(masks.size());
   for (const PixelMask& mask : masks) covered.push_back(Widened(mask, kMargin).inside);
   const int width = station.images.front().width;
@@ -37,34 +139,22 @@ std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<
   for (PhotoVotes& of : votes) {
     of.pixels.assign(static_cast<size_t>(width) * height, Pixel::kUnknown);
     of.chances.assign(of.pixels.size(), 0);
+    of.is_between.assign(of.pixels.size(), 0);
   }
+  const std::vector<Still> known = KnownAbout(station, covered);
   ParallelFor(height, 0, [&](int64_t y) {
-    std::vector<size_t> shows;  // photos of the background
-    std::vector<uint8_t> values;
-    std::vector<double> differences;
     for (int x = 0; x < width; ++x) {
       const size_t at = static_cast<size_t>(y) * width + x;
-      shows.clear();
-      for (size_t k = 0; k < covered.size(); ++k) {
-        if (covered[k][at] == 0) shows.push_back(k);
-      }
-      if (shows.size() == covered.size() || static_cast<int>(shows.size()) < kLeastBackgrounds) continue;
-      std::array<uint8_t, 3> median{};
-      for (int c = 0; c < 3; ++c) {
-        values.clear();
-        for (const size_t k : shows) values.push_back(station.images[k].Pixel(x, static_cast<int>(y))[c]);
-        median[c] = UpperMedian(values);
-      }
-      const auto difference = [&](size_t k) {
-        return MostDifferentChannel(station.images[k].Pixel(x, static_cast<int>(y)), median.data());
-      };
-      differences.clear();
-      for (const size_t k : shows) differences.push_back(difference(k));
-      const BackgroundRange range = FindBackgroundRange(&differences);
+      const Still still =
+          known[at].is_known ? known[at] : BetweenKnown(known, width, height, x, static_cast<int>(y));
+      if (!still.is_known) continue;
       for (size_t k = 0; k < covered.size(); ++k) {
         if (covered[k][at] == 0) continue;
-        votes[k].pixels[at] = difference(k) > range.most ? Pixel::kDiffers : Pixel::kSame;
-        votes[k].chances[at] = static_cast<float>(range.chance);
+        const double difference =
+            MostDifferentChannel(station.images[k].Pixel(x, static_cast<int>(y)), still.colour.data());
+        votes[k].pixels[at] = difference > still.range.most ? Pixel::kDiffers : Pixel::kSame;
+        votes[k].chances[at] = static_cast<float>(still.range.chance);
+        votes[k].is_between[at] = known[at].is_known ? 0 : 1;
       }
     }
   });
@@ -80,6 +170,7 @@ std::vector<uint32_t> FindShowingBackground(const std::vector<StationPhotos>& st
   of_stations.reserve(stations.size());
   for (size_t s = 0; s < stations.size(); ++s) of_stations.push_back(VotesOf(stations[s], masks[s]));
   std::vector<BackgroundVotes> votes(gaussians.size());
+  std::vector<BackgroundVotes> seen(gaussians.size());  // where photos show the pixel's background themselves
   ParallelFor(static_cast<int64_t>(votes.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
     const float* centre = gaussians.centre.data() + 3 * i;
     const Eigen::Vector3d x_in_object(centre[0], centre[1], centre[2]);
@@ -98,15 +189,18 @@ std::vector<uint32_t> FindShowingBackground(const std::vector<StationPhotos>& st
         ++votes[i].photos;
         votes[i].differ += shown == Pixel::kDiffers ? 1 : 0;
         votes[i].chance += of_stations[s][k].chances[at];
+        if (of_stations[s][k].is_between[at] != 0) continue;
+        ++seen[i].photos;
+        seen[i].differ += shown == Pixel::kDiffers ? 1 : 0;
       }
     }
   });
   BackgroundVotes sum;
   int asked = 0;
-  for (const BackgroundVotes& of : votes) {
+  for (const BackgroundVotes& of : votes) asked += of.photos > 0 ? 1 : 0;
+  for (const BackgroundVotes& of : seen) {
     sum.photos += of.photos;
     sum.differ += of.differ;
-    asked += of.photos > 0 ? 1 : 0;
   }
   const double as_thing = ShareWhereSomethingIs(sum);
   std::vector<uint32_t> showing;

@@ -21,12 +21,13 @@ constexpr uint8_t kColor = 250;  // of what turns
 // A camera that stands still before a pattern, and points about the z axis that turn.
 class TurningPoints {
  public:
-  explicit TurningPoints(int num_photos) : random_(1) {
+  explicit TurningPoints(int num_photos, bool is_plain = false) : random_(1) {
     Rigid3 cam_from_world;
     cam_from_world.rotation = Eigen::AngleAxisd(kPi / 2, Eigen::Vector3d::UnitX());
     cam_from_world.translation = {0, 0, kAway};
     std::vector<uint8_t> pattern;
-    for (int i = 0; i < kSide * kSide * 3; ++i) pattern.push_back(static_cast<uint8_t>(Uniform(20, 180)));
+    for (int i = 0; i < kSide * kSide * 3; ++i)
+      pattern.push_back(static_cast<uint8_t>(is_plain ? 100 : Uniform(20, 180)));
     for (int i = 0; i < num_photos; ++i) {
       PinholeView view{kSide, kSide, 80, 80, kSide / 2.0, kSide / 2.0, cam_from_world, cam_from_world};
       const Eigen::AngleAxisd turn(2 * kPi * i / num_photos, Eigen::Vector3d::UnitZ());
@@ -92,6 +93,19 @@ TEST(BeforeBackground, WhatNothingTellsStays) {
   for (int i = 0; i < 5; ++i) none.Add({std::cos(1.2 * i), std::sin(1.2 * i), 0.3 * i - 0.6}, false);
   EXPECT_TRUE(none.Find().empty());
   EXPECT_TRUE(FindShowingBackground({}, {}, Placement()).empty());
+}
+
+// What is about such pixels tells a plain wall there, of what is not there and of what is.
+TEST(BeforeBackground, PlainSurroundingsTellWhatNoPhotoShows) {
+  for (const bool is_there : {false, true}) {
+    TurningPoints axis(16, true);
+    for (int i = 0; i < 5; ++i) axis.Add({std::cos(1.2 * i), std::sin(1.2 * i), 0.3 * i - 0.6}, true);
+    axis.Add({0, 0, 1}, is_there);
+    EXPECT_EQ(axis.Find(), is_there ? std::vector<uint32_t>() : std::vector<uint32_t>{5});
+  }
+  TurningPoints none(16, true);
+  for (int i = 0; i < 5; ++i) none.Add({std::cos(1.2 * i), std::sin(1.2 * i), 0.3 * i - 0.6}, false);
+  EXPECT_TRUE(none.Find().empty());
 }
 
 }  // namespace
