@@ -51,12 +51,14 @@ Still StillAt(const StationPhotos& station, const Covered& covered, int x, int y
   if (static_cast<int>(shows.size()) < kLeastBackgrounds) return still;
   still.is_known = true;
   std::vector<uint8_t> values;
+  values.reserve(shows.size());
   for (int c = 0; c < 3; ++c) {
     values.clear();
     for (const size_t k : shows) values.push_back(station.images[k].Pixel(x, y)[c]);
     still.colour[c] = UpperMedian(values);
   }
   std::vector<double> differences;
+  differences.reserve(shows.size());
   for (const size_t k : shows)
     differences.push_back(MostDifferentChannel(station.images[k].Pixel(x, y), still.colour.data()));
   still.range = FindBackgroundRange(&differences);
