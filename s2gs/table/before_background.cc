@@ -90,7 +90,7 @@ std::vector<Still> KnownAbout(const StationPhotos& station, const Covered& cover
   return known;
 }
 
-// At a pixel that is covered in nearly all photos: where what is known in most directions about it looks
+// At a pixel that is covered in nearly all photos: where what is known in enough directions about it looks
 // alike, by no more than photos differ there, the same between them.
 Still BetweenKnown(const std::vector<Still>& known, int width, int height, int x, int y) {
   constexpr std::array<std::array<int, 2>, 8> kDirections = {
@@ -147,6 +147,8 @@ std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<
   ParallelFor(height, 0, [&](int64_t y) {
     for (int x = 0; x < width; ++x) {
       const size_t at = static_cast<size_t>(y) * width + x;
+      if (std::all_of(covered.begin(), covered.end(), [&](const auto& photo) { return photo[at] == 0; }))
+        continue;
       const Still still =
           known[at].is_known ? known[at] : BetweenKnown(known, width, height, x, static_cast<int>(y));
       if (!still.is_known) continue;
