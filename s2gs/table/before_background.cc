@@ -33,6 +33,7 @@ struct PhotoVotes {
 // What a station's photos show at a pixel where nothing turns.
 struct Still {
   bool is_known = false;
+  bool is_between = false;  // known by what is about the pixel alone
   std::array<uint8_t, 3> colour{};
   BackgroundRange range;
 };
@@ -63,31 +64,6 @@ Still StillAt(const StationPhotos& station, const Covered& covered, int x, int y
     differences.push_back(MostDifferentChannel(station.images[k].Pixel(x, y), still.colour.data()));
   still.range = FindBackgroundRange(&differences);
   return still;
-}
-
-// By pixel: where any photo is covered, and about where nearly all are.
-std::vector<Still> KnownAbout(const StationPhotos& station, const Covered& covered) {
-  const int width = station.images.front().width;
-  const int height = station.images.front().height;
-  std::vector<Still> known(static_cast<size_t>(width) * height);
-  PixelMask asked{width, height, std::vector<uint8_t>(known.size(), 0)};
-  for (const std::vector<uint8_t>& of_photo : covered) {
-    for (size_t at = 0; at < known.size(); ++at) asked.inside[at] |= of_photo[at];
-  }
-  PixelMask unknown{width, height, std::vector<uint8_t>(known.size(), 0)};
-  const auto ask = [&](const PixelMask& where, const PixelMask* but) {
-    ParallelFor(height, 0, [&](int64_t y) {
-      for (int x = 0; x < width; ++x) {
-        const size_t at = static_cast<size_t>(y) * width + x;
-        if (where.inside[at] == 0 || (but != nullptr && but->inside[at] != 0)) continue;
-        known[at] = StillAt(station, covered, x, static_cast<int>(y));
-        unknown.inside[at] = known[at].is_known ? 0 : 1;
-      }
-    });
-  };
-  ask(asked, nullptr);
-  ask(Widened(unknown, kReach), &asked);
-  return known;
 }
 
 // At a pixel that is covered in nearly all photos: where what is known in enough directions about it looks
@@ -126,8 +102,42 @@ Still BetweenKnown(const std::vector<Still>& known, int width, int height, int x
     if (most[c] - least[c] > still.range.most) return still;
     still.colour[c] = static_cast<uint8_t>(std::lround(sums[c] / weights));
   }
-  still.is_known = true;
+  still.is_known = still.is_between = true;
   return still;
+}
+
+// By pixel: where any photo is covered, and about where nearly all are.
+std::vector<Still> StillsOf(const StationPhotos& station, const Covered& covered) {
+  const int width = station.images.front().width;
+  const int height = station.images.front().height;
+  std::vector<Still> known(static_cast<size_t>(width) * height);
+  PixelMask asked{width, height, std::vector<uint8_t>(known.size(), 0)};
+  for (const std::vector<uint8_t>& of_photo : covered) {
+    for (size_t at = 0; at < known.size(); ++at) asked.inside[at] |= of_photo[at];
+  }
+  PixelMask unknown{width, height, std::vector<uint8_t>(known.size(), 0)};
+  const auto ask = [&](const PixelMask& where, const PixelMask* but) {
+    ParallelFor(height, 0, [&](int64_t y) {
+      for (int x = 0; x < width; ++x) {
+        const size_t at = static_cast<size_t>(y) * width + x;
+        if (where.inside[at] == 0 || (but != nullptr && but->inside[at] != 0)) continue;
+        known[at] = StillAt(station, covered, x, static_cast<int>(y));
+        unknown.inside[at] = known[at].is_known ? 0 : 1;
+      }
+    });
+  };
+  ask(asked, nullptr);
+  const PixelMask covered_in_most = unknown;
+  ask(Widened(covered_in_most, kReach), &asked);
+  std::vector<Still> stills = known;
+  ParallelFor(height, 0, [&](int64_t y) {
+    for (int x = 0; x < width; ++x) {
+      const size_t at = static_cast<size_t>(y) * width + x;
+      if (covered_in_most.inside[at] != 0)
+        stills[at] = BetweenKnown(known, width, height, x, static_cast<int>(y));
+    }
+  });
+  return stills;
 }
 
 // Which pixels of a station's photos differ from the background, within the masks and about them.
@@ -143,14 +153,11 @@ std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<
     of.chances.assign(of.pixels.size(), 0);
     of.is_between.assign(of.pixels.size(), 0);
   }
-  const std::vector<Still> known = KnownAbout(station, covered);
+  const std::vector<Still> stills = StillsOf(station, covered);
   ParallelFor(height, 0, [&](int64_t y) {
     for (int x = 0; x < width; ++x) {
       const size_t at = static_cast<size_t>(y) * width + x;
-      if (std::all_of(covered.begin(), covered.end(), [&](const auto& photo) { return photo[at] == 0; }))
-        continue;
-      const Still still =
-          known[at].is_known ? known[at] : BetweenKnown(known, width, height, x, static_cast<int>(y));
+      const Still& still = stills[at];
       if (!still.is_known) continue;
       for (size_t k = 0; k < covered.size(); ++k) {
         if (covered[k][at] == 0) continue;
@@ -158,7 +165,7 @@ std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<
             MostDifferentChannel(station.images[k].Pixel(x, static_cast<int>(y)), still.colour.data());
         votes[k].pixels[at] = difference > still.range.most ? Pixel::kDiffers : Pixel::kSame;
         votes[k].chances[at] = static_cast<float>(still.range.chance);
-        votes[k].is_between[at] = known[at].is_known ? 0 : 1;
+        votes[k].is_between[at] = still.is_between ? 1 : 0;
       }
     }
   });

@@ -23,9 +23,7 @@ std::vector<PoseInformation> InformationOfPoses(const JointProblem& problem, con
     double rho[3] = {0, 1, 0};
     if (loss) loss->Evaluate(residual.squaredNorm(), rho);
     const double weight = std::max(0.0, rho[1]) / (sigma_px * sigma_px);
-    PoseInformation& pose = poses[static_cast<size_t>(term.image)];
-    pose.information += weight * by_pose.transpose() * by_pose;
-    pose.gradient -= weight * by_pose.transpose() * residual;
+    poses[static_cast<size_t>(term.image)].information += weight * by_pose.transpose() * by_pose;
   }
   return poses;
 }

@@ -12,8 +12,6 @@ namespace s2gs {
 /// x_in_world = exp(w) R x + t, R the rotation that there is.
 struct PoseInformation {
   Eigen::Matrix<double, 6, 6> information = Eigen::Matrix<double, 6, 6>::Zero();
-  /// Of the logarithm of the likelihood: 0 where the keypoints alone tell the pose.
-  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
 };
 
 /// By image; zeros where no keypoint sees the object.

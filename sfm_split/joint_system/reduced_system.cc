@@ -183,20 +183,25 @@ ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system, con
   return reduced;
 }
 
+PriorRow RowOf(const PriorTerm& term, const JointSystem& system, const ReducedSystem& reduced) {
+  std::vector<double> values;
+  values.reserve(term.parts.size());
+  for (const PriorTerm::Part& part : term.parts)
+    values.push_back(system.blocks()[part.block].values[part.value]);
+  std::vector<double> derivatives;
+  PriorRow row{term.Residual(values, &derivatives), VectorXd::Zero(reduced.s.rows())};
+  for (size_t k = 0; k < term.parts.size(); ++k) {
+    const int column = reduced.column_of[term.parts[k].block][term.parts[k].value];
+    if (column >= 0) row.by_columns(column) += derivatives[k];
+  }
+  return row;
+}
+
 PriorSums SumPriors(const JointSystem& system, const ReducedSystem& reduced) {
   const auto size = reduced.s.rows();
   PriorSums sums{MatrixXd::Zero(size, size), MatrixXd::Zero(size, size), MatrixXd::Zero(size, size)};
   for (const PriorTerm& term : system.priors()) {
-    std::vector<double> values;
-    for (const PriorTerm::Part& part : term.parts)
-      values.push_back(system.blocks()[part.block].values[part.value]);
-    std::vector<double> derivatives;
-    term.Residual(values, &derivatives);
-    VectorXd jacobian = VectorXd::Zero(size);
-    for (size_t k = 0; k < term.parts.size(); ++k) {
-      const int column = reduced.column_of[term.parts[k].block][term.parts[k].value];
-      if (column >= 0) jacobian(column) += derivatives[k];
-    }
+    const VectorXd jacobian = RowOf(term, system, reduced).by_columns;
     const MatrixXd squared = jacobian * jacobian.transpose();
     sums.information += squared;
     sums.of_gradients += term.scale_px * term.scale_px * squared;

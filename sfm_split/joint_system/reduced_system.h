@@ -60,6 +60,13 @@ struct ReducedSystem {
 ReducedSystem Reduce(const JointProblem& problem, const JointSystem& system, const ceres::LossFunction* loss,
                      int num_threads);
 
+/// A prior's residual [px] at a system's values, and its derivatives by the reduced system's columns.
+struct PriorRow {
+  double residual = 0;
+  Eigen::VectorXd by_columns;
+};
+PriorRow RowOf(const PriorTerm& term, const JointSystem& system, const ReducedSystem& reduced);
+
 /// The priors' second derivatives, and the covariance of their gradients, by the reduced system's columns.
 struct PriorSums {
   Eigen::MatrixXd information;

@@ -79,17 +79,10 @@ WobblePrior FitDeviations(const JointProblem& problem, const JointOptions& optio
     double told = 0;
     for (const size_t t : terms) {
       const PriorTerm& term = system.priors()[t];
-      double off = -term.mean;
-      VectorXd by = VectorXd::Zero(covariance.rows());
-      for (const PriorTerm::Part& part : term.parts) {
-        off += part.factor * system.blocks()[part.block].values[part.value];
-        const int column = reduced.column_of[part.block][part.value];
-        if (column >= 0) by(column) += part.factor;
-      }
-      const double variance = term.sigma * term.sigma;
-      squares += off * off / variance;
-      // Data count by their inflation less against priors (JointPriors), as these weigh.
-      told += std::clamp(1 - term.scale_px * term.scale_px * by.dot(covariance * by) / variance, 0.0, 1.0);
+      const PriorRow row = RowOf(term, system, reduced);
+      // In the priors' scale, by whose inflation data count less against them (JointPriors).
+      squares += row.residual * row.residual / (term.scale_px * term.scale_px);
+      told += std::clamp(1 - row.by_columns.dot(covariance * row.by_columns), 0.0, 1.0);
     }
     if (!(told > 0)) return;
     const bool is_held = told < kHeldShare * static_cast<double>(terms.size());

@@ -152,16 +152,17 @@ PhotoAdjustment AdjustOnce(const AdjustmentInput& input, const std::vector<Align
   of_half.max_rounds = 1;
   JointProblem problem;
   for (const PointSet half : {PointSet::kFirstHalf, PointSet::kSecondHalf}) {
-    JointProblem before = adjuster.problem();
+    JointProblem of_rival;
     if (input.poses.rival) {
-      before = adjuster.Without(half);
+      of_rival = adjuster.Without(half);
       of_half.model = *input.poses.rival;
-      AdjustJointly(of_half, reporter, &before);
+      AdjustJointly(of_half, reporter, &of_rival);
       of_half.model = by_patches.model;
     }
     problem = adjuster.Without(half);
     AdjustJointly(of_half, reporter, &problem);
-    const std::vector<ErrorPair> of_other = adjuster.ErrorsOf(half, before, problem, true);
+    const std::vector<ErrorPair> of_other =
+        adjuster.ErrorsOf(half, input.poses.rival ? of_rival : adjuster.problem(), problem, true);
     errors.insert(errors.end(), of_other.begin(), of_other.end());
     for (size_t c = 0; c < log_focal.size(); ++c)
       log_focal[c] += 0.5 * std::log(FocalLengths(problem.cameras[c]).x());

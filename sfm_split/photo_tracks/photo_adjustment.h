@@ -29,11 +29,11 @@ struct HeldBackChange {
   /// that points are no longer witnesses of their own.
   double overdispersion = 1;
 
-  /// By more than so many standard deviations: by default by more than chance does once in e^8.
-  bool HasFallen(double deviations = 3.4) const {
+  static constexpr double kCertain = 3.4;  ///< standard deviations: chance goes beyond once in e^8.
+  bool HasFallen(double deviations = kCertain) const {
     return points > 1 && gain > deviations * overdispersion * gain_sigma;
   }
-  bool HasRisen() const { return points > 1 && -gain > 3.4 * overdispersion * gain_sigma; }
+  bool HasRisen() const { return points > 1 && -gain > kCertain * overdispersion * gain_sigma; }
 };
 
 /// How much likelier the distances of a station's places from where another station's put their points [px]
@@ -94,7 +94,8 @@ struct PosesToAdjust {
   /// A simpler one, which the same patches are given to as well: patches that were held back compare these
   /// two. Without it they compare the model with the scene's own poses, which may have seen all of them.
   std::optional<JointModel> rival;
-  double deviations = 3.4;  ///< of the errors' fall, which tell it from chance (HeldBackChange).
+  double deviations =
+      HeldBackChange::kCertain;  ///< of the errors' fall, which tell it from chance (HeldBackChange).
 };
 
 /// Where photos show points of the object, by its poses as they stand. Ids of points that are none of the
