@@ -178,6 +178,7 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
       const auto found = index_of.find(parameter);
       if (found != index_of.end()) of_all(found->second) += weight;
     }
+    if (IsUntold(observability, of_all)) return kInfinity;
     return largest + VarianceByPull(observability, of_all);
   };
   const Vector3d axis_direction = problem.AxisDirection();
@@ -193,13 +194,20 @@ void FillSigmas(const JointProblem& problem, const JointOptions& options, JointR
                   [](const JointObservation& observation) { return observation.active; });
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const int pose = problem.images[i].pose;
+    const int own = problem.free_object ? system.ObjectPoseBlock(static_cast<int>(i))
+                                        : system.AngleBlock(static_cast<int>(i));
+    if (!system.blocks()[own].used) {  // no keypoint is left
+      report->angle_sigma_deg.push_back(kInfinity);
+      report->turn_sigma_deg.push_back(kInfinity);
+      report->angle_prior_share.push_back(0);
+      continue;
+    }
     Weights weights;
     if (problem.free_object) {
       // The object's rotation is exp(w) R: about the axis, in the world.
-      for (int k = 0; k < 3; ++k)
-        weights.push_back({{system.ObjectPoseBlock(static_cast<int>(i)), k}, axis_direction(k)});
+      for (int k = 0; k < 3; ++k) weights.push_back({{own, k}, axis_direction(k)});
     } else {
-      weights.push_back({{system.AngleBlock(static_cast<int>(i)), 0}, 1.0});
+      weights.push_back({{own, 0}, 1.0});
     }
     Weights against_camera = weights;
     add_turn_of_camera(pose, &against_camera);

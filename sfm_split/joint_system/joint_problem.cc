@@ -16,6 +16,9 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// What a photo shows of an object that lies elsewhere than its turn puts it: radians, and of its distance.
+constexpr double kOffTurn = 1e-3;
+
 JointBody GatherBody(const ColmapModel& model, const std::map<std::string, int>& image_of_name) {
   JointBody body;
   std::map<uint32_t, int> image_of_id;
@@ -166,7 +169,9 @@ JointProblem MakeJointProblem(const AlignedScene& aligned) {
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const Rigid3 by_axis = problem.WorldFromObject(static_cast<int>(i));
     const Rigid3& given = problem.images[i].world_from_object;
-    if (AngleBetween(by_axis.rotation, given.rotation) > 1e-3) problem.free_object = true;
+    const double distance = CameraCentre(problem.cam_from_world[problem.images[i].pose]).norm();
+    problem.free_object |= AngleBetween(by_axis.rotation, given.rotation) > kOffTurn ||
+                           (by_axis.translation - given.translation).norm() > kOffTurn * distance;
   }
   problem.object = GatherBody(aligned.object, image_of_name);
   problem.background = GatherBody(aligned.background, image_of_name);

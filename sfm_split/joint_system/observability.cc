@@ -25,6 +25,8 @@ using Eigen::VectorXd;
 // times the largest are zero: rounding leaves about 1e-15.
 constexpr double kZeroEigenvalue = 1e-12;
 constexpr double kRounding = 1e-16;
+// Of what a sum of parameters is made of: rounding leaves the square of kZeroEigenvalue at most.
+constexpr double kUntoldShare = 1e-6;
 
 std::string ColumnName(const JointSystem& system, const JointProblem& problem, const ReducedColumn& column) {
   const std::string& block = system.blocks()[column.block].name;
@@ -65,6 +67,11 @@ std::string Describe(const VectorXd& direction, const std::vector<std::string>& 
 }
 
 }  // namespace
+
+bool IsUntold(const Observability& observability, const VectorXd& weights) {
+  const VectorXd along = observability.directions.transpose() * weights;
+  return along.head(observability.nullity).squaredNorm() > kUntoldShare * along.squaredNorm();
+}
 
 Observability AnalyzeObservability(const JointProblem& problem, const JointOptions& asked, bool fix_gauge,
                                    double sigma_px) {
@@ -116,6 +123,7 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   VectorXd inverse = VectorXd::Zero(free);
   for (int k = result.nullity; k < free; ++k) inverse(k) = 1 / eigen.eigenvalues()(k);
   const MatrixXd half = scale.asDiagonal() * eigen.eigenvectors();
+  result.directions = half;
   const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
   const double variance = NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px;
   result.covariance = variance * inverse_system;

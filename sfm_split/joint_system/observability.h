@@ -21,6 +21,8 @@ struct Observability {
   std::vector<std::string> names;            ///< of the parameters.
   std::vector<std::pair<int, int>> parameters;  ///< their block and place in it, as JointSystem counts.
   Eigen::VectorXd eigenvalues;                  ///< ascending.
+  /// The covariance's square root but for the eigenvalues: parameters by directions, those that are null first.
+  Eigen::MatrixXd directions;
   /// Of the parameters, when all keypoints' errors are independent; along null directions 0.
   Eigen::MatrixXd covariance;
   /// The same from the residuals themselves, when those of one point depend on each other.
@@ -37,6 +39,10 @@ struct Observability {
   /// The variance of the pull when there are no wrong ones, over `covariance`.
   double pull_variance = 0;
 };
+
+/// Whether a sum of parameters moves along a null direction, so that nothing tells it and the covariances do
+/// not count what it may be.
+bool IsUntold(const Observability& observability, const Eigen::VectorXd& weights);
 
 /// The linearised system of a problem as it stands.
 /// \param sigma_px  standard deviation of a keypoint's coordinate; scales a loss whose scale is open.

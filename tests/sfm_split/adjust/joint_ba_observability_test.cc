@@ -1,9 +1,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "sfm_split/adjust/joint_ba.h"
+#include "sfm_split/joint_system/joint_system.h"
 #include "tests/sfm_split/adjust/joint_scene.h"
 #include "tests/support/measured_bound.h"
 
@@ -66,6 +69,62 @@ TEST(JointBa, WithoutABackgroundAnglesOfAWobblingObjectAreKnownInsideTheFirstSta
     EXPECT_EQ(std::isfinite(report.angle_sigma_deg[i]), scene.start.images[i].pose == 0)
         << scene.start.images[i].name;
   }
+}
+
+// Along directions that nothing tells covariances are zero, which is not how well they are known.
+TEST(JointBa, NoKeypointsTellNoTurn) {
+  for (const JointModel model : {JointModel::kSharedStations, JointModel::kFreeObject}) {
+    for (const bool is_bare : {false, true}) {
+      JointScene scene;
+      scene.stations = 1;
+      scene.background_points = 0;
+      scene.noise_px = 0.3;
+      scene.Build(12);
+      const size_t bare = 5;
+      if (is_bare) {
+        for (JointObservation& observation : scene.start.object.observations) {
+          if (observation.image == static_cast<int>(bare)) observation.active = false;
+        }
+      }
+      JointOptions options;
+      options.model = model;
+      Reporter reporter;
+      const JointReport report = AdjustJointly(options, reporter, &scene.start);
+      ASSERT_EQ(report.turn_sigma_deg.size(), scene.start.images.size());
+      for (size_t i = 0; i < scene.start.images.size(); ++i) {
+        const bool is_told = !is_bare || i != bare;
+        EXPECT_EQ(std::isfinite(report.turn_sigma_deg[i]), is_told) << scene.start.images[i].name;
+        EXPECT_EQ(std::isfinite(report.angle_sigma_deg[i]), is_told) << scene.start.images[i].name;
+      }
+    }
+  }
+}
+
+// A sum of parameters is untold where it moves along a null direction: without a background, how far the table
+// turned between photos of two stations, but not between those of one.
+TEST(JointBa, WhatMovesAlongNullDirectionsIsUntold) {
+  JointScene scene;
+  scene.stations = 2;
+  scene.background_points = 0;
+  scene.Build(13);
+  JointOptions options;
+  const JointSystem system(scene.truth, options, false);
+  const Observability found = AnalyzeObservability(scene.truth, options, false, 1);
+  ASSERT_GT(found.nullity, 0);
+  const auto place_of = [&](int block, int value) {
+    const auto at = std::find(found.parameters.begin(), found.parameters.end(), std::make_pair(block, value));
+    return at - found.parameters.begin();
+  };
+  const int last = static_cast<int>(scene.truth.images.size()) - 1;
+  const auto is_untold = [&](int image, int other) {
+    Eigen::VectorXd turn = Eigen::VectorXd::Zero(found.num_parameters);
+    turn(place_of(system.AngleBlock(image), 0)) = 1;
+    turn(place_of(system.AngleBlock(other), 0)) = -1;
+    return IsUntold(found, turn);
+  };
+  EXPECT_TRUE(is_untold(last, 0));
+  EXPECT_FALSE(is_untold(last, last - 1));
+  EXPECT_FALSE(is_untold(1, 0));
 }
 
 // What cannot be known is named: here the focal length, when the table stands still and all cameras are one.

@@ -219,6 +219,22 @@ TEST(AlignScene, ObjectTurnedOverKeepsOneTable) {
   }
 }
 
+// An object that was pushed aside turns about the same direction as before: angles do not tell where it lies.
+TEST(AlignScene, JointProblemOfAnObjectThatWasPushedAside) {
+  Models models;
+  models.Build(13);
+  AlignedScene aligned = AlignScene(models.object, &models.background, models.station_of_image);
+  const Vector3d aside(0.1, 0.2, 0);
+  for (size_t i = aligned.scene.views.size() / 2; i < aligned.scene.views.size(); ++i)
+    aligned.scene.views[i].world_from_object.translation += aside;
+  const JointProblem problem = MakeJointProblem(aligned);
+  EXPECT_TRUE(problem.free_object);
+  for (size_t i = 0; i < aligned.scene.views.size(); ++i) {
+    EXPECT_EQ(problem.WorldFromObject(static_cast<int>(i)).translation,
+              aligned.scene.views[i].world_from_object.translation);
+  }
+}
+
 // Into the joint adjustment's form and back: nothing moves, and conventions hold again after it moved.
 TEST(AlignScene, JointProblemAndBack) {
   Models models;
