@@ -184,13 +184,20 @@ void Print(const TsdfMesherSummary& summary, const TsdfMesherOptions& mesher, st
       << "written          " << summary.output_path.string() << '\n';
 }
 
+// Nothing without a table that turns.
+std::optional<TurntableFile> ReadTurningTable(const Workspace& workspace) {
+  if (!Exists(workspace.Turntable())) return std::nullopt;
+  TurntableFile table = ReadTurntableFile(workspace.Turntable());
+  if (!TableTurns(table)) return std::nullopt;
+  return table;
+}
+
 // Of the views that have a photo, as GreyPhotos counts them; without a table that turns of none.
-std::vector<int> StationsOf(const Workspace& workspace, const std::vector<DenseViewFiles>& files,
-                            bool does_turn) {
+std::vector<int> StationsOf(const std::optional<TurntableFile>& table,
+                            const std::vector<DenseViewFiles>& files) {
   std::map<std::string, int> station_of;
-  if (does_turn) {
-    for (const TurntableImage& image : ReadTurntableFile(workspace.Turntable()).images)
-      station_of[image.name] = image.station;
+  if (table) {
+    for (const TurntableImage& image : table->images) station_of[image.name] = image.station;
   }
   std::vector<int> stations;
   for (const DenseViewFiles& view : files) {
@@ -213,7 +220,8 @@ struct KnownTop {
   bool is_plane = false;  // by its texture, photos show that.
 };
 
-std::optional<KnownTop> ReadTop(const Workspace& workspace, const RefinementPhotoSource& photos) {
+std::optional<KnownTop> ReadTop(const Workspace& workspace, const TurntableAxis& axis,
+                                const RefinementPhotoSource& photos) {
   if (!Exists(workspace.MaskLog())) return std::nullopt;
   const nlohmann::json line =
       nlohmann::json::parse(ReadWholeFile(workspace.MaskLog(), kMaxMaskLogBytes), nullptr, false);
@@ -222,7 +230,6 @@ std::optional<KnownTop> ReadTop(const Workspace& workspace, const RefinementPhot
   TablePlane plane = {line["top"], line["top_radius"], std::numeric_limits<double>::infinity()};
   for (int i = 0; i < photos.size(); ++i)
     plane.seen_from = std::min(plane.seen_from, photos.Camera(i).cam_from_object.Inverse().translation.z());
-  const TurntableAxis axis = ReadTurntableFile(workspace.Turntable()).axis;
   const bool is_z = axis.direction.z() > kAlongZ && axis.point.head<2>().norm() < kOffZ * plane.radius;
   if (!is_z) return std::nullopt;
   const auto is_true = [&](const char* name) { return line.contains(name) && line[name] == true; };
@@ -307,15 +314,15 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   TriangleMesh mesh = MeshFromDepthMaps(views, options.tsdf, reporter, &summary.tsdf);
   Report(summary.tsdf, reporter);
   MeshCleanupOptions cleanup = options.cleanup;
-  // Without a table that turns, z is no direction of the scene.
-  cleanup.is_axis_known =
-      Exists(workspace.Turntable()) && TableTurns(ReadTurntableFile(workspace.Turntable()));
+  const std::optional<TurntableFile> table = ReadTurningTable(workspace);
+  // Without one, z is no direction of the scene.
+  cleanup.is_axis_known = table.has_value();
   std::optional<KnownTop> top;
-  if (cleanup.is_axis_known) top = ReadTop(workspace, GreyPhotos(files));
+  if (table) top = ReadTop(workspace, table->axis, GreyPhotos(files));
   const bool is_flat = options.flatten_table && top &&
                        FlattenTable(*top, GreyPhotos(files), options.refinement, reporter, &mesh);
   const GreyPhotos all_photos(files);
-  const std::vector<int> stations = StationsOf(workspace, files, cleanup.is_axis_known);
+  const std::vector<int> stations = StationsOf(table, files);
   const PartsBeforeBackground before_background(all_photos, stations, options.refinement.num_threads,
                                                 reporter);
   PartJudge judge;

@@ -21,7 +21,8 @@ struct Observability {
   std::vector<std::string> names;            ///< of the parameters.
   std::vector<std::pair<int, int>> parameters;  ///< their block and place in it, as JointSystem counts.
   Eigen::VectorXd eigenvalues;                  ///< ascending.
-  /// The covariance's square root but for the eigenvalues: parameters by directions, those that are null first.
+  /// The covariance's square root but for the eigenvalues: parameters by directions, those that are null
+  /// first.
   Eigen::MatrixXd directions;
   /// Of the parameters, when all keypoints' errors are independent; along null directions 0.
   Eigen::MatrixXd covariance;

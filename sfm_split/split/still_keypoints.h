@@ -14,9 +14,9 @@ struct StillSupport {
   /// station's, one after the other. What turns does so where its path's picture turns back: at the sides, or
   /// near the axis. The background seldom does, where something covers it in all the others.
   std::vector<std::vector<bool>> lingers;
-  /// Per image, per keypoint: the chance of a photo to show one that looks like it within the same distance of
-  /// any place, as keypoints do that lie up to four times as far from its own in the other photos. On a table
-  /// full of speckles, or where texture is weak and looks the same all over, that is often.
+  /// Per image, per keypoint: the chance of a photo to show one that looks like it within the same distance
+  /// of any place, as keypoints do that lie up to four times as far from its own in the other photos. On a
+  /// table full of speckles, or where texture is weak and looks the same all over, that is often.
   std::vector<std::vector<float>> chance;
 };
 

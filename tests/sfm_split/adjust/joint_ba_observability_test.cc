@@ -100,8 +100,8 @@ TEST(JointBa, NoKeypointsTellNoTurn) {
   }
 }
 
-// A sum of parameters is untold where it moves along a null direction: without a background, how far the table
-// turned between photos of two stations, but not between those of one.
+// A sum of parameters is untold where it moves along a null direction: without a background, how far the
+// table turned between photos of two stations, but not between those of one.
 TEST(JointBa, WhatMovesAlongNullDirectionsIsUntold) {
   JointScene scene;
   scene.stations = 2;
