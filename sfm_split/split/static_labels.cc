@@ -17,8 +17,8 @@ namespace {
 constexpr double kMostByChance = 0.05;
 constexpr int kAdoptingStations = 3;  // whose background a photo from a station of its own is compared with
 
-// The keypoints that at least `needed` photos show unmoved and that are too many for chance, by Benjamini's
-// and Hochberg's bound of false discoveries.
+// The keypoints that at least `needed` photos show unmoved, not all in a row, and more than chance makes them
+// show, by Benjamini's and Hochberg's bound of false discoveries.
 std::vector<uint32_t> KeypointsNotByChance(const StillSupport& still, int image, int needed) {
   const auto i = static_cast<size_t>(image);
   std::vector<std::pair<double, uint32_t>> by_chance;
