@@ -40,6 +40,8 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"match_noise_px", Number(evidence.match_noise_px)},
                    {"overdispersion", evidence.overdispersion},
                    {"across_stations", ToJson(evidence.across_stations)},
+                   {"background_across", ToJson(evidence.background_across)},
+                   {"background_noise_px", Number(evidence.background_noise_px)},
                    {"neighbours", ToJson(evidence.neighbours)},
                    {"neighbour_pairs", evidence.neighbour_pairs},
                    {"contradicted_neighbours", evidence.contradicted_neighbours},

@@ -6,7 +6,8 @@
 
 namespace s2gs {
 
-PosedMatches::PosedMatches(const ScanFeatures& features, const TurntableScene& scene, double bound_px)
+PosedMatches::PosedMatches(const ScanFeatures& features, const TurntableScene& scene, double bound_px,
+                           ScanPart part)
     : features_(features),
       bound_px_(bound_px),
       posed_(features.images.size()),
@@ -18,18 +19,21 @@ PosedMatches::PosedMatches(const ScanFeatures& features, const TurntableScene& s
   for (size_t i = 0; i < features.images.size(); ++i) {
     const auto found = views.find(features.images[i].name);
     if (found == views.end()) continue;
-    view_of_[i] = found->second;
-    posed_[i] = {true, cameras.at(found->second->camera_id), found->second->CamFromObject()};
+    const View& view = *found->second;
+    view_of_[i] = &view;
+    posed_[i] = {true, cameras.at(view.camera_id),
+                 part == ScanPart::kObject ? view.CamFromObject() : view.cam_from_world};
   }
   errors_.emplace(posed_, AllKeypoints(features));
 }
 
-AgreeingMatches PosedMatches::Compare(const ImagePairMatches& pair, const FeatureMatches& matches) const {
+AgreeingMatches PosedMatches::Compare(const ImagePairMatches& pair, const FeatureMatches& matches,
+                                      double bound_px) const {
   AgreeingMatches result;
   result.all = static_cast<int64_t>(matches.size());
   const auto num_within = [&](const FeatureMatches& of) {
     const std::vector<double> errors = ErrorsOf(pair, of);
-    return std::count_if(errors.begin(), errors.end(), [&](double error) { return error <= bound_px_; });
+    return std::count_if(errors.begin(), errors.end(), [&](double error) { return error <= bound_px; });
   };
   result.agreeing = num_within(matches);
   const size_t away = matches.size() / 2;

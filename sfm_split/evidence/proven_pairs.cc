@@ -164,7 +164,7 @@ std::optional<ProvenPairs::ProvenPair> ProvenPairs::Prove(const ImagePairMatches
   FeatureMatches proven;
   for (const int m : proof.proven) proven.push_back(possible[static_cast<size_t>(m)]);
   return ProvenPair{matches_.StationOf(pair.image1), TurnedDeg(pair), proof.is_contradicted,
-                    matches_.Compare(pair, proven)};
+                    matches_.Compare(pair, proven, matches_.bound_px())};
 }
 
 void ProvenPairs::Record(ScanEvidence* evidence) {

@@ -11,6 +11,7 @@
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
 #include "sfm_split/circular_motion/turn_reach.h"
+#include "sfm_split/evidence/background_matches.h"
 #include "sfm_split/evidence/posed_matches.h"
 #include "sfm_split/evidence/proven_pairs.h"
 #include "sfm_split/evidence/step_evidence.h"
@@ -226,6 +227,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   const KeypointSet of_others = RecordProvenPairs(matches, &evidence);
   RecordAngles(matches, scene.axis, of_others, InSteps(features, scene, joint), &evidence);
   RecordSteps(matches, &evidence);
+  RecordBackgroundMatches(features, aligned, max_error_px, &evidence);
   RecordAxis(aligned, &evidence);
 
   if (joint.observability.computed) RecordSigmas(features, aligned, joint, findings, &evidence);

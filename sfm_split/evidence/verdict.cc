@@ -54,6 +54,7 @@ class Judge {
       JudgeSeam();
       JudgePairs();
       JudgeHeldBack();
+      JudgeBackground();
       JudgeSigmas();
     }
     JudgeCameras();
@@ -284,6 +285,22 @@ class Judge {
               held_back, adjusted),
           {kTexture, kSmallerSteps});
     }
+  }
+
+  // What stands still and is seen from two camera places tells how the table turned between them, as the
+  // object does; where it was found to be as noisy as the object may be, one of the two is wrong.
+  void JudgeBackground() {
+    if (evidence_.background_across.all < kLeastMatches || !evidence_.background_noise_px) return;
+    const bool is_noisy = kErrorSigmas * *evidence_.background_noise_px > evidence_.bound_px;
+    const double share = evidence_.background_across.Share().value_or(1);
+    if (!is_noisy && share >= kHalf) return;
+    Add(Verdict::kDoubtful,
+        FormatText(
+            "of %lld matches of what stands still between camera places, %d %% agree with the cameras, "
+            "which they miss by %.2g px",
+            static_cast<long long>(evidence_.background_across.all), Percent(std::max(0.0, share)),
+            *evidence_.background_noise_px),
+        {kBetween, kFixedCamera, kFocal});
   }
 
   // Cameras that stand no higher over the points than these lie from the axis.

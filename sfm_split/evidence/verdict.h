@@ -53,6 +53,9 @@ struct ScanEvidence {
   double overdispersion = 1;             ///< by how much logarithms of likelihoods are too large.
 
   AgreeingMatches across_stations;  ///< those verified matches whose photos are of different stations.
+  /// The background's verified matches between photos of different stations that it ties.
+  AgreeingMatches background_across;
+  std::optional<double> background_noise_px;  ///< standard deviation of these matches' errors.
   /// What pairs of photos of one station prove by themselves: matches that move and follow one epipolar
   /// geometry, the poses' or their own, more of them than chance explains (ProvePair), whether or not the
   /// split kept them. Of photos next to each other, and of a station's last photos with its first, but for

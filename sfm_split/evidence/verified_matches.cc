@@ -16,7 +16,8 @@
 namespace s2gs {
 namespace {
 
-constexpr double kNoiseRange = 6;  // of the bound, over which errors are looked at
+constexpr double kNoiseRange = 6;   // of the bound, over which errors are looked at
+constexpr double kRightSigmas = 2;  // of their noise, within which 19 of 20 right matches lie
 
 // Sets of keypoints that matches tie together.
 class TiedKeypoints {
@@ -65,7 +66,7 @@ std::vector<int> RecordVerifiedMatches(const PosedMatches& matches, const HeldBa
     const ImagePairMatches& pair = pairs[static_cast<size_t>(p)];
     OfPair& of_pair = of_pairs[static_cast<size_t>(p)];
     if (!matches.IsPosed(pair.image1) || !matches.IsPosed(pair.image2)) return;
-    of_pair.compared = matches.Compare(pair, pair.matches);
+    of_pair.compared = matches.Compare(pair, pair.matches, matches.bound_px());
     FeatureMatches held;
     of_pair.errors = matches.ErrorsOf(pair, pair.matches);
     for (const FeatureMatch& match : pair.matches) {
@@ -74,7 +75,7 @@ std::vector<int> RecordVerifiedMatches(const PosedMatches& matches, const HeldBa
       of_pair.is_held.push_back(is_held ? 1 : 0);
       if (is_held) held.push_back(match);
     }
-    of_pair.held_back = matches.Compare(pair, held);
+    of_pair.held_back = matches.Compare(pair, held, matches.bound_px());
   });
   std::vector<double> held_errors;
   std::vector<double> adjusted_errors;
@@ -117,12 +118,16 @@ void RecordSupportOfPhotos(const PosedMatches& matches, const std::vector<int>& 
   for (size_t i = 0; i < matches.posed().size(); ++i) {
     if (matches.posed()[i].is_posed && verified[i] < kLeastSupport) weak.push_back(i);
   }
+  // Within what holds nearly all right matches, where their noise is known: chance puts the fewer there.
+  const double bound_px =
+      std::min(matches.bound_px(), kRightSigmas * evidence->match_noise_px.value_or(matches.bound_px()));
   std::vector<AgreeingMatches> of_photo(matches.posed().size());
   AgreeingMatches sum;
   if (has_one_angle_each && !weak.empty()) {
     for (const ImagePairMatches& pair : AllPairs(matches.features())) {
       if (!matches.IsPosed(pair.image1) || !matches.IsPosed(pair.image2)) continue;
-      const AgreeingMatches compared = matches.Compare(pair, PossibleObjectMatches(matches.features(), pair));
+      const AgreeingMatches compared =
+          matches.Compare(pair, PossibleObjectMatches(matches.features(), pair), bound_px);
       sum.Add(compared);
       of_photo[static_cast<size_t>(pair.image1)].Add(compared);
       of_photo[static_cast<size_t>(pair.image2)].Add(compared);
@@ -131,8 +136,7 @@ void RecordSupportOfPhotos(const PosedMatches& matches, const std::vector<int>& 
   const double by_chance = static_cast<double>(sum.by_chance + 1) / static_cast<double>(sum.all + 1);
   for (const size_t i : weak) {
     // Points half a photo from the axis move by the bound, to both sides, from one such angle to the next.
-    const double angles =
-        kPi * static_cast<double>(matches.posed()[i].camera->width) / (2 * matches.bound_px());
+    const double angles = kPi * static_cast<double>(matches.posed()[i].camera->width) / (2 * bound_px);
     const double risk = kScanRisk / static_cast<double>(matches.posed().size());
     const AgreeingMatches& own = of_photo[i];
     const bool is_told =
