@@ -30,17 +30,45 @@ bool StandAlike(const TurntableAxis& axis, const Rigid3& a, const Rigid3& b) {
   return AreCamerasClose(axis, a * TurnAbout(axis, -turn_rad), b, kWobbleOfPlateDeg * kDegree);
 }
 
+std::vector<int> StationOfEach(const ScanFeatures& features) {
+  std::vector<int> stations;
+  stations.reserve(features.images.size());
+  for (const ScanImage& image : features.images) stations.push_back(image.station);
+  return stations;
+}
+
+std::map<int, int> SizesOfStations(const ScanFeatures& features) {
+  std::map<int, int> sizes;
+  for (const ScanImage& image : features.images) ++sizes[image.station];
+  return sizes;
+}
+
+// Returns how many photos have changed theirs.
+int JoinStations(const std::vector<int>& stations, ScanFeatures* features) {
+  int num_moved = 0;
+  for (size_t i = 0; i < stations.size(); ++i) {
+    ScanImage& image = features->images[i];
+    if (image.station == stations[i]) continue;
+    image.station = stations[i];
+    image.photo_from_first.setIdentity();
+    ++num_moved;
+  }
+  // Of the background between stations.
+  const auto is_inside = [&](const ImagePairMatches& pair) {
+    return stations[static_cast<size_t>(pair.image1)] == stations[static_cast<size_t>(pair.image2)];
+  };
+  for (std::vector<ImagePairMatches>* pairs : {&features->static_pairs, &features->raw_static_pairs})
+    pairs->erase(std::remove_if(pairs->begin(), pairs->end(), is_inside), pairs->end());
+  return num_moved;
+}
+
 }  // namespace
 
 std::optional<std::vector<int>> StationsByPoses(const ScanFeatures& features, const TurntableScene& scene) {
   std::map<std::string, size_t> image_of_name;
-  std::map<int, int> size_of_station;
-  std::vector<int> stations;
-  for (const ScanImage& image : features.images) {
-    image_of_name[image.name] = stations.size();
-    stations.push_back(image.station);
-    ++size_of_station[image.station];
-  }
+  for (size_t i = 0; i < features.images.size(); ++i) image_of_name[features.images[i].name] = i;
+  const std::map<int, int> size_of_station = SizesOfStations(features);
+  std::vector<int> stations = StationOfEach(features);
   const auto is_small = [&](size_t image) {
     return size_of_station.at(features.images[image].station) < kLeastOfStation;
   };
@@ -84,49 +112,80 @@ std::optional<std::vector<int>> StationsByPoses(const ScanFeatures& features, co
   return stations;
 }
 
+std::optional<std::vector<int>> StationsByOrder(const ScanFeatures& features) {
+  const std::vector<ScanImage>& images = features.images;
+  const std::map<int, int> size_of_station = SizesOfStations(features);
+  const auto is_small = [&](size_t image) {
+    return size_of_station.at(images[image].station) < kLeastOfStation;
+  };
+  std::vector<int> stations = StationOfEach(features);
+  bool has_changed = false;
+  for (size_t begin = 0, end = 0; begin < images.size(); begin = end) {
+    end = begin + 1;
+    if (!is_small(begin)) continue;
+    while (end < images.size() && is_small(end)) ++end;
+    std::set<int> beside;
+    if (begin > 0) beside.insert(images[begin - 1].station);
+    if (end < images.size()) beside.insert(images[end].station);
+    const bool is_amid = begin > 0 && end < images.size() && beside.size() == 1;
+    const bool is_a_place = !is_amid && static_cast<int>(end - begin) >= kLeastOfStation;
+    // A few between two stations are of either, or of a place of their own.
+    if (!is_a_place && beside.size() != 1) continue;
+    const int station = is_a_place ? images[begin].station : *beside.begin();
+    for (size_t i = begin; i < end; ++i) has_changed |= std::exchange(stations[i], station) != station;
+  }
+  if (!has_changed) return std::nullopt;
+  return stations;
+}
+
 std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, const ScanPlacement& placed,
                                                   const std::vector<ColmapModel>& objects,
                                                   const ReadDescriptors& read_descriptors,
                                                   const ReadGreyPhoto& read_photo,
                                                   const PlacementOptions& options, Reporter& reporter) {
-  const std::optional<std::vector<int>> stations = StationsByPoses(features, placed.best.aligned.scene);
-  if (!stations) return std::nullopt;
   const auto gather = [&](const ScanFeatures& of, const ScanCandidate& best) {
     return GatherEvidence(of, best.aligned, best.refined.joint, best.refined.held_back, best.matches,
                           options.refine.max_error_px);
   };
-  JoinedScan joined;
-  joined.features = features;
-  const std::set<int> left(stations->begin(), stations->end());
-  int num_moved = 0;
-  for (size_t i = 0; i < stations->size(); ++i) {
-    ScanImage& image = joined.features.images[i];
-    if (image.station == (*stations)[i]) continue;
-    image.station = (*stations)[i];
-    image.photo_from_first.setIdentity();
-    ++num_moved;
-  }
-  // Of the background between stations.
-  const auto is_inside = [&](const ImagePairMatches& pair) {
-    return (*stations)[static_cast<size_t>(pair.image1)] == (*stations)[static_cast<size_t>(pair.image2)];
+  struct Worth {
+    Verdict verdict;
+    size_t num_placed;
   };
-  for (std::vector<ImagePairMatches>* pairs :
-       {&joined.features.static_pairs, &joined.features.raw_static_pairs})
-    pairs->erase(std::remove_if(pairs->begin(), pairs->end(), is_inside), pairs->end());
-  joined.finding = std::to_string(num_moved) +
-                   " photos belong to others' camera places by their poses: " + std::to_string(left.size()) +
-                   " stations";
-  reporter.Info(joined.finding);
-  joined.placement =
-      PlaceScan(joined.features, objects, nullptr, read_descriptors, read_photo, options, reporter);
-  if (joined.placement.outcome == PlacementOutcome::kPlaced &&
-      joined.placement.best.aligned.scene.views.size() >= placed.best.aligned.scene.views.size()) {
-    joined.placement.evidence = gather(joined.features, joined.placement.best);
-    if (JudgeScan(*joined.placement.evidence).verdict <= JudgeScan(gather(features, placed.best)).verdict)
-      return joined;
+  // Nothing where it is worse than what was placed.
+  const auto place = [&](const std::vector<int>& stations, const char* told_by,
+                         const auto& is_worth) -> std::optional<JoinedScan> {
+    JoinedScan joined;
+    joined.features = features;
+    joined.finding = std::to_string(JoinStations(stations, &joined.features)) +
+                     " photos belong to others' camera places by " + told_by + ": " +
+                     std::to_string(std::set<int>(stations.begin(), stations.end()).size()) + " stations";
+    reporter.Info(joined.finding);
+    joined.placement =
+        PlaceScan(joined.features, objects, nullptr, read_descriptors, read_photo, options, reporter);
+    if (joined.placement.outcome == PlacementOutcome::kPlaced) {
+      joined.placement.evidence = gather(joined.features, joined.placement.best);
+      if (is_worth(Worth{JudgeScan(*joined.placement.evidence).verdict,
+                         joined.placement.best.aligned.scene.views.size()}))
+        return joined;
+    }
+    reporter.Info("which the adjustment does not bear out");
+    return std::nullopt;
+  };
+  const Worth before = {JudgeScan(gather(features, placed.best)).verdict,
+                        placed.best.aligned.scene.views.size()};
+  if (const auto by_poses = StationsByPoses(features, placed.best.aligned.scene)) {
+    std::optional<JoinedScan> joined = place(*by_poses, "their poses", [&](const Worth& now) {
+      return now.num_placed >= before.num_placed && now.verdict <= before.verdict;
+    });
+    if (joined) return joined;
   }
-  reporter.Info("which the adjustment does not bear out");
-  return std::nullopt;
+  if (before.verdict == Verdict::kGood) return std::nullopt;
+  const auto by_order = StationsByOrder(features);
+  if (!by_order) return std::nullopt;
+  return place(*by_order, "the order of the photos", [&](const Worth& now) {
+    return now.num_placed >= before.num_placed && now.verdict <= before.verdict &&
+           (now.num_placed > before.num_placed || now.verdict < before.verdict);
+  });
 }
 
 }  // namespace s2gs

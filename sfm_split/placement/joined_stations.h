@@ -16,7 +16,13 @@ namespace s2gs {
 /// those of a station that has as many. Nothing where no station changes.
 std::optional<std::vector<int>> StationsByPoses(const ScanFeatures& features, const TurntableScene& scene);
 
-/// A scan whose stations are joined by its poses.
+/// A station for each image of the features, where pictures left photos in stations of a few that follow one
+/// another: of six or more, one station, and of a few that one larger station is beside, amid its photos or
+/// at the scan's ends, that one. A tripod before a plain wall rests for many photos though no picture tells,
+/// but nothing says that it did: to be proven. Nothing where no station changes.
+std::optional<std::vector<int>> StationsByOrder(const ScanFeatures& features);
+
+/// A scan whose stations are joined by its poses, or by the order of its photos.
 struct JoinedScan {
   ScanFeatures features;
   ScanPlacement placement;
@@ -24,9 +30,10 @@ struct JoinedScan {
 };
 
 /// Places a scan anew whose poses join stations (StationsByPoses): a plain wall hardly shows that a tripod
-/// rests, and photos that are stations by themselves say nothing of the table's angles. Nothing where no
-/// stations are joined, or the verdict is worse with them. \param placed  what PlaceScan came to with these
-/// features and no background; other parameters as PlaceScan's.
+/// rests, and photos that are stations by themselves say nothing of the table's angles. One that is not good
+/// so, by the order of its photos (StationsByOrder). Nothing where no stations are joined, or the verdict is
+/// worse with them; by order, where it is no better and no more photos have a place. \param placed  what
+/// PlaceScan came to with these features and no background; other parameters as PlaceScan's.
 std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, const ScanPlacement& placed,
                                                   const std::vector<ColmapModel>& objects,
                                                   const ReadDescriptors& read_descriptors,

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "tests/support/synthetic_scan.h"
@@ -91,6 +92,49 @@ TEST(StationsByPoses, BetweenTwoPlacesNothingIsTold) {
   Lose({3}, &features);
   for (size_t i = 7; i < 14; ++i) features.images[i].station = 7;
   EXPECT_FALSE(StationsByPoses(features, turntable.scene));
+}
+
+TEST(StationsByOrder, PhotosBesideOneStationAreItsAndManyInARowAreOne) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(TwoStations());
+  ScanFeatures features = SyntheticScanFeatures(turntable);
+  std::set<size_t> lost = Range(12, 24);
+  lost.insert({0, 3, 7, 8});
+  Lose(lost, &features);
+  const auto stations = StationsByOrder(features);
+  ASSERT_TRUE(stations);
+  EXPECT_EQ(Partition(*stations), (std::set<std::set<size_t>>{Range(0, 12), Range(12, 24)}));
+}
+
+// A few at the border are of either, or of a place of their own.
+TEST(StationsByOrder, AtTheBorderOfTwoStationsNothingIsTold) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(TwoStations());
+  ScanFeatures features = SyntheticScanFeatures(turntable);
+  EXPECT_FALSE(StationsByOrder(features));
+  Lose({11, 12}, &features);
+  EXPECT_FALSE(StationsByOrder(features));
+}
+
+// Photos that are stations by themselves are placed by points that others show, and here too few pairs of
+// photos prove a motion for there to be any.
+TEST(PlaceWithStationsJoined, APlaceThatNoPictureTellsIsProvenByItsTurn) {
+  SyntheticTurntableOptions options = TwoStations();
+  options.steps = 8;
+  options.step_deg = 45;
+  options.num_object_points = 100;
+  options.pixel_noise = 0.3;
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(options);
+  ScanFeatures features = SyntheticScanFeatures(turntable);
+  Lose(Range(8, 16), &features);
+  features.raw_pairs = std::exchange(features.object_pairs, {});
+  const ReadDescriptors no_descriptors = [](int) { return std::vector<uint8_t>(); };
+  Reporter reporter;
+  const ScanPlacement alone = PlaceScan(features, {}, nullptr, no_descriptors, {}, {}, reporter);
+  EXPECT_EQ(alone.best.aligned.scene.views.size(), 8);
+  const auto joined = PlaceWithStationsJoined(features, alone, {}, no_descriptors, {}, {}, reporter);
+  ASSERT_TRUE(joined);
+  EXPECT_EQ(joined->placement.best.aligned.scene.views.size(), 16);
+  EXPECT_EQ(joined->finding,
+            "7 photos belong to others' camera places by the order of the photos: 2 stations");
 }
 
 }  // namespace
