@@ -195,11 +195,11 @@ ScanCandidate CircleRefinement::RefineAs(const ScanCandidate& other, const Align
   return candidate;
 }
 
-ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
+ScanCandidate CircleRefinement::Refine(const AlignedScene& aligned, double sigma_px, bool may_be_equal,
                                        const SeenBesideMatches& seen) const {
   const double bound_px = BoundPx(sigma_px);
   StepsFinding steps;
-  if (steps_are_equal) steps = EqualSteps(aligned.scene);
+  if (may_be_equal) steps = EqualSteps(aligned.scene);
   auto [about_steps, free] =
       RefineBoth(aligned, {sigma_px, bound_px, steps, seen}, {sigma_px, bound_px, {}, seen});
   if (about_steps.is_usable) {

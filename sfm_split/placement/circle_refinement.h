@@ -36,10 +36,10 @@ class CircleRefinement {
   double MoveStations(double sigma_px, AlignedScene* aligned) const;
 
   /// Free angles follow wrong matches where right ones are few; equal steps may be those of a turn that does
-  /// not close. Both are adjusted where the steps are equal, and the likelihood of all matches decides, in
+  /// not close. Both are adjusted where the steps may be equal, and the likelihood of all matches decides, in
   /// which angles that are free cost what is not known of them. \param sigma_px  noise of right matches.
-  /// Returns a candidate that may not be usable.
-  ScanCandidate Refine(const AlignedScene& aligned, double sigma_px, bool steps_are_equal,
+  /// \param may_be_equal  whether equal steps are asked for. Returns a candidate that may not be usable.
+  ScanCandidate Refine(const AlignedScene& aligned, double sigma_px, bool may_be_equal,
                        const SeenBesideMatches& seen) const;
 
   /// A first look at what Refine() comes to, in a small part of its time: the model, and whether steps are

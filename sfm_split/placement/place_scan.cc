@@ -105,7 +105,8 @@ ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, Aligne
   const size_t found = aligned.scene.views.size();
   finish_.AddCircle(aligned);
   const double sigma_px = circles_.MoveStations(finding.motion.sigma_px, &aligned);
-  ScanCandidate candidate = circles_.Refine(aligned, sigma_px, finding.motion.steps_are_equal, {});
+  // Angles that the circles have free may follow wrong matches, which seem many where they slide alike.
+  ScanCandidate candidate = circles_.Refine(aligned, sigma_px, true, {});
   const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
                                     [](const CircularStationFit& fit) { return fit.found && fit.closes; });
   candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +

@@ -128,7 +128,7 @@ class StepWidth : public testing::Test {
         .untold_stations;
   }
 
-  // The median width of all photos [degrees], term by term.
+  // The root mean square of the width by all photos [degrees], term by term.
   double WidthByDefinition() const {
     std::vector<double> turns = {0};
     for (double turn = 0.02; turn <= 60; turn *= 1.4) turns.insert(turns.end(), {turn, -turn});
@@ -159,10 +159,9 @@ class StepWidth : public testing::Test {
     const double highest = *std::max_element(posterior.begin(), posterior.end());
     double all = 0;
     for (double& value : posterior) all += value = std::exp(value - highest);
-    size_t median = 0;
-    for (double sum = posterior[0]; 2 * sum < all; sum += posterior[++median]) {
-    }
-    return widths[median];
+    double variance = 0;
+    for (size_t k = 0; k < widths.size(); ++k) variance += posterior[k] / all * widths[k] * widths[k];
+    return std::sqrt(variance);
   }
 
   // Of each photo, against where its turn would be by equal steps.
@@ -227,13 +226,22 @@ TEST_F(StepWidth, EqualStepsAreAsNarrowAsTheMatchesCanTell) {
 
 // By its definition: of each photo's likelihood over turns from its place, .9 of what it is in the mean about
 // the place by a width, and .1 of its mean over the circle. Each pair counts for two photos, by half.
-TEST_F(StepWidth, IsTheMedianOfWhatAllPhotosSay) {
+TEST_F(StepWidth, IsWhatAllPhotosSay) {
   const double width = WidthByDefinition();
   const StepsFinding finding = Find();
   ASSERT_EQ(finding.steps.size(), 2U);
   EXPECT_NEAR(finding.steps[0].sigma_rad, width * kDegree, 1e-9);
   EXPECT_EQ(finding.steps[1].sigma_rad, finding.steps[0].sigma_rad);
   EXPECT_GT(width, 0.011);
+}
+
+// All widths from .01 to 1 degrees are as likely then, each order of magnitude as much as another: the mean
+// square of 1 / (w ln 100) over them. Widths are a tenth apart, which is worth half a per cent.
+TEST_F(StepWidth, WhereMatchesTellNothingStepsAreNotTakenForEqual) {
+  for (ImagePairMatches& pair : features_.object_pairs) pair.matches.clear();
+  features_.raw_pairs.clear();
+  const double width_deg = std::sqrt((1 - 1e-4) / (2 * std::log(100)));
+  EXPECT_NEAR(Find().steps.at(0).sigma_rad, width_deg * kDegree, 0.02 * width_deg * kDegree);
 }
 
 // The angles that the views have do not count: three in ten are off by many degrees.
