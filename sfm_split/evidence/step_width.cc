@@ -65,11 +65,11 @@ double LogMeanAnywhere(const std::vector<double>& turns_deg, const std::vector<d
   return highest + std::log(sum / 360);
 }
 
-// The root of a deviation's variance over all widths, as likely as the matches have them; before these are
-// looked at, all its orders of magnitude are alike. Where matches tell nothing that is a third of the widest:
-// nobody has shown the steps to be more equal. Every pair of photos is in the likelihoods of both of them and
-// counts by half in each. A photo may be anywhere, so that wrong matches that agree by themselves decide
-// nothing.
+// The mean of the width over what the matches say of it, so that a normal deviation of this width is off by
+// as much in the mean as one of a width that is not known; before the matches are looked at, all orders of
+// magnitude of the width are alike. Where matches tell nothing that is a fifth of the widest: nobody has
+// shown the steps to be more equal. Every pair of photos is in the likelihoods of both of them and counts by
+// half in each. A photo may be anywhere, so that wrong matches that agree by themselves decide nothing.
 double ExpectedWidth(const std::vector<double>& turns_deg,
                      const std::vector<std::vector<double>>& log_likelihoods) {
   std::vector<double> anywhere;
@@ -94,9 +94,9 @@ double ExpectedWidth(const std::vector<double>& turns_deg,
     value = std::exp(value - highest);
     all += value;
   }
-  double variance = 0;
-  for (size_t k = 0; k < widths.size(); ++k) variance += posterior[k] / all * widths[k] * widths[k];
-  return std::sqrt(variance);
+  double mean = 0;
+  for (size_t k = 0; k < widths.size(); ++k) mean += posterior[k] / all * widths[k];
+  return mean;
 }
 
 // The constant from which the angles differ least, by the median of their distances.

@@ -128,7 +128,7 @@ class StepWidth : public testing::Test {
         .untold_stations;
   }
 
-  // The root mean square of the width by all photos [degrees], term by term.
+  // The mean width by all photos [degrees], term by term.
   double WidthByDefinition() const {
     std::vector<double> turns = {0};
     for (double turn = 0.02; turn <= 60; turn *= 1.4) turns.insert(turns.end(), {turn, -turn});
@@ -159,9 +159,9 @@ class StepWidth : public testing::Test {
     const double highest = *std::max_element(posterior.begin(), posterior.end());
     double all = 0;
     for (double& value : posterior) all += value = std::exp(value - highest);
-    double variance = 0;
-    for (size_t k = 0; k < widths.size(); ++k) variance += posterior[k] / all * widths[k] * widths[k];
-    return std::sqrt(variance);
+    double mean = 0;
+    for (size_t k = 0; k < widths.size(); ++k) mean += posterior[k] / all * widths[k];
+    return mean;
   }
 
   // Of each photo, against where its turn would be by equal steps.
@@ -235,12 +235,12 @@ TEST_F(StepWidth, IsWhatAllPhotosSay) {
   EXPECT_GT(width, 0.011);
 }
 
-// All widths from .01 to 1 degrees are as likely then, each order of magnitude as much as another: the mean
-// square of 1 / (w ln 100) over them. Widths are a tenth apart, which is worth half a per cent.
+// All widths from .01 to 1 degrees are as likely then, each order of magnitude as much as another: a
+// density of 1 / (w ln 100). Widths are a tenth apart, which is worth half a per cent.
 TEST_F(StepWidth, WhereMatchesTellNothingStepsAreNotTakenForEqual) {
   for (ImagePairMatches& pair : features_.object_pairs) pair.matches.clear();
   features_.raw_pairs.clear();
-  const double width_deg = std::sqrt((1 - 1e-4) / (2 * std::log(100)));
+  const double width_deg = (1 - 0.01) / std::log(100.0);
   EXPECT_NEAR(Find().steps.at(0).sigma_rad, width_deg * kDegree, 0.02 * width_deg * kDegree);
 }
 
