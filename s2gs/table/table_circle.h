@@ -39,9 +39,10 @@ struct TableCircle {
 
 /// The circle at which an edge lies, to a pixel, in more directions from the axis than edges anywhere would
 /// make by chance (what is an edge, the surface just within the circle tells, whatever stands further in),
-/// and in half of them at least; of several the outermost. What stands still has no reason to end in a circle
-/// about the axis. Its side, as far as it faces a camera, ends at a lower circle, which is looked for in the
-/// same way: in all pictures and in each by itself, the clearest counts. Nothing when there is none.
+/// and in half of them at least, of a circle that is one all around or where there is none but chance hardly
+/// makes it; of several the outermost. What stands still has no reason to end in a circle about the axis. Its
+/// side, as far as it faces a camera, ends at a lower circle, which is looked for in the same way: in all
+/// pictures and in each by itself, the clearest counts. Nothing when there is none.
 std::optional<TableCircle> FindTableCircle(const std::vector<StillPicture>& pictures,
                                            const CircleSearch& search);
 

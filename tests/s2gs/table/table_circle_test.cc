@@ -192,6 +192,30 @@ TEST(TableCircle, OfATableBehindAThing) {
   EXPECT_FALSE(FindTableCircle({{view, picture}}, search));
 }
 
+// Ground as pale as the top lies behind the table, so that somewhat more than the near half of its rim is
+// seen: by three cameras, as one alone might make as much of noise.
+TEST(TableCircle, OfATableBeforeGroundOfItsColour) {
+  std::vector<StillPicture> pictures;
+  for (const double azimuth : {0.3, 1.9, 3.6}) {
+    const PinholeView view = ViewFrom(azimuth);
+    Image8 picture = PictureOf(view, IsInCircle, 150, 90);
+    const Eigen::Vector3d middle = view.cam_from_world * (kTop * Eigen::Vector3d::UnitZ());
+    const auto last_row = static_cast<int>(view.cy + view.fy * middle.y() / middle.z()) - 8;
+    for (int y = 0; y < last_row; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        std::fill_n(picture.Pixel(x, y), 3, uint8_t{150});
+      }
+    }
+    pictures.push_back({view, picture});
+  }
+  const std::optional<TableCircle> circle = FindTableCircle(pictures, SearchAboutTop());
+  ASSERT_TRUE(circle);
+  EXPECT_NEAR(circle->height, kTop, kPixel);
+  EXPECT_NEAR(circle->radius, kRadius, kPixel);
+  EXPECT_LT(circle->share, 0.6);  // measured .56, expected 4e-25 times by chance
+  EXPECT_FALSE(FindTableCircle({pictures[0]}, SearchAboutTop()));
+}
+
 // Where it hides most of the far side, what is left would do for the side's lower end, too, whose near half
 // alone is seen.
 TEST(TableCircle, NoneOfASidesLowerEndBehindAThing) {
