@@ -8,11 +8,6 @@
 #include "sfm_split/turntable/tied_stations.h"
 
 namespace s2gs {
-namespace {
-
-constexpr double kNoiseRange = 6;  // of the bound, over which errors are looked at
-
-}  // namespace
 
 void RecordBackgroundMatches(const ScanFeatures& features, const AlignedScene& aligned, double bound_px,
                              ScanEvidence* evidence) {

@@ -7,6 +7,9 @@
 
 namespace s2gs {
 
+/// Times the bound within which matches agree, over which their errors are looked at for noise.
+constexpr double kNoiseRange = 6;
+
 /// Errors as a mixture of noise and of outliers.
 struct NoiseFit {
   double sigma = 0;         ///< standard deviation of the noise, in the errors' unit.

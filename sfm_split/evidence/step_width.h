@@ -34,9 +34,9 @@ struct StepsFinding {
 /// photo in ten may be anywhere. The width is the mean of its posterior between .01 degrees (better than
 /// keypoints tell) and one, all orders of magnitude alike before: .21 where matches tell nothing. It is that
 /// of the table and so one for all stations: where a station's matches tell nothing, the others' do. A
-/// station of which far more photos than that tenth stand elsewhere has no equal steps. \param cameras, views
-/// of each image of the features; null without a pose. \param risk  that chance puts a photo elsewhere, for
-/// all of them together.
+/// station of which far more photos than that tenth stand elsewhere has no equal steps.
+/// \param cameras, views  of each image of the features; null without a pose.
+/// \param risk  that chance puts a photo elsewhere, for all of them together.
 StepsFinding StepsByMatches(const ScanFeatures& features, const std::vector<const Camera*>& cameras,
                             const std::vector<const View*>& views, const TurntableAxis& axis, double risk);
 

@@ -16,7 +16,6 @@
 namespace s2gs {
 namespace {
 
-constexpr double kNoiseRange = 6;   // of the bound, over which errors are looked at
 constexpr double kRightSigmas = 2;  // of their noise, within which 19 of 20 right matches lie
 
 // Sets of keypoints that matches tie together.

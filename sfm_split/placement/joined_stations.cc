@@ -143,6 +143,9 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
                                                   const ReadDescriptors& read_descriptors,
                                                   const ReadGreyPhoto& read_photo,
                                                   const PlacementOptions& options, Reporter& reporter) {
+  const auto by_poses = StationsByPoses(features, placed.best.aligned.scene);
+  const auto by_order = StationsByOrder(features);
+  if (!by_poses && !by_order) return std::nullopt;
   const auto gather = [&](const ScanFeatures& of, const ScanCandidate& best) {
     return GatherEvidence(of, best.aligned, best.refined.joint, best.refined.held_back, best.matches,
                           options.refine.max_error_px);
@@ -173,15 +176,13 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
   };
   const Worth before = {JudgeScan(gather(features, placed.best)).verdict,
                         placed.best.aligned.scene.views.size()};
-  if (const auto by_poses = StationsByPoses(features, placed.best.aligned.scene)) {
+  if (by_poses) {
     std::optional<JoinedScan> joined = place(*by_poses, "their poses", [&](const Worth& now) {
       return now.num_placed >= before.num_placed && now.verdict <= before.verdict;
     });
     if (joined) return joined;
   }
-  if (before.verdict == Verdict::kGood) return std::nullopt;
-  const auto by_order = StationsByOrder(features);
-  if (!by_order) return std::nullopt;
+  if (before.verdict == Verdict::kGood || !by_order || by_order == by_poses) return std::nullopt;
   return place(*by_order, "the order of the photos", [&](const Worth& now) {
     return now.num_placed >= before.num_placed && now.verdict <= before.verdict &&
            (now.num_placed > before.num_placed || now.verdict < before.verdict);

@@ -21,7 +21,6 @@ constexpr float kMaxShakePx = 8;
 constexpr int kMinObservationsPerImage = 80;
 constexpr double kLeastErrorPx = 1;    // below, keypoints are dropped that are only badly localised
 constexpr double kMaxErrorGrowth = 4;  // of the error bound, where the matches are noisier than it expects
-constexpr double kNoiseRange = 6;      // of the error bound, over which matches' errors are looked at
 
 }  // namespace
 
