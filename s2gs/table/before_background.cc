@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <optional>
@@ -19,16 +20,10 @@ namespace {
 constexpr int kMargin = 2;           // [px], as far as a mask's edge blurs
 constexpr int kReach = 32;           // [px], as far as plain surroundings are asked
 constexpr int kLeastDirections = 3;  // of eight, from which plain surroundings enclose a pixel
+// What lies about a pixel may itself differ much from photo to photo, as where a shadow or somebody passes: a
+// range beyond which what turns is half as often as elsewhere tells little of what is between.
+constexpr double kHalf = 0.5;
 constexpr int64_t kGaussiansAtOnce = 256;
-
-// At the pixels of one photo.
-enum class Pixel : uint8_t { kUnknown, kSame, kDiffers };
-
-struct PhotoVotes {
-  std::vector<Pixel> pixels;
-  std::vector<float> chances;       // of the photo to differ by chance
-  std::vector<uint8_t> is_between;  // known by what is about the pixel alone
-};
 
 // What a station's photos show at a pixel where nothing turns.
 struct Still {
@@ -36,6 +31,40 @@ struct Still {
   bool is_between = false;  // known by what is about the pixel alone
   std::array<uint8_t, 3> colour{};
   BackgroundRange range;
+};
+
+// What a station's photos show, by pixel.
+struct StationVotes {
+  std::vector<Still> stills;
+  // By photo: how far it differs from that [grey values]; negative where it is not asked.
+  std::vector<std::vector<float>> differences;
+};
+
+// How often what turns differs from the background by more than so many grey values.
+class ThingDifferences {
+ public:
+  // From several threads.
+  void Add(float difference) { ++counts_[LevelOf(difference)]; }
+  // Once all are added.
+  void Sum() {
+    BackgroundVotes of_level;
+    for (const std::atomic<int>& count : counts_) of_level.photos += count;
+    of_level.differ = of_level.photos;
+    for (size_t level = 0; level < kLevels; ++level) {
+      of_level.differ -= counts_[level];
+      shares_[level] = ShareWhereSomethingIs(of_level);
+    }
+  }
+  double ShareBeyond(double range) const { return shares_[LevelOf(range)]; }
+
+ private:
+  static constexpr size_t kLevels = 256;
+  static size_t LevelOf(double difference) {
+    return std::min(kLevels - 1, static_cast<size_t>(std::max(0.0, difference)));
+  }
+
+  std::array<std::atomic<int>, kLevels> counts_{};
+  std::array<double, kLevels> shares_{};
 };
 
 // Per photo, the pixels about which it may show what turns.
@@ -140,36 +169,51 @@ std::vector<Still> StillsOf(const StationPhotos& station, const Covered& covered
   return stills;
 }
 
-// Which pixels of a station's photos differ from the background, within the masks and about them.
-std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<PixelMask>& masks) {
+// How far a station's photos differ from the background, within the masks and about them.
+StationVotes VotesOf(const StationPhotos& station, const std::vector<PixelMask>& masks) {
   Covered covered;
   covered.reserve(masks.size());
   for (const PixelMask& mask : masks) covered.push_back(Widened(mask, kMargin).inside);
   const int width = station.images.front().width;
   const int height = station.images.front().height;
-  std::vector<PhotoVotes> votes(masks.size());
-  for (PhotoVotes& of : votes) {
-    of.pixels.assign(static_cast<size_t>(width) * height, Pixel::kUnknown);
-    of.chances.assign(of.pixels.size(), 0);
-    of.is_between.assign(of.pixels.size(), 0);
-  }
-  const std::vector<Still> stills = StillsOf(station, covered);
+  StationVotes votes;
+  votes.stills = StillsOf(station, covered);
+  votes.differences.assign(masks.size(), std::vector<float>(votes.stills.size(), -1));
   ParallelFor(height, 0, [&](int64_t y) {
     for (int x = 0; x < width; ++x) {
       const size_t at = static_cast<size_t>(y) * width + x;
-      const Still& still = stills[at];
+      const Still& still = votes.stills[at];
       if (!still.is_known) continue;
       for (size_t k = 0; k < covered.size(); ++k) {
         if (covered[k][at] == 0) continue;
-        const double difference =
-            MostDifferentChannel(station.images[k].Pixel(x, static_cast<int>(y)), still.colour.data());
-        votes[k].pixels[at] = difference > still.range.most ? Pixel::kDiffers : Pixel::kSame;
-        votes[k].chances[at] = static_cast<float>(still.range.chance);
-        votes[k].is_between[at] = still.is_between ? 1 : 0;
+        votes.differences[k][at] = static_cast<float>(
+            MostDifferentChannel(station.images[k].Pixel(x, static_cast<int>(y)), still.colour.data()));
       }
     }
   });
   return votes;
+}
+
+// Calls `vote` with what each photo says of a Gaussian: the pixel's background and how far it differs.
+template <typename Vote>
+void ForEachVote(const std::vector<StationPhotos>& stations, const std::vector<StationVotes>& of_stations,
+                 const Placement& gaussians, size_t i, const Vote& vote) {
+  const float* centre = gaussians.centre.data() + 3 * i;
+  const Eigen::Vector3d x_in_object(centre[0], centre[1], centre[2]);
+  if (!x_in_object.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
+  for (size_t s = 0; s < stations.size(); ++s) {
+    for (size_t k = 0; k < stations[s].views.size(); ++k) {
+      const PinholeView& view = stations[s].views[k];
+      const std::optional<Eigen::Vector2d> pixel = PixelOf(view, view.cam_from_object * x_in_object);
+      if (!pixel ||
+          !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() < view.width && pixel->y() < view.height)) {
+        continue;
+      }
+      const size_t at = static_cast<size_t>(pixel->y()) * view.width + static_cast<size_t>(pixel->x());
+      const float difference = of_stations[s].differences[k][at];
+      if (difference >= 0) vote(of_stations[s].stills[at], difference);
+    }
+  }
 }
 
 }  // namespace
@@ -177,43 +221,37 @@ std::vector<PhotoVotes> VotesOf(const StationPhotos& station, const std::vector<
 std::vector<uint32_t> FindShowingBackground(const std::vector<StationPhotos>& stations,
                                             const std::vector<std::vector<PixelMask>>& masks,
                                             const Placement& gaussians) {
-  std::vector<std::vector<PhotoVotes>> of_stations;
+  std::vector<StationVotes> of_stations;
   of_stations.reserve(stations.size());
   for (size_t s = 0; s < stations.size(); ++s) of_stations.push_back(VotesOf(stations[s], masks[s]));
-  std::vector<BackgroundVotes> votes(gaussians.size());
-  std::vector<BackgroundVotes> seen(gaussians.size());  // where photos show the pixel's background themselves
-  ParallelFor(static_cast<int64_t>(votes.size()), 0, kGaussiansAtOnce, [&](int64_t i) {
-    const float* centre = gaussians.centre.data() + 3 * i;
-    const Eigen::Vector3d x_in_object(centre[0], centre[1], centre[2]);
-    if (!x_in_object.allFinite() || !IsForeground(gaussians.foreground_logit[i])) return;
-    for (size_t s = 0; s < stations.size(); ++s) {
-      for (size_t k = 0; k < stations[s].views.size(); ++k) {
-        const PinholeView& view = stations[s].views[k];
-        const std::optional<Eigen::Vector2d> pixel = PixelOf(view, view.cam_from_object * x_in_object);
-        if (!pixel ||
-            !(pixel->x() >= 0 && pixel->y() >= 0 && pixel->x() < view.width && pixel->y() < view.height)) {
-          continue;
-        }
-        const size_t at = static_cast<size_t>(pixel->y()) * view.width + static_cast<size_t>(pixel->x());
-        const Pixel shown = of_stations[s][k].pixels[at];
-        if (shown == Pixel::kUnknown) continue;
-        ++votes[i].photos;
-        votes[i].differ += shown == Pixel::kDiffers ? 1 : 0;
-        votes[i].chance += of_stations[s][k].chances[at];
-        if (of_stations[s][k].is_between[at] != 0) continue;
-        ++seen[i].photos;
-        seen[i].differ += shown == Pixel::kDiffers ? 1 : 0;
-      }
-    }
+  const auto num = static_cast<int64_t>(gaussians.size());
+  // Where photos show the pixel's background themselves.
+  ThingDifferences of_thing;
+  std::atomic<int> num_seen = 0;
+  std::atomic<int> num_differ = 0;
+  ParallelFor(num, 0, kGaussiansAtOnce, [&](int64_t i) {
+    ForEachVote(stations, of_stations, gaussians, static_cast<size_t>(i),
+                [&](const Still& still, float difference) {
+                  if (still.is_between) return;
+                  of_thing.Add(difference);
+                  ++num_seen;
+                  num_differ += difference > still.range.most ? 1 : 0;
+                });
   });
-  BackgroundVotes sum;
-  int asked = 0;
-  for (const BackgroundVotes& of : votes) asked += of.photos > 0 ? 1 : 0;
-  for (const BackgroundVotes& of : seen) {
-    sum.photos += of.photos;
-    sum.differ += of.differ;
-  }
-  const double as_thing = ShareWhereSomethingIs(sum);
+  of_thing.Sum();
+  const double as_thing = ShareWhereSomethingIs({num_seen, num_differ, 0});
+  std::vector<BackgroundVotes> votes(gaussians.size());
+  ParallelFor(num, 0, kGaussiansAtOnce, [&](int64_t i) {
+    ForEachVote(stations, of_stations, gaussians, static_cast<size_t>(i),
+                [&](const Still& still, float difference) {
+                  if (still.is_between && of_thing.ShareBeyond(still.range.most) < kHalf * as_thing) return;
+                  ++votes[i].photos;
+                  votes[i].differ += difference > still.range.most ? 1 : 0;
+                  votes[i].chance += still.range.chance;
+                });
+  });
+  const auto asked = static_cast<int>(
+      std::count_if(votes.begin(), votes.end(), [](const BackgroundVotes& of) { return of.photos > 0; }));
   std::vector<uint32_t> showing;
   for (size_t i = 0; i < votes.size(); ++i) {
     if (Weigh(votes[i], as_thing, asked) == BackgroundSight::kNotThere)

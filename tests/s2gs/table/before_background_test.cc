@@ -56,6 +56,14 @@ class TurningPoints {
     }
   }
 
+  // Of the uppermost rows in the first photos, as where somebody passes.
+  void Brighten(int num_rows, size_t num_photos, int by) {
+    for (size_t i = 0; i < num_photos; ++i) {
+      for (int k = 0; k < 3 * kSide * num_rows; ++k)
+        station_.images[i].pixels[k] = static_cast<uint8_t>(station_.images[i].pixels[k] + by);
+    }
+  }
+
   std::vector<uint32_t> Find() const { return FindShowingBackground({station_}, {masks_}, gaussians_); }
 
  private:
@@ -106,6 +114,17 @@ TEST(BeforeBackground, PlainSurroundingsTellWhatNoPhotoShows) {
   TurningPoints none(16, true);
   for (int i = 0; i < 5; ++i) none.Add({std::cos(1.2 * i), std::sin(1.2 * i), 0.3 * i - 0.6}, false);
   EXPECT_TRUE(none.Find().empty());
+}
+
+// What is about them differs from photo to photo by as much as what turns does from it: that tells nothing.
+TEST(BeforeBackground, SurroundingsThatDifferFromPhotoToPhotoDoNot) {
+  for (const int by : {0, 152}) {
+    TurningPoints axis(16, true);
+    for (int i = 0; i < 5; ++i) axis.Add({std::cos(1.2 * i), std::sin(1.2 * i), 0.3 * i - 0.6}, true);
+    axis.Add({0, 0, 1.5}, false);
+    axis.Brighten(20, 4, by);
+    EXPECT_EQ(axis.Find(), by == 0 ? std::vector<uint32_t>{5} : std::vector<uint32_t>());
+  }
 }
 
 }  // namespace
