@@ -3,9 +3,9 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <cstddef>
+#include <mutex>
 #include <optional>
 
 #include "s2gs/image/background_votes.h"
@@ -43,18 +43,27 @@ struct StationVotes {
 // How often what turns differs from the background by more than so many grey values.
 class ThingDifferences {
  public:
-  // From several threads.
-  void Add(float difference) { ++counts_[LevelOf(difference)]; }
+  void Add(const Still& still, float difference) {
+    ++counts_[LevelOf(difference)];
+    ++all_.photos;
+    all_.differ += difference > still.range.most ? 1 : 0;
+  }
+  void Add(const ThingDifferences& others) {
+    for (size_t level = 0; level < kLevels; ++level) counts_[level] += others.counts_[level];
+    all_.photos += others.all_.photos;
+    all_.differ += others.all_.differ;
+  }
   // Once all are added.
   void Sum() {
-    BackgroundVotes of_level;
-    for (const std::atomic<int>& count : counts_) of_level.photos += count;
+    BackgroundVotes of_level = all_;
     of_level.differ = of_level.photos;
     for (size_t level = 0; level < kLevels; ++level) {
       of_level.differ -= counts_[level];
       shares_[level] = ShareWhereSomethingIs(of_level);
     }
   }
+  // Of those that differ by more than photos of the background do at their pixels.
+  double Share() const { return ShareWhereSomethingIs(all_); }
   double ShareBeyond(double range) const { return shares_[LevelOf(range)]; }
 
  private:
@@ -63,7 +72,8 @@ class ThingDifferences {
     return std::min(kLevels - 1, static_cast<size_t>(std::max(0.0, difference)));
   }
 
-  std::array<std::atomic<int>, kLevels> counts_{};
+  BackgroundVotes all_;
+  std::array<int, kLevels> counts_{};
   std::array<double, kLevels> shares_{};
 };
 
@@ -227,19 +237,21 @@ std::vector<uint32_t> FindShowingBackground(const std::vector<StationPhotos>& st
   const auto num = static_cast<int64_t>(gaussians.size());
   // Where photos show the pixel's background themselves.
   ThingDifferences of_thing;
-  std::atomic<int> num_seen = 0;
-  std::atomic<int> num_differ = 0;
-  ParallelFor(num, 0, kGaussiansAtOnce, [&](int64_t i) {
-    ForEachVote(stations, of_stations, gaussians, static_cast<size_t>(i),
-                [&](const Still& still, float difference) {
-                  if (still.is_between) return;
-                  of_thing.Add(difference);
-                  ++num_seen;
-                  num_differ += difference > still.range.most ? 1 : 0;
-                });
+  std::mutex adding;
+  ParallelFor((num + kGaussiansAtOnce - 1) / kGaussiansAtOnce, 0, [&](int64_t part) {
+    ThingDifferences of_part;
+    const int64_t end = std::min(num, (part + 1) * kGaussiansAtOnce);
+    for (int64_t i = part * kGaussiansAtOnce; i < end; ++i) {
+      ForEachVote(stations, of_stations, gaussians, static_cast<size_t>(i),
+                  [&](const Still& still, float difference) {
+                    if (!still.is_between) of_part.Add(still, difference);
+                  });
+    }
+    const std::lock_guard<std::mutex> lock(adding);
+    of_thing.Add(of_part);
   });
   of_thing.Sum();
-  const double as_thing = ShareWhereSomethingIs({num_seen, num_differ, 0});
+  const double as_thing = of_thing.Share();
   std::vector<BackgroundVotes> votes(gaussians.size());
   ParallelFor(num, 0, kGaussiansAtOnce, [&](int64_t i) {
     ForEachVote(stations, of_stations, gaussians, static_cast<size_t>(i),
