@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -42,10 +41,9 @@ MatchCounts CountMatches(const ScanFeatures& features) {
 }
 
 // Photos that were taken from one camera position.
-size_t LargestStation(const ScanFeatures& features) {
-  std::map<int, size_t> sizes;
-  size_t largest = 0;
-  for (const ScanImage& image : features.images) largest = std::max(largest, ++sizes[image.station]);
+int LargestStation(const ScanFeatures& features) {
+  int largest = 0;
+  for (const auto& [station, size] : SizesOfStations(features)) largest = std::max(largest, size);
   return largest;
 }
 
@@ -67,8 +65,8 @@ UserError ExplainNoModel(const std::filesystem::path& path, const ScanFeatures& 
             "Sharper, brighter or larger photos help, and a speckled sheet or printed markers on the table"};
   }
   const MatchCounts counts = CountMatches(features);
-  const size_t largest = LargestStation(features);
-  if (counts.usable_pairs == 0 && largest > 1 && 2 * largest > features.images.size()) {
+  const int largest = LargestStation(features);
+  if (counts.usable_pairs == 0 && largest > 1 && 2 * static_cast<size_t>(largest) > features.images.size()) {
     // What stood still was taken out by the split: nothing is left.
     return {
         path,

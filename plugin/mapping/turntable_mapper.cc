@@ -239,7 +239,7 @@ void TurntableMapper::JoinStations(const std::vector<ColmapModel>& objects,
                                    const ReadDescriptors& read_descriptors, Steadied* steadied,
                                    ScanPlacement* placement) {
   std::optional<JoinedScan> joined =
-      PlaceWithStationsJoined(FeaturesOf(*steadied), *placement, objects, read_descriptors,
+      PlaceWithStationsJoined(FeaturesOf(*steadied), placement, objects, read_descriptors,
                               PhotosOf(steadied->cameras), settings_.placement, reporter_);
   if (!joined) return;
   output_.report()["stations_joined"] = joined->finding;

@@ -54,14 +54,13 @@ class RigCollector {
   }
 
   void PlaceStations(Rig* rig) const {
-    std::map<int, int> num_photos;
-    for (const ScanImage& image : features_.images) ++num_photos[image.station];
+    const std::map<int, int> num_photos = SizesOfStations(features_);
     std::map<int, int> index_of;
     rig->places.resize(features_.images.size());
     for (size_t i = 0; i < features_.images.size(); ++i) {
       const int station = features_.images[i].station;
       const auto pose = poses_.find(station);
-      if (pose == poses_.end() || num_photos[station] < kLeastPhotos) continue;
+      if (pose == poses_.end() || num_photos.at(station) < kLeastPhotos) continue;
       const auto [entry, is_new] = index_of.emplace(station, static_cast<int>(rig->stations.size()));
       if (is_new) rig->stations.push_back({pose->second, FocalLengths(CameraOf(i)).mean(), 0});
       rig->places[i] = {entry->second, rig->stations[static_cast<size_t>(entry->second)].num_photos++};

@@ -134,9 +134,7 @@ void RecordAxis(const AlignedScene& aligned, ScanEvidence* evidence) {
 
 void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& cameras, ScanEvidence* evidence) {
   evidence->photos = static_cast<int>(features.images.size());
-  std::map<int, int> photos_of_station;
-  for (const ScanImage& image : features.images) ++photos_of_station[image.station];
-  for (const auto& [station, count] : photos_of_station) {
+  for (const auto& [station, count] : SizesOfStations(features)) {
     evidence->unmoved_photos += count >= kLeastUnmoved ? count : 0;
   }
   for (const Camera& camera : cameras) {

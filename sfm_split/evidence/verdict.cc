@@ -249,6 +249,9 @@ class Judge {
     }
   }
 
+  // Of matches' errors [px].
+  bool IsNoisy(double noise_px) const { return kErrorSigmas * noise_px > evidence_.bound_px; }
+
   void JudgeHeldBack() {
     const std::optional<double> share = evidence_.held_back.Share();
     const bool is_low = share && evidence_.held_back.all >= kLeastMatches && *share < kHalf;
@@ -266,7 +269,7 @@ class Judge {
     // Of verified matches, and of right ones among all: what is wrong alike makes either too large.
     std::optional<double> noise = evidence_.adjusted_noise_px;
     if (noise && evidence_.match_noise_px) noise = std::min(*noise, *evidence_.match_noise_px);
-    if (noise && kErrorSigmas * *noise > evidence_.bound_px) {
+    if (noise && IsNoisy(*noise)) {
       Add(Verdict::kDoubtful,
           FormatText(
               "matches miss their lines by %.2g px, more than the %.2g px of keypoints that the poses are "
@@ -291,9 +294,8 @@ class Judge {
   // object does; where it was found to be as noisy as the object may be, one of the two is wrong.
   void JudgeBackground() {
     if (evidence_.background_across.all < kLeastMatches || !evidence_.background_noise_px) return;
-    const bool is_noisy = kErrorSigmas * *evidence_.background_noise_px > evidence_.bound_px;
     const double share = evidence_.background_across.Share().value_or(1);
-    if (!is_noisy && share >= kHalf) return;
+    if (!IsNoisy(*evidence_.background_noise_px) && share >= kHalf) return;
     Add(Verdict::kDoubtful,
         FormatText(
             "of %lld matches of what stands still between camera places, %d %% agree with the cameras, "

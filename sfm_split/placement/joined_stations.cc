@@ -37,12 +37,6 @@ std::vector<int> StationOfEach(const ScanFeatures& features) {
   return stations;
 }
 
-std::map<int, int> SizesOfStations(const ScanFeatures& features) {
-  std::map<int, int> sizes;
-  for (const ScanImage& image : features.images) ++sizes[image.station];
-  return sizes;
-}
-
 // Returns how many photos have changed theirs.
 int JoinStations(const std::vector<int>& stations, ScanFeatures* features) {
   int num_moved = 0;
@@ -138,12 +132,12 @@ std::optional<std::vector<int>> StationsByOrder(const ScanFeatures& features) {
   return stations;
 }
 
-std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, const ScanPlacement& placed,
+std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, ScanPlacement* placed,
                                                   const std::vector<ColmapModel>& objects,
                                                   const ReadDescriptors& read_descriptors,
                                                   const ReadGreyPhoto& read_photo,
                                                   const PlacementOptions& options, Reporter& reporter) {
-  const auto by_poses = StationsByPoses(features, placed.best.aligned.scene);
+  const auto by_poses = StationsByPoses(features, placed->best.aligned.scene);
   const auto by_order = StationsByOrder(features);
   if (!by_poses && !by_order) return std::nullopt;
   const auto gather = [&](const ScanFeatures& of, const ScanCandidate& best) {
@@ -154,9 +148,11 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
     Verdict verdict;
     size_t num_placed;
   };
-  // Nothing where it is worse than what was placed.
+  if (!placed->evidence) placed->evidence = gather(features, placed->best);
+  const Worth before = {JudgeScan(*placed->evidence).verdict, placed->best.aligned.scene.views.size()};
+  // Nothing where it is worse than what was placed, or as good and `is_better` is asked.
   const auto place = [&](const std::vector<int>& stations, const char* told_by,
-                         const auto& is_worth) -> std::optional<JoinedScan> {
+                         bool is_better) -> std::optional<JoinedScan> {
     JoinedScan joined;
     joined.features = features;
     joined.finding = std::to_string(JoinStations(stations, &joined.features)) +
@@ -167,26 +163,20 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
         PlaceScan(joined.features, objects, nullptr, read_descriptors, read_photo, options, reporter);
     if (joined.placement.outcome == PlacementOutcome::kPlaced) {
       joined.placement.evidence = gather(joined.features, joined.placement.best);
-      if (is_worth(Worth{JudgeScan(*joined.placement.evidence).verdict,
-                         joined.placement.best.aligned.scene.views.size()}))
-        return joined;
+      const Worth now = {JudgeScan(*joined.placement.evidence).verdict,
+                         joined.placement.best.aligned.scene.views.size()};
+      const bool is_worse = now.num_placed < before.num_placed || now.verdict > before.verdict;
+      const bool is_as_good = now.num_placed == before.num_placed && now.verdict == before.verdict;
+      if (!is_worse && !(is_better && is_as_good)) return joined;
     }
     reporter.Info("which the adjustment does not bear out");
     return std::nullopt;
   };
-  const Worth before = {JudgeScan(gather(features, placed.best)).verdict,
-                        placed.best.aligned.scene.views.size()};
   if (by_poses) {
-    std::optional<JoinedScan> joined = place(*by_poses, "their poses", [&](const Worth& now) {
-      return now.num_placed >= before.num_placed && now.verdict <= before.verdict;
-    });
-    if (joined) return joined;
+    if (auto joined = place(*by_poses, "their poses", false)) return joined;
   }
   if (before.verdict == Verdict::kGood || !by_order || by_order == by_poses) return std::nullopt;
-  return place(*by_order, "the order of the photos", [&](const Worth& now) {
-    return now.num_placed >= before.num_placed && now.verdict <= before.verdict &&
-           (now.num_placed > before.num_placed || now.verdict < before.verdict);
-  });
+  return place(*by_order, "the order of the photos", true);
 }
 
 }  // namespace s2gs

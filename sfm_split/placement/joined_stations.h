@@ -33,8 +33,9 @@ struct JoinedScan {
 /// rests, and photos that are stations by themselves say nothing of the table's angles. One that is not good
 /// so, by the order of its photos (StationsByOrder). Nothing where no stations are joined, or the verdict is
 /// worse with them; by order, where it is no better and no more photos have a place. \param placed  what
-/// PlaceScan came to with these features and no background; other parameters as PlaceScan's.
-std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, const ScanPlacement& placed,
+/// PlaceScan came to with these features and no background; gets its evidence where it has none and is asked
+/// for it. Other parameters as PlaceScan's.
+std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, ScanPlacement* placed,
                                                   const std::vector<ColmapModel>& objects,
                                                   const ReadDescriptors& read_descriptors,
                                                   const ReadGreyPhoto& read_photo,

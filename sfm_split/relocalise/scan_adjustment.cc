@@ -66,8 +66,7 @@ std::map<int, int> ScanRefiner::ImagesOf(const JointProblem& problem) const {
 // Steps that were given before, as the scene's angles have them now.
 std::vector<EqualStepsPrior> ScanRefiner::GivenSteps(const JointProblem& problem) const {
   const std::map<int, int> problem_image_of = ImagesOf(problem);
-  std::map<int, int> num_photos;
-  for (const ScanImage& image : features_.images) ++num_photos[image.station];
+  std::map<int, int> num_photos = SizesOfStations(features_);
   std::vector<EqualStepsPrior> result;
   for (const EqualStepsPrior& given : options_.equal_steps) {
     std::vector<AngleAtPlace> angles;

@@ -11,6 +11,12 @@ bool IsStatic(const ScanImage& image, uint32_t keypoint) {
   return keypoint < image.labels.size() && image.labels[keypoint] == KeypointLabel::kStatic;
 }
 
+std::map<int, int> SizesOfStations(const ScanFeatures& features) {
+  std::map<int, int> sizes;
+  for (const ScanImage& image : features.images) ++sizes[image.station];
+  return sizes;
+}
+
 const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features) {
   return features.raw_pairs.empty() ? features.object_pairs : features.raw_pairs;
 }

@@ -47,6 +47,9 @@ bool HasPriorFocal(const ScanFeatures& features, uint32_t camera_id);
 
 bool IsStatic(const ScanImage& image, uint32_t keypoint);
 
+/// How many photos each station has.
+std::map<int, int> SizesOfStations(const ScanFeatures& features);
+
 /// All matches that there are, right and wrong ones: the raw ones, else the verified ones.
 const std::vector<ImagePairMatches>& AllPairs(const ScanFeatures& features);
 

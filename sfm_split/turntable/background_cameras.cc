@@ -19,11 +19,10 @@ std::map<int, Rigid3> StationPoses(const ScanFeatures& features, const ColmapMod
     }
     return poses;
   }
-  std::map<int, int> sizes;
-  for (const ScanImage& image : features.images) ++sizes[image.station];
+  const std::map<int, int> sizes = SizesOfStations(features);
   int largest = -1;
   for (const auto& [station, size] : sizes) {
-    if (largest < 0 || size > sizes[largest]) largest = station;
+    if (largest < 0 || size > sizes.at(largest)) largest = station;
   }
   if (largest >= 0) poses[largest] = Rigid3();
   return poses;

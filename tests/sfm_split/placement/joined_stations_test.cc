@@ -128,9 +128,9 @@ TEST(PlaceWithStationsJoined, APlaceThatNoPictureTellsIsProvenByItsTurn) {
   features.raw_pairs = std::exchange(features.object_pairs, {});
   const ReadDescriptors no_descriptors = [](int) { return std::vector<uint8_t>(); };
   Reporter reporter;
-  const ScanPlacement alone = PlaceScan(features, {}, nullptr, no_descriptors, {}, {}, reporter);
+  ScanPlacement alone = PlaceScan(features, {}, nullptr, no_descriptors, {}, {}, reporter);
   EXPECT_EQ(alone.best.aligned.scene.views.size(), 8);
-  const auto joined = PlaceWithStationsJoined(features, alone, {}, no_descriptors, {}, {}, reporter);
+  const auto joined = PlaceWithStationsJoined(features, &alone, {}, no_descriptors, {}, {}, reporter);
   ASSERT_TRUE(joined);
   EXPECT_EQ(joined->placement.best.aligned.scene.views.size(), 16);
   EXPECT_EQ(joined->finding,
