@@ -122,137 +122,180 @@ double ScaleSigmaRel(const JointProblem& problem, const JointSystem& system,
   return std::sqrt(scale_variance + VarianceByPull(observability, gradient));
 }
 
-}  // namespace
+// A sum of parameters, each (block, value) times its weight.
+using Weights = std::vector<std::pair<std::pair<int, int>, double>>;
 
-void FillSigmas(const JointProblem& problem, const JointOptions& options, JointReport* report) {
-  const Observability& observability = report->observability;
-  if (!observability.computed) return;
-  ParameterIndex index_of;
-  for (size_t k = 0; k < observability.parameters.size(); ++k) {
-    index_of[observability.parameters[k]] = static_cast<int>(k);
+bool HasBackground(const JointProblem& problem) {
+  return std::any_of(problem.background.observations.begin(), problem.background.observations.end(),
+                     [](const JointObservation& observation) { return observation.active; });
+}
+
+class SigmaReport {
+ public:
+  SigmaReport(const JointProblem& problem, const JointOptions& options, JointReport* report)
+      : problem_(problem),
+        observability_(report->observability),
+        system_(problem, options, true),
+        report_(*report) {
+    for (size_t k = 0; k < observability_.parameters.size(); ++k)
+      index_of_[observability_.parameters[k]] = static_cast<int>(k);
+    // A photo's own parameters may rest on the points of one ring; what all photos share does not.
+    of_photos_ = {&observability_.covariance, &observability_.robust_covariance,
+                  &observability_.regional_covariance};
+    of_all_ = of_photos_;
+    of_all_.push_back(&observability_.ring_covariance);
   }
-  // A photo's own parameters may rest on the points of one ring; what all photos share does not.
-  const Covariances of_photos = {&observability.covariance, &observability.robust_covariance,
-                                 &observability.regional_covariance};
-  Covariances covariances = of_photos;
-  covariances.push_back(&observability.ring_covariance);
-  const JointSystem system(problem, options, true);
-  const auto variance = [&](int block, int value) {
-    const auto found = index_of.find({block, value});
-    if (found == index_of.end()) return 0.0;
+
+  void FillFocalLengths() {
+    const Eigen::MatrixXd& of_priors = observability_.prior_covariance;
+    for (size_t c = 0; c < problem_.cameras.size(); ++c) {
+      const int block = system_.IntrinsicsBlock(static_cast<int>(c));
+      const auto found = index_of_.find({block, 0});
+      const double of_focal = found == index_of_.end() ? 0 : VarianceOfShared(found->second);
+      report_.focal_sigma_px.push_back(std::sqrt(of_focal));
+      const bool has_prior = of_priors.size() > 0 && of_focal > 0;
+      report_.focal_prior_share.push_back(has_prior ? of_priors(found->second, found->second) / of_focal : 0);
+    }
+  }
+
+  void FillAngles() {
+    std::vector<int> images_of_pose(problem_.cam_from_world.size(), 0);
+    for (const JointImage& image : problem_.images) ++images_of_pose[static_cast<size_t>(image.pose)];
+    const bool has_background = HasBackground(problem_);
+    const Eigen::MatrixXd& of_priors = observability_.prior_covariance;
+    for (size_t i = 0; i < problem_.images.size(); ++i) {
+      const int pose = problem_.images[i].pose;
+      const int own = problem_.free_object ? system_.ObjectPoseBlock(static_cast<int>(i))
+                                           : system_.AngleBlock(static_cast<int>(i));
+      if (!system_.blocks()[own].used) {  // no keypoint is left
+        report_.angle_sigma_deg.push_back(kInfinity);
+        report_.turn_sigma_deg.push_back(kInfinity);
+        report_.angle_prior_share.push_back(0);
+        continue;
+      }
+      Weights weights = TurnOfObject(own);
+      const Weights against_camera = AgainstCamera(weights, pose);
+      // A camera of its own whose turn about the axis nothing tells: that of the object against it.
+      const bool is_alone =
+          !problem_.free_object && !has_background && images_of_pose[static_cast<size_t>(pose)] == 1;
+      if (is_alone) weights = against_camera;
+      const double of_angle = VarianceOf(weights);
+      // What a prior says of the angles inside a station, it says as well where nothing ties the station.
+      report_.angle_sigma_deg.push_back(system_.IsTied(pose) || is_alone ? std::sqrt(of_angle) * 180 / kPi
+                                                                         : kInfinity);
+      report_.turn_sigma_deg.push_back(std::sqrt(VarianceOf(against_camera)) * 180 / kPi);
+      const bool has_prior = of_priors.size() > 0 && of_angle > 0;
+      report_.angle_prior_share.push_back(has_prior ? VarianceBy(weights, of_priors) / of_angle : 0);
+    }
+  }
+
+  void FillAxisOfFreePoses() {
+    const MatrixXd of_axis = AxisOfFreePoses(problem_, system_, index_of_, observability_.num_parameters);
+    const Eigen::Matrix2d pull = CovarianceByPull(observability_, of_axis);
+    report_.axis_direction_sigma_deg = 0;
+    for (const Eigen::MatrixXd* covariance : of_photos_) {
+      const Eigen::Matrix2d axis = of_axis.transpose() * *covariance * of_axis;
+      report_.axis_direction_sigma_deg =
+          std::max(report_.axis_direction_sigma_deg, WorstSigma(axis + pull) * 180 / kPi);
+    }
+  }
+
+  void FillAxisAndScale() {
+    if (!system_.blocks()[system_.AxisBlock()].used) return;
+    // What of all parameters is the axis: four columns, of zeros where one is held.
+    MatrixXd of_axis = MatrixXd::Zero(observability_.num_parameters, 4);
+    for (int k = 0; k < 4; ++k) {
+      const auto found = index_of_.find({system_.AxisBlock(), k});
+      if (found != index_of_.end()) of_axis(found->second, k) = 1;
+    }
+    const Eigen::Matrix2d direction_pull = CovarianceByPull(observability_, of_axis.leftCols<2>());
+    const Eigen::Matrix2d point_pull = CovarianceByPull(observability_, of_axis.rightCols<2>());
+    report_.axis_direction_sigma_deg = report_.axis_point_sigma = 0;
+    for (const Eigen::MatrixXd* covariance : of_all_) {
+      Eigen::Matrix4d axis = of_axis.transpose() * *covariance * of_axis;
+      axis.topLeftCorner<2, 2>() += direction_pull;
+      axis.bottomRightCorner<2, 2>() += point_pull;
+      report_.axis_direction_sigma_deg =
+          std::max(report_.axis_direction_sigma_deg, WorstSigma(axis.topLeftCorner<2, 2>()) * 180 / kPi);
+      report_.axis_point_sigma =
+          std::max(report_.axis_point_sigma, WorstSigma(axis.bottomRightCorner<2, 2>()));
+    }
+    report_.scale_sigma_rel = ScaleSigmaRel(problem_, system_, observability_, of_all_, index_of_);
+  }
+
+ private:
+  // Of a parameter that photos share.
+  double VarianceOfShared(int parameter) const {
     double largest = 0;
-    for (const Eigen::MatrixXd* covariance : covariances)
-      largest = std::max(largest, (*covariance)(found->second, found->second));
-    return largest +
-           VarianceByPull(observability, VectorXd::Unit(observability.num_parameters, found->second));
-  };
-  const Eigen::MatrixXd& of_priors = observability.prior_covariance;
-  for (size_t c = 0; c < problem.cameras.size(); ++c) {
-    const int block = system.IntrinsicsBlock(static_cast<int>(c));
-    const double of_focal = variance(block, 0);
-    report->focal_sigma_px.push_back(std::sqrt(of_focal));
-    const auto found = index_of.find({block, 0});
-    const bool has_prior = of_priors.size() > 0 && found != index_of.end() && of_focal > 0;
-    report->focal_prior_share.push_back(has_prior ? of_priors(found->second, found->second) / of_focal : 0);
+    for (const Eigen::MatrixXd* covariance : of_all_)
+      largest = std::max(largest, (*covariance)(parameter, parameter));
+    return largest + VarianceByPull(observability_, VectorXd::Unit(observability_.num_parameters, parameter));
   }
-  // Of a sum of parameters, each times its weight.
-  using Weights = std::vector<std::pair<std::pair<int, int>, double>>;
-  const auto variance_by = [&](const Weights& weights, const Eigen::MatrixXd& covariance) {
+
+  double VarianceBy(const Weights& weights, const Eigen::MatrixXd& covariance) const {
     double sum = 0;
     for (const auto& [a, weight_a] : weights) {
       for (const auto& [b, weight_b] : weights) {
-        const auto first = index_of.find(a);
-        const auto second = index_of.find(b);
-        if (first == index_of.end() || second == index_of.end()) continue;
+        const auto first = index_of_.find(a);
+        const auto second = index_of_.find(b);
+        if (first == index_of_.end() || second == index_of_.end()) continue;
         sum += weight_a * weight_b * covariance(first->second, second->second);
       }
     }
     return sum;
-  };
-  const auto variance_of = [&](const Weights& weights) {
+  }
+
+  double VarianceOf(const Weights& weights) const {
     double largest = 0;
-    for (const Eigen::MatrixXd* covariance : of_photos)
-      largest = std::max(largest, variance_by(weights, *covariance));
-    VectorXd of_all = VectorXd::Zero(observability.num_parameters);
+    for (const Eigen::MatrixXd* covariance : of_photos_)
+      largest = std::max(largest, VarianceBy(weights, *covariance));
+    VectorXd of_all = VectorXd::Zero(observability_.num_parameters);
     for (const auto& [parameter, weight] : weights) {
-      const auto found = index_of.find(parameter);
-      if (found != index_of.end()) of_all(found->second) += weight;
+      const auto found = index_of_.find(parameter);
+      if (found != index_of_.end()) of_all(found->second) += weight;
     }
-    if (IsUntold(observability, of_all)) return kInfinity;
-    return largest + VarianceByPull(observability, of_all);
-  };
-  const Vector3d axis_direction = problem.AxisDirection();
-  // A camera's rotation is exp(w) R.
-  const auto add_turn_of_camera = [&](int pose, Weights* weights) {
-    const Vector3d in_camera = problem.cam_from_world[static_cast<size_t>(pose)].rotation * axis_direction;
-    for (int k = 0; k < 3; ++k) weights->push_back({{system.PoseBlock(pose), k}, in_camera(k)});
-  };
-  std::vector<int> images_of_pose(problem.cam_from_world.size(), 0);
-  for (const JointImage& image : problem.images) ++images_of_pose[static_cast<size_t>(image.pose)];
-  const bool has_background =
-      std::any_of(problem.background.observations.begin(), problem.background.observations.end(),
-                  [](const JointObservation& observation) { return observation.active; });
-  for (size_t i = 0; i < problem.images.size(); ++i) {
-    const int pose = problem.images[i].pose;
-    const int own = problem.free_object ? system.ObjectPoseBlock(static_cast<int>(i))
-                                        : system.AngleBlock(static_cast<int>(i));
-    if (!system.blocks()[own].used) {  // no keypoint is left
-      report->angle_sigma_deg.push_back(kInfinity);
-      report->turn_sigma_deg.push_back(kInfinity);
-      report->angle_prior_share.push_back(0);
-      continue;
-    }
+    if (IsUntold(observability_, of_all)) return kInfinity;
+    return largest + VarianceByPull(observability_, of_all);
+  }
+
+  // About the axis, in the world: its angle, or of a pose of its own, whose rotation is exp(w) R.
+  Weights TurnOfObject(int own) const {
+    if (!problem_.free_object) return {{{own, 0}, 1.0}};
+    const Vector3d axis_direction = problem_.AxisDirection();
     Weights weights;
-    if (problem.free_object) {
-      // The object's rotation is exp(w) R: about the axis, in the world.
-      for (int k = 0; k < 3; ++k) weights.push_back({{own, k}, axis_direction(k)});
-    } else {
-      weights.push_back({{own, 0}, 1.0});
-    }
-    Weights against_camera = weights;
-    add_turn_of_camera(pose, &against_camera);
-    // A camera of its own whose turn about the axis nothing tells: that of the object against it.
-    const bool is_alone =
-        !problem.free_object && !has_background && images_of_pose[static_cast<size_t>(pose)] == 1;
-    if (is_alone) weights = against_camera;
-    const double of_angle = variance_of(weights);
-    // What a prior says of the angles inside a station, it says as well where nothing ties the station.
-    report->angle_sigma_deg.push_back(system.IsTied(pose) || is_alone ? std::sqrt(of_angle) * 180 / kPi
-                                                                      : kInfinity);
-    report->turn_sigma_deg.push_back(std::sqrt(variance_of(against_camera)) * 180 / kPi);
-    const bool has_prior = of_priors.size() > 0 && of_angle > 0;
-    report->angle_prior_share.push_back(has_prior ? variance_by(weights, of_priors) / of_angle : 0);
+    for (int k = 0; k < 3; ++k) weights.push_back({{own, k}, axis_direction(k)});
+    return weights;
   }
+
+  // A camera's rotation is exp(w) R.
+  Weights AgainstCamera(Weights weights, int pose) const {
+    const Vector3d in_camera =
+        problem_.cam_from_world[static_cast<size_t>(pose)].rotation * problem_.AxisDirection();
+    for (int k = 0; k < 3; ++k) weights.push_back({{system_.PoseBlock(pose), k}, in_camera(k)});
+    return weights;
+  }
+
+  const JointProblem& problem_;
+  const Observability& observability_;
+  JointSystem system_;
+  ParameterIndex index_of_;
+  Covariances of_photos_;
+  Covariances of_all_;  // those of rings beside them
+  JointReport& report_;
+};
+
+}  // namespace
+
+void FillSigmas(const JointProblem& problem, const JointOptions& options, JointReport* report) {
+  if (!report->observability.computed) return;
+  SigmaReport sigmas(problem, options, report);
+  sigmas.FillFocalLengths();
+  sigmas.FillAngles();
   if (problem.free_object) {
-    const MatrixXd of_axis = AxisOfFreePoses(problem, system, index_of, observability.num_parameters);
-    const Eigen::Matrix2d pull = CovarianceByPull(observability, of_axis);
-    report->axis_direction_sigma_deg = 0;
-    for (const Eigen::MatrixXd* covariance : of_photos) {
-      const Eigen::Matrix2d axis = of_axis.transpose() * *covariance * of_axis;
-      report->axis_direction_sigma_deg =
-          std::max(report->axis_direction_sigma_deg, WorstSigma(axis + pull) * 180 / kPi);
-    }
-    return;
+    sigmas.FillAxisOfFreePoses();
+  } else {
+    sigmas.FillAxisAndScale();
   }
-  if (!system.blocks()[system.AxisBlock()].used) return;
-  // What of all parameters is the axis: four columns, of zeros where one is held.
-  MatrixXd of_axis = MatrixXd::Zero(observability.num_parameters, 4);
-  for (int k = 0; k < 4; ++k) {
-    const auto found = index_of.find({system.AxisBlock(), k});
-    if (found != index_of.end()) of_axis(found->second, k) = 1;
-  }
-  const Eigen::Matrix2d direction_pull = CovarianceByPull(observability, of_axis.leftCols<2>());
-  const Eigen::Matrix2d point_pull = CovarianceByPull(observability, of_axis.rightCols<2>());
-  report->axis_direction_sigma_deg = report->axis_point_sigma = 0;
-  for (const Eigen::MatrixXd* covariance : covariances) {
-    Eigen::Matrix4d axis = of_axis.transpose() * *covariance * of_axis;
-    axis.topLeftCorner<2, 2>() += direction_pull;
-    axis.bottomRightCorner<2, 2>() += point_pull;
-    report->axis_direction_sigma_deg =
-        std::max(report->axis_direction_sigma_deg, WorstSigma(axis.topLeftCorner<2, 2>()) * 180 / kPi);
-    report->axis_point_sigma = std::max(report->axis_point_sigma, WorstSigma(axis.bottomRightCorner<2, 2>()));
-  }
-  report->scale_sigma_rel = ScaleSigmaRel(problem, system, observability, covariances, index_of);
 }
 
 }  // namespace s2gs

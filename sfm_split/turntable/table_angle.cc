@@ -22,56 +22,102 @@ using Eigen::Vector3d;
 constexpr double kDistinctAngles = 5 * kDegree;  // farther apart are two answers
 constexpr size_t kMaxProposals = 250;  // points or matches, evenly chosen, each of which proposes angles
 
-}  // namespace
+// Keypoints of points of the object, in a photo of a camera whose place is known.
+class PointsOnTurn {
+ public:
+  PointsOnTurn(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
+               const std::vector<PointInImage>& points, double max_error_px)
+      : camera_(camera),
+        cam_from_world_(cam_from_world),
+        axis_(axis),
+        points_(points),
+        max_error_px_(max_error_px) {}
 
-TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
-                            const std::vector<PointInImage>& points, double max_error_px, int min_inliers) {
-  const Vector3d centre = CameraCentre(cam_from_world);
-  const auto turned = [&](const Matrix3d& turn, const Vector3d& x) -> Vector3d {
-    return axis.point + turn * (x - axis.point);
-  };
-  const auto support = [&](double angle, int* inliers) {
-    const Matrix3d turn = RotationAbout<double>(axis.direction, angle);
+  // By how many agree with an angle, and how well.
+  double Support(double angle, int* inliers) const {
+    const Matrix3d turn = RotationAbout<double>(axis_.direction, angle);
     double score = 0;
     int count = 0;
-    for (const PointInImage& point : points) {
+    for (const PointInImage& point : points_) {
       Vector2d xy;
-      if (!ProjectWithJacobians(camera.model, camera.params.data(),
-                                cam_from_world * turned(turn, point.x_in_object), &xy, nullptr, nullptr)) {
+      const Vector3d x_in_world = axis_.point + turn * (point.x_in_object - axis_.point);
+      if (!ProjectWithJacobians(camera_.model, camera_.params.data(), cam_from_world_ * x_in_world, &xy,
+                                nullptr, nullptr)) {
         continue;
       }
-      const double gain = 1 - (xy - point.xy).squaredNorm() / (max_error_px * max_error_px);
+      const double gain = 1 - (xy - point.xy).squaredNorm() / (max_error_px_ * max_error_px_);
       if (!(gain > 0)) continue;
       score += gain;
       ++count;
     }
     if (inliers != nullptr) *inliers = count;
     return score;
-  };
+  }
 
-  // Evenly over the points.
-  const size_t stride = std::max<size_t>(1, points.size() / kMaxProposals);
-  std::vector<std::pair<double, double>> votes;  // support, angle
-  for (size_t k = 0; k < points.size(); k += stride) {
-    const std::optional<Vector3d> ray = UnprojectFromImage(camera, points[k].xy);
-    if (!ray) continue;
-    const Vector3d direction = (cam_from_world.rotation.conjugate() * *ray).normalized();
-    const Vector3d from_axis = points[k].x_in_object - axis.point;
-    const double height = axis.direction.dot(from_axis);
-    const Vector3d e1 = from_axis - height * axis.direction;
-    const Vector3d e2 = axis.direction.cross(e1);
-    const Vector3d foot = axis.point + height * axis.direction - centre;
+  // The angle at which a point passes its ray most closely; nothing where it passes by far, or along it.
+  std::optional<double> AngleOf(const PointInImage& point) const {
+    const std::optional<Vector3d> ray = UnprojectFromImage(camera_, point.xy);
+    if (!ray) return std::nullopt;
+    const Vector3d direction = (cam_from_world_.rotation.conjugate() * *ray).normalized();
+    const Vector3d from_axis = point.x_in_object - axis_.point;
+    const double height = axis_.direction.dot(from_axis);
+    const Vector3d e1 = from_axis - height * axis_.direction;
+    const Vector3d e2 = axis_.direction.cross(e1);
+    const Vector3d foot = axis_.point + height * axis_.direction - CameraCentre(cam_from_world_);
     // Across the ray: foot + cos e1 + sin e2 = 0.
     const Vector3d q1 = direction.unitOrthogonal();
     const Vector3d q2 = direction.cross(q1);
     Eigen::Matrix2d matrix;
     matrix << q1.dot(e1), q1.dot(e2), q2.dot(e1), q2.dot(e2);
-    if (std::abs(matrix.determinant()) < 0.02 * e1.squaredNorm()) continue;
+    if (std::abs(matrix.determinant()) < 0.02 * e1.squaredNorm()) return std::nullopt;
     const Vector2d cos_sin = matrix.inverse() * -Vector2d(q1.dot(foot), q2.dot(foot));
     const double radius = cos_sin.norm();
-    if (!(radius > 0.7 && radius < 1.4)) continue;  // its circle passes the ray by far
-    const double angle = std::atan2(cos_sin.y(), cos_sin.x());
-    votes.emplace_back(support(angle, nullptr), angle);
+    if (!(radius > 0.7 && radius < 1.4)) return std::nullopt;  // its circle passes the ray by far
+    return std::atan2(cos_sin.y(), cos_sin.x());
+  }
+
+  // One step of weighted least squares; 0 where nothing agrees.
+  double StepFrom(double angle) const {
+    const Matrix3d turn = RotationAbout<double>(axis_.direction, angle);
+    double normal = 0;
+    double right = 0;
+    for (const PointInImage& point : points_) {
+      Vector2d xy;
+      Eigen::Matrix<double, 2, 3> by_cam;
+      const Vector3d from_axis = turn * (point.x_in_object - axis_.point);
+      if (!ProjectWithJacobians(camera_.model, camera_.params.data(),
+                                cam_from_world_ * (axis_.point + from_axis), &xy, &by_cam, nullptr)) {
+        continue;
+      }
+      const Vector2d residual = xy - point.xy;
+      const double gain = 1 - residual.squaredNorm() / (max_error_px_ * max_error_px_);
+      if (!(gain > 0)) continue;
+      const Vector2d by_angle = by_cam * (cam_from_world_.rotation * axis_.direction.cross(from_axis));
+      normal += gain * gain * by_angle.squaredNorm();
+      right -= gain * gain * by_angle.dot(residual);
+    }
+    return normal > 0 ? right / normal : 0;
+  }
+
+ private:
+  const Camera& camera_;
+  const Rigid3& cam_from_world_;
+  const TurntableAxis& axis_;
+  const std::vector<PointInImage>& points_;
+  double max_error_px_;
+};
+
+}  // namespace
+
+TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, const TurntableAxis& axis,
+                            const std::vector<PointInImage>& points, double max_error_px, int min_inliers) {
+  const PointsOnTurn on_turn(camera, cam_from_world, axis, points, max_error_px);
+  // Evenly over the points.
+  const size_t stride = std::max<size_t>(1, points.size() / kMaxProposals);
+  std::vector<std::pair<double, double>> votes;  // support, angle
+  for (size_t k = 0; k < points.size(); k += stride) {
+    if (const std::optional<double> angle = on_turn.AngleOf(points[k]))
+      votes.emplace_back(on_turn.Support(*angle, nullptr), *angle);
   }
   TableAngleFit fit;
   if (votes.empty()) return fit;
@@ -83,32 +129,14 @@ TableAngleFit FitTableAngle(const Camera& camera, const Rigid3& cam_from_world, 
     if (std::abs(WrapAngle(candidate - angle)) > kDistinctAngles) other = std::max(other, score);
   }
   for (int iteration = 0; iteration < 10; ++iteration) {
-    const Matrix3d turn = RotationAbout<double>(axis.direction, angle);
-    double normal = 0;
-    double right = 0;
-    for (const PointInImage& point : points) {
-      Vector2d xy;
-      Eigen::Matrix<double, 2, 3> by_cam;
-      const Vector3d from_axis = turn * (point.x_in_object - axis.point);
-      if (!ProjectWithJacobians(camera.model, camera.params.data(), cam_from_world * (axis.point + from_axis),
-                                &xy, &by_cam, nullptr)) {
-        continue;
-      }
-      const Vector2d residual = xy - point.xy;
-      const double gain = 1 - residual.squaredNorm() / (max_error_px * max_error_px);
-      if (!(gain > 0)) continue;
-      const Vector2d by_angle = by_cam * (cam_from_world.rotation * axis.direction.cross(from_axis));
-      normal += gain * gain * by_angle.squaredNorm();
-      right -= gain * gain * by_angle.dot(residual);
-    }
-    if (!(normal > 0)) break;
-    const double score = support(angle + right / normal, nullptr);
+    const double step = on_turn.StepFrom(angle);
+    const double score = on_turn.Support(angle + step, nullptr);
     if (score < best) break;
     best = score;
-    angle += right / normal;
-    if (std::abs(right / normal) < 1e-12) break;
+    angle += step;
+    if (std::abs(step) < 1e-12) break;
   }
-  best = support(angle, &fit.inliers);
+  best = on_turn.Support(angle, &fit.inliers);
   fit.support = best;
   fit.angle_rad = WrapAngle(angle);
   fit.margin = other > 0 ? best / other : std::numeric_limits<double>::infinity();
