@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "mesh/refine/vertex_visibility.h"
@@ -40,6 +41,7 @@ struct SeenParts {
   int height = 0;
   std::vector<uint8_t> grey;
   std::vector<int> part;         // nearest at the pixel
+  std::vector<int32_t> spot;     // its vertex there; negative: none
   std::vector<uint8_t> covered;  // something of the mesh is at most kMargin away
   std::vector<uint8_t> alone;    // and no other part is
   double gain = 1;
@@ -79,8 +81,11 @@ SeenParts See(const RefinementPhotoSource& photos, int index, const TriangleMesh
   std::vector<int32_t> triangles;
   RenderMeshDepth(mesh, view, &triangles);
   seen.part.resize(triangles.size());
-  for (size_t i = 0; i < triangles.size(); ++i)
+  seen.spot.assign(triangles.size(), kNothing);
+  for (size_t i = 0; i < triangles.size(); ++i) {
     seen.part[i] = triangles[i] < 0 ? kNothing : part_of_triangle[triangles[i]];
+    if (triangles[i] >= 0) seen.spot[i] = static_cast<int32_t>(mesh.triangles[triangles[i]][0]);
+  }
   PixelMask mesh_mask = {seen.width, seen.height, {}};
   for (const int part : seen.part) mesh_mask.inside.push_back(part == kNothing ? 0 : 1);
   seen.covered = Widened(mesh_mask, kMargin).inside;
@@ -117,6 +122,32 @@ void FindGains(std::vector<SeenParts>* photos) {
   }
 }
 
+// How bright the parts' spots are, by all photos of one camera, brought to one exposure.
+class SpotBrightness {
+ public:
+  SpotBrightness(const std::vector<SeenParts>& photos, size_t num_spots)
+      : sums_(num_spots), nums_(num_spots) {
+    for (const SeenParts& photo : photos) {
+      for (size_t at = 0; at < photo.spot.size(); ++at) {
+        if (photo.alone[at] == 0) continue;
+        sums_[photo.spot[at]] += photo.gain * photo.grey[at];
+        ++nums_[photo.spot[at]];
+      }
+    }
+  }
+
+  // Without what this pixel of a photo shows; nothing where no other shows the spot.
+  std::optional<double> ByOthers(const SeenParts& photo, size_t at) const {
+    const int32_t spot = photo.spot[at];
+    if (nums_[spot] < 2) return std::nullopt;
+    return (sums_[spot] - photo.gain * photo.grey[at]) / (nums_[spot] - 1);
+  }
+
+ private:
+  std::vector<double> sums_;
+  std::vector<int> nums_;
+};
+
 // What a photo's pixels say of a part.
 struct PixelCount {
   int known = 0;
@@ -124,8 +155,11 @@ struct PixelCount {
   double chance = 0;
 };
 
-// One camera's photos vote.
-void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vector<BackgroundVotes>* votes) {
+// One camera's photos vote. A part that is as bright as the background looks the same whether it is there or
+// not: asked is where it would differ, as bright as the other photos show it. \param num_spots  vertices.
+void CountVotes(const std::vector<SeenParts>& photos, size_t num_spots, int num_threads,
+                std::vector<BackgroundVotes>* votes) {
+  const SpotBrightness brightness(photos, num_spots);
   const SeenParts& first = photos.front();
   const size_t num_parts = votes->size();
   using Counts = std::vector<PixelCount>;  // by photo and part
@@ -147,6 +181,8 @@ void CountVotes(const std::vector<SeenParts>& photos, int num_threads, std::vect
       for (size_t k = 0; k < photos.size(); ++k) {
         const SeenParts& photo = photos[k];
         if (photo.alone[at] == 0) continue;
+        const std::optional<double> own = brightness.ByOthers(photo, at);
+        if (!own || std::abs(*own - median) <= range.most) continue;
         PixelCount& pixels = counts[k * num_parts + photo.part[at]];
         ++pixels.known;
         pixels.differ += std::abs(photo.gain * photo.grey[at] - median) > range.most ? 1 : 0;
@@ -272,7 +308,7 @@ std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
     });
     if (!is_one_size) continue;
     FindGains(&photos);
-    CountVotes(photos, num_threads_, &votes);
+    CountVotes(photos, mesh.vertices.size(), num_threads_, &votes);
   }
   const std::vector<PartSight> decided = Decide(votes, candidates.largest);
   for (size_t i = 0; i < decided.size(); ++i) sights[candidates.part[i]] = decided[i];

@@ -35,17 +35,19 @@ struct Parts {
 };
 
 // Photos of plain clay before a pattern that stands still, of a camera that does, too; each photo has an
-// exposure of its own.
+// exposure of its own. \param brightness  of triangles; empty: all are clay. Of the pattern's blocks two in
+// three are as bright as the last.
 class ClayPhotos : public RefinementPhotoSource {
  public:
-  ClayPhotos(const TriangleMesh& clay, int count, bool is_background_clay = false) {
+  ClayPhotos(const TriangleMesh& clay, int count, bool is_background_clay = false,
+             const std::vector<int>& brightness = {}) {
     std::mt19937 random(1);
     const auto uniform = [&](int low, int high) {
       return std::uniform_int_distribution<>(low, high)(random);
     };
     std::vector<int> background(static_cast<size_t>(kSide) * kSide, kClay);
     for (int block = 0; !is_background_clay && block < kSide / 8 * (kSide / 8); ++block) {
-      const int value = uniform(20, 200);
+      const int value = !brightness.empty() && block % 3 > 0 ? brightness.back() : uniform(20, 200);
       for (int y = 0; y < 8; ++y) {
         for (int x = 0; x < 8; ++x)
           background[(block / (kSide / 8) * 8 + y) * kSide + block % (kSide / 8) * 8 + x] = value;
@@ -58,7 +60,8 @@ class ClayPhotos : public RefinementPhotoSource {
       Image8 photo{kSide, kSide, 1, {}};
       const double gain = 1 + 0.2 * std::sin(5.0 * i);
       for (size_t at = 0; at < triangles.size(); ++at) {
-        const int value = triangles[at] >= 0 ? kClay : background[at];
+        const int of_clay = brightness.empty() || triangles[at] < 0 ? kClay : brightness[triangles[at]];
+        const int value = triangles[at] >= 0 ? of_clay : background[at];
         photo.pixels.push_back(static_cast<uint8_t>(std::clamp(gain * value + uniform(-2, 2), 0.0, 255.0)));
       }
       photos_.push_back(std::move(photo));
@@ -130,6 +133,17 @@ TEST(PartsBeforeBackground, AreUnknownWhereNothingTells) {
   const std::vector<PartSight> unknown(3, PartSight::kUnknown);
   EXPECT_EQ(Judge(ClayPhotos(clay.mesh, 12, true), parts, 0), unknown);
   EXPECT_EQ(Judge(ClayPhotos(clay.mesh, 7), parts, 0), unknown);
+}
+
+// Before most of its background a body looks as if nothing were there; it is told by the rest.
+TEST(PartsBeforeBackground, AreThereThoughMostOfTheBackgroundIsAsBright) {
+  Parts clay;
+  clay.Add(0.5, {0.15F, 0, 0});
+  clay.Add(0.2, {0.8F, 0, 0.2F});
+  std::vector<int> brightness;
+  for (const int part : clay.of_triangle) brightness.push_back(part == 0 ? 250 : 110);
+  const ClayPhotos photos(clay.mesh, 24, false, brightness);
+  EXPECT_EQ(Judge(photos, clay, 0), (std::vector<PartSight>{PartSight::kUnknown, PartSight::kThere}));
 }
 
 TEST(PartsBeforeBackground, CostNothingWhereThereIsNothingToJudge) {
