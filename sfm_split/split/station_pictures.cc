@@ -103,6 +103,15 @@ class WhatStays {
     }
   }
 
+  // Per tile: whether it is found elsewhere or not at all in most photos.
+  std::vector<char> PassingTiles() const {
+    std::vector<char> is_passing;
+    is_passing.reserve(num_found_.size());
+    for (size_t t = 0; t < num_found_.size(); ++t)
+      is_passing.push_back(num_found_[t] - num_elsewhere_[t] < needed_ ? 1 : 0);
+    return is_passing;
+  }
+
   // Of a comparison with the same standard: whether much of what stays lies elsewhere.
   bool HasMovedIn(const PictureComparison& comparison) const {
     int num_moved = 0;
@@ -137,6 +146,29 @@ void LeaveOutMoved(const std::vector<PictureComparison>& comparisons, std::vecto
                  members->end());
 }
 
+// A body that is much the same from all around, beside the axis, goes to and fro, and is found in one photo
+// as in the others: where it speaks for a photo's motion, that is looked for by what stays alone.
+void CompareWithoutPassing(const PictureStandard& standard, const std::vector<GreyPicture>& pictures,
+                           const std::vector<int>& images, const std::vector<int>& members,
+                           std::vector<PictureComparison>* comparisons) {
+  if (members.size() < kMinPersistencePhotos) return;
+  const std::vector<char> is_passing = WhatStays(*comparisons, members).PassingTiles();
+  ParallelFor(static_cast<int64_t>(members.size()), 0, [&](int64_t k) {
+    PictureComparison& comparison = (*comparisons)[members[k]];
+    bool is_of_passing = false;
+    for (size_t t = 0; t < is_passing.size(); ++t)
+      is_of_passing |= is_passing[t] != 0 && comparison.tiles[t].agrees;
+    if (!is_of_passing || comparison.second_from_first.isIdentity()) return;
+    const PictureComparison without = standard.CompareWith(pictures[images[members[k]]], is_passing);
+    if (without.verdict != Verdict::kStill) return;
+    comparison.second_from_first = without.second_from_first;
+    comparison.log_chance = without.log_chance;
+    // What lies elsewhere still says whether the tripod stood elsewhere.
+    for (TileMatch& tile : comparison.tiles)
+      tile.agrees = IsSeen(tile) && Residual(comparison.second_from_first, tile).norm() <= Bound(tile);
+  });
+}
+
 // Takes photos in that show what the others show without what turns: one of them, which the rest were
 // compared with, has its share of the thing before the wall, and of a plain wall's few tiles that is many.
 // \param still   pictures in the standard's frame, those of members apart. \param images  those that were
@@ -161,6 +193,7 @@ void TakeInByMedian(const std::vector<GreyPicture>& pictures, std::vector<const 
     std::vector<PictureComparison> anew(images.size());
     ParallelFor(static_cast<int64_t>(images.size()), 0,
                 [&](int64_t i) { anew[i] = median.CompareWith(pictures[images[i]]); });
+    CompareWithoutPassing(median, pictures, images, *members, &anew);
     const WhatStays stays(anew, *members);
     for (size_t i = 0; i < images.size(); ++i) {
       // The members', too: a median tells their shake better than one photo did, and so the next median.
@@ -451,6 +484,7 @@ PictureStations FindPictureStations(const std::vector<GreyPicture>& pictures, co
                 [&](int64_t i) { comparisons[i] = standard.CompareWith(pictures[left[i]]); });
     CompareByWhatStays(standard, pictures, left, &comparisons);
     std::vector<int> members = StillAmong(comparisons);
+    CompareWithoutPassing(standard, pictures, left, members, &comparisons);
     LeaveOutMoved(comparisons, &members);
     TakeInByMedian(pictures, {&picture}, left, options, false, &comparisons, &members);
     result.station_of_image[first] = num_stations;

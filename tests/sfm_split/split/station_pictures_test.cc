@@ -534,5 +534,47 @@ TEST(FindChanges, SeesNothingWhereNothingTurns) {
   EXPECT_EQ(changes.MedianActiveShare(), 0);
 }
 
+// A body's form [grey values], smooth and seen alike from all around.
+cv::Mat Form() {
+  cv::Mat form(kHeight + 100, kWidth + 100, CV_32F);
+  cv::RNG random(2);
+  random.fill(form, cv::RNG::NORMAL, 0, 1);
+  cv::GaussianBlur(form, form, {0, 0}, 6);
+  cv::Scalar mean;
+  cv::Scalar deviation;
+  cv::meanStdDev(form, mean, deviation);
+  return 30 / deviation[0] * form;
+}
+
+// Before a wall of which little has structure a body beside the axis, which goes to and fro. What is painted
+// on it is seen from every side another, and from three sides hardly.
+TEST(FindPictureStations, ABodyThatLooksAlikeFromAllAroundIsNoShake) {
+  const cv::Mat wall = Texture(1, 10);
+  const cv::Mat form = Form();
+  std::vector<GreyPicture> pictures;
+  for (int k = 0; k < 24; ++k) {
+    const cv::Mat body = form + Texture(10 + k, k % 8 == 5 ? 2 : 12);
+    cv::Mat picture(kHeight, kWidth, CV_32F, cv::Scalar(110));
+    for (const int x : {0, kWidth - 72}) {
+      const cv::Rect place(x, 0, 72, 76);
+      wall(place).copyTo(picture(place));
+    }
+    const auto moved = static_cast<float>(6 * std::sin(2 * CV_PI * k / 24));
+    const cv::Matx23f map(1, 0, moved - 50, 0, 1, -50);
+    cv::Mat shown;
+    cv::warpAffine(body, shown, map, {kWidth, kHeight}, cv::INTER_CUBIC);
+    const cv::Rect front(120 + cvRound(moved), 40, 160, 240);
+    shown(front).copyTo(picture(front));
+    pictures.push_back(Finish(picture, 95));
+  }
+  Reporter reporter;
+  const PictureStations stations = FindPictureStations(pictures, {}, reporter);
+  EXPECT_EQ(stations.station_of_image, std::vector<int>(24, 0));
+  for (const Eigen::Matrix3d& H : stations.photo_from_first) {
+    const Eigen::Vector2d middle(0.5 * kWidth, 0.5 * kHeight);
+    EXPECT_LT(((H * middle.homogeneous()).hnormalized() - middle).norm(), 0.2);
+  }
+}
+
 }  // namespace
 }  // namespace s2gs
