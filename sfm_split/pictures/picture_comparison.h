@@ -43,7 +43,7 @@ struct PictureComparison {
   int num_cells = 0;                    ///< of an 8 x 8 grid over the picture that agreeing tiles lie in.
   double log_chance = 0;                ///< logarithm of how likely chance makes as many agree.
   /// Where the second picture shows a pixel of the first one's background: shake of the tripod. The simplest
-  /// that explains the tiles (FitTileMotion, FitCameraTurn). [px of the pictures]
+  /// that explains the tiles: the identity, a shift, an affine map or a homography. [px of the pictures]
   Eigen::Matrix3d second_from_first = Eigen::Matrix3d::Identity();
 };
 

@@ -30,6 +30,31 @@ bool IsSeen(const TileMatch& tile) { return tile.is_found || (tile.is_edge && ti
 
 namespace {
 
+// Number of parameters of the camera's motion in pictures: none, a shift, an affine map, a homography.
+constexpr std::array<int, 4> kModels = {0, 2, 6, 8};
+
+// The motion's effect is linear in its parameters: d = a + A x + x' (c . x), in units of the picture's side.
+Eigen::Matrix<double, 2, 8> Design(const Eigen::Vector2d& x, const Eigen::Vector2d& moved) {
+  Eigen::Matrix<double, 2, 8> design;
+  design << 1, 0, x.x(), x.y(), 0, 0, moved.x() * x.x(), moved.x() * x.y(),  //
+      0, 1, 0, 0, x.x(), x.y(), moved.y() * x.x(), moved.y() * x.y();
+  return design;
+}
+
+struct Motion {
+  Eigen::Vector2d centre = Eigen::Vector2d::Zero();
+  double unit = 1;
+  Eigen::Matrix<double, 8, 1> p = Eigen::Matrix<double, 8, 1>::Zero();
+
+  Eigen::Matrix3d Homography() const {
+    Eigen::Matrix3d H;
+    H << 1 + p[2], p[3], p[0], p[4], 1 + p[5], p[1], -p[6], -p[7], 1;
+    Eigen::Matrix3d normalise;
+    normalise << 1 / unit, 0, -centre.x() / unit, 0, 1 / unit, -centre.y() / unit, 0, 0, 1;
+    return normalise.inverse() * H * normalise;
+  }
+};
+
 std::vector<const TileMatch*> Inliers(const Eigen::Matrix3d& H, const std::vector<const TileMatch*>& found,
                                       double bound_px) {
   std::vector<const TileMatch*> inliers;
@@ -39,13 +64,30 @@ std::vector<const TileMatch*> Inliers(const Eigen::Matrix3d& H, const std::vecto
   return inliers;
 }
 
-template <typename Is>
-std::vector<const TileMatch*> TilesThat(const Is& is, const std::vector<TileMatch>& tiles) {
-  std::vector<const TileMatch*> result;
-  for (const TileMatch& tile : tiles) {
-    if (is(tile)) result.push_back(&tile);
+bool Fit(const std::vector<const TileMatch*>& tiles, int num_parameters, Motion* motion) {
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(num_parameters, num_parameters);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(num_parameters);
+  for (const TileMatch* tile : tiles) {
+    const Eigen::Vector2d x = (tile->centre - motion->centre) / motion->unit;
+    const Eigen::Vector2d d = tile->displacement / motion->unit;
+    const Eigen::MatrixXd design = Design(x, x + d).leftCols(num_parameters);
+    const double weight = 1 / (tile->sigma_px * tile->sigma_px);
+    normal += weight * design.transpose() * design;
+    right += weight * design.transpose() * d;
   }
-  return result;
+  const Eigen::LDLT<Eigen::MatrixXd> solver(normal);
+  if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) return false;
+  motion->p.setZero();
+  motion->p.head(num_parameters) = solver.solve(right);
+  return motion->p.allFinite();
+}
+
+std::vector<const TileMatch*> SeenTiles(const std::vector<TileMatch>& tiles) {
+  std::vector<const TileMatch*> seen;
+  for (const TileMatch& tile : tiles) {
+    if (IsSeen(tile)) seen.push_back(&tile);
+  }
+  return seen;
 }
 
 // Minus twice the log-likelihood of all found tiles, with outliers' share of it bounded, and what its
@@ -76,132 +118,112 @@ Eigen::Vector2d DensestDisplacement(const std::vector<const TileMatch*>& found) 
   return best;
 }
 
-// What a camera shows that turns a little about its centre, to first order: a shift, a roll about the
-// picture's middle, the growth of all that a lens shows when it focuses anew, and, the shorter the focal
-// length the more, a lean of the shift.
+// A shift, a roll about the picture's middle and a growth [px, rad, natural logarithm].
 struct Turn {
-  Eigen::Vector2d middle;                           // [px]
-  double unit = 1;                                  // the picture's longer side [px]
-  Eigen::Vector2d shift = Eigen::Vector2d::Zero();  // [px]
-  double roll = 0;                                  // [rad]
+  Eigen::Vector2d middle;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+  double roll = 0;
   double log_zoom = 0;
-  double lean = 0;  // the square of the unit over the focal length
-
-  static constexpr int kMaxParameters = 5;
-
-  Turn(int width, int height) : middle(0.5 * width, 0.5 * height), unit(std::max(width, height)) {}
 
   Eigen::Matrix3d Homography() const {
-    const Eigen::Affine2d turned =
-        Eigen::Translation2d(middle + shift) * Eigen::Rotation2Dd(roll) * Eigen::Scaling(std::exp(log_zoom));
-    Eigen::Matrix3d leant = Eigen::Matrix3d::Identity();
-    leant.row(2).head<2>() = -lean / (unit * unit) * shift;
-    const Eigen::Affine2d from_middle(Eigen::Translation2d(-middle));
-    return turned.matrix() * leant * from_middle.matrix();
-  }
-
-  // How a point moves with shift, roll, growth and lean; `arm` is where it is from the shifted middle [px].
-  Eigen::Matrix<double, 2, kMaxParameters> Design(const Eigen::Vector2d& arm) const {
-    const Eigen::Vector2d at = arm / unit;
-    const Eigen::Vector2d leant = shift.dot(at) * at;
-    Eigen::Matrix<double, 2, kMaxParameters> design;
-    design << 1, 0, -arm.y(), arm.x(), leant.x(), 0, 1, arm.x(), arm.y(), leant.y();
-    return design;
-  }
-
-  void Add(const Eigen::VectorXd& step) {
-    shift += step.head<2>();
-    if (step.size() > 2) roll += step(2);
-    if (step.size() > 3) log_zoom += step(3);
-    if (step.size() > 4) lean += step(4);
+    const Eigen::Affine2d T = Eigen::Translation2d(middle + shift) * Eigen::Rotation2Dd(roll) *
+                              Eigen::Scaling(std::exp(log_zoom)) * Eigen::Translation2d(-middle);
+    return T.matrix();
   }
 };
 
 // The shift of a grid as fine as a residual's bound that explains most.
 Eigen::Vector2d LikeliestShift(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& from,
-                               int radius, Turn turn) {
+                               int radius) {
   Eigen::Vector2d best = Eigen::Vector2d::Zero();
   double least = Criterion(from, seen, 0);
   const int steps = static_cast<int>(std::ceil(radius / kMaxResidualPx));
   for (int y = -steps; y <= steps; ++y) {
     for (int x = -steps; x <= steps; ++x) {
-      turn.shift = kMaxResidualPx * Eigen::Vector2d(x, y);
-      const double cost = Criterion(turn.Homography() * from, seen, 2);
+      const Eigen::Vector2d d = kMaxResidualPx * Eigen::Vector2d(x, y);
+      const double cost = Criterion(Turn{{0, 0}, d, 0}.Homography() * from, seen, 2);
       if (cost < least) {
         least = cost;
-        best = turn.shift;
+        best = d;
       }
     }
   }
   return best;
 }
 
-// Of residuals that agree, beside each tile's own [px].
-using Bounds = std::array<double, 5>;
-constexpr Bounds kFalling = {1.0, 0.7, 0.5, 0.0, 0.0};
-constexpr Bounds kStrict = {0.0, 0.0, 0.0, 0.0, 0.0};
-
-// Least squares over what agrees within bounds that fall: of the shift alone (2), of the roll (3), the growth
-// (4) and the lean (5), too. False where too few agree.
-bool Refine(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& from, int num_parameters,
-            const Bounds& bounds, int least_tiles, Turn* turn) {
-  for (const double bound : bounds) {
-    const Eigen::Matrix3d H = turn->Homography() * from;
-    const std::vector<const TileMatch*> inliers = Inliers(H, seen, bound);
-    if (static_cast<int>(inliers.size()) < least_tiles) return false;
+// Least squares over what agrees within falling bounds: of the shift alone (2), of the roll (3) and the
+// growth (4), too.
+Turn Refined(const std::vector<const TileMatch*>& seen, const Eigen::Matrix3d& from, int num_parameters,
+             Turn turn) {
+  for (const double bound : {1.0, 0.7, 0.5, 0.0, 0.0}) {
+    const Eigen::Matrix3d H = turn.Homography() * from;
     Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(num_parameters, num_parameters);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(num_parameters);
-    for (const TileMatch* tile : inliers) {
-      const Eigen::Vector2d arm = tile->centre + Moved(H, *tile) - turn->middle - turn->shift;
-      const Eigen::MatrixXd told = Told(*tile) * turn->Design(arm).leftCols(num_parameters);
+    for (const TileMatch* tile : Inliers(H, seen, num_parameters > 2 ? bound : 0.0)) {
+      const Eigen::Vector2d arm = tile->centre + Moved(H, *tile) - turn.middle - turn.shift;
+      Eigen::Matrix<double, 2, 4> design;
+      design << 1, 0, -arm.y(), arm.x(), 0, 1, arm.x(), arm.y();
+      const Eigen::MatrixXd told = Told(*tile) * design.leftCols(num_parameters);
       const double weight = 1 / (tile->sigma_px * tile->sigma_px);
       normal += weight * told.transpose() * told;
       right -= weight * told.transpose() * Residual(H, *tile);
     }
     const Eigen::LDLT<Eigen::MatrixXd> solver(normal);
-    if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) return false;
-    turn->Add(solver.solve(right));
+    if (solver.info() != Eigen::Success || solver.rcond() < 1e-12) break;
+    const Eigen::VectorXd step = solver.solve(right);
+    turn.shift += step.head<2>();
+    if (num_parameters > 2) turn.roll += step(2);
+    if (num_parameters > 3) turn.log_zoom += step(3);
   }
-  return true;
+  return turn;
 }
-
-// Cameras have no shorter focal lengths than .3 widths.
-constexpr double kMaxLean = 1 / (0.3 * 0.3);
 
 }  // namespace
 
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height) {
-  const std::vector<const TileMatch*> found =
-      TilesThat([](const TileMatch& tile) { return tile.is_found; }, tiles);
+  std::vector<const TileMatch*> found;
+  for (const TileMatch& tile : tiles) {
+    if (tile.is_found) found.push_back(&tile);
+  }
   Eigen::Matrix3d chosen = Eigen::Matrix3d::Identity();
   if (found.empty()) return chosen;
-  Turn turn(width, height);
-  turn.shift = DensestDisplacement(found);
-  double least = Criterion(chosen, found, 0);
-  for (int num_parameters = 2; num_parameters <= Turn::kMaxParameters; ++num_parameters) {
-    if (!Refine(found, Eigen::Matrix3d::Identity(), num_parameters, kFalling, 2 * num_parameters, &turn))
-      break;
-    if (turn.lean < 0 || turn.lean > kMaxLean) break;
-    const Eigen::Matrix3d H = turn.Homography();
+  Motion motion;
+  motion.centre = 0.5 * Eigen::Vector2d(width, height);
+  motion.unit = std::max(width, height);
+  motion.p.head<2>() = DensestDisplacement(found) / motion.unit;
+  std::vector<const TileMatch*> inliers = Inliers(motion.Homography(), found, 1.0);
+  double best = Criterion(Eigen::Matrix3d::Identity(), found, 0);
+  for (const int num_parameters : kModels) {
+    if (num_parameters == 0 || static_cast<int>(inliers.size()) < 2 * num_parameters) continue;
+    bool fits = true;
+    for (const double bound : {1.0, 0.7, 0.5, 0.0, 0.0}) {
+      fits = fits && Fit(inliers, num_parameters, &motion);
+      if (!fits) break;
+      inliers = Inliers(motion.Homography(), found, bound);
+      fits = static_cast<int>(inliers.size()) >= 2 * num_parameters;
+    }
+    if (!fits) break;
+    const Eigen::Matrix3d H = motion.Homography();
     const double cost = Criterion(H, found, num_parameters);
-    if (cost >= least) continue;
-    least = cost;
-    chosen = H;
+    if (cost < best) {
+      best = cost;
+      chosen = H;
+    }
+    inliers = Inliers(H, found, 1.0);
   }
   return chosen;
 }
 
 CameraTurn FitCameraTurn(const std::vector<TileMatch>& tiles, const Eigen::Matrix3d& from, int radius,
                          int width, int height) {
-  const std::vector<const TileMatch*> seen = TilesThat(IsSeen, tiles);
-  Turn turn(width, height);
-  turn.shift = LikeliestShift(seen, from, radius, turn);
+  const std::vector<const TileMatch*> seen = SeenTiles(tiles);
+  Turn turn{0.5 * Eigen::Vector2d(width, height), LikeliestShift(seen, from, radius), 0};
   CameraTurn chosen{from};
   double least = Criterion(from, seen, 0);
   for (const int num_parameters : {2, 3, 4}) {
     // Less than a residual's bound is no shift: what stays is the likelier for it.
     if (num_parameters == 2 && turn.shift.isZero()) continue;
-    Refine(seen, from, num_parameters, num_parameters > 2 ? kFalling : kStrict, 0, &turn);
+    turn = Refined(seen, from, num_parameters, turn);
     if (turn.shift.cwiseAbs().maxCoeff() > radius) break;
     const Eigen::Matrix3d H = turn.Homography() * from;
     const double cost = Criterion(H, seen, num_parameters);

@@ -43,10 +43,8 @@ double Bound(const TileMatch& tile);
 /// Whether a tile or an edge was found again.
 bool IsSeen(const TileMatch& tile);
 
-/// The simplest turn of the camera about its centre that explains the tiles without edges, each model started
-/// from where the simpler one ended: none, a shift, with a roll, with the growth of all that a lens shows
-/// when it focuses anew, or with the lean that a short focal length gives a shift. What turns before the
-/// camera moves in more ways. \param width, height  of the picture [px].
+/// The simplest motion that explains the tiles without edges, each model started from where the simpler one
+/// ended: none, a shift, an affine map or a homography. \param width, height  of the picture [px].
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height);
 
 /// A camera's turn and how many numbers were chosen for it.

@@ -553,10 +553,10 @@ TEST(FindPictureStations, ABodyThatLooksAlikeFromAllAroundIsNoShake) {
   const cv::Mat form = Form();
   std::vector<GreyPicture> pictures;
   for (int k = 0; k < 24; ++k) {
-    const cv::Mat body = form + Texture(10 + k, k % 8 == 5 ? 2 : 12);
+    const cv::Mat body = form + Texture(10 + k, k % 8 == 5 ? 2 : 8);
     cv::Mat picture(kHeight, kWidth, CV_32F, cv::Scalar(110));
     for (const int x : {0, kWidth - 72}) {
-      const cv::Rect place(x, 0, 72, 76);
+      const cv::Rect place(x, 0, 72, 172);
       wall(place).copyTo(picture(place));
     }
     const auto moved = static_cast<float>(6 * std::sin(2 * CV_PI * k / 24));
