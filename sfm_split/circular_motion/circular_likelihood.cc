@@ -85,9 +85,7 @@ double AngleSigma(const CircularPriors& priors, size_t station) {
 double LogPriors(const CircularPriors& priors, const CircularState& state) {
   double sum = 0;
   for (size_t c = 0; c < state.lenses.size(); ++c) {
-    const FocalPrior& focal = priors.focal[c];
-    const double off = (state.lenses[c].log_focal - std::log(focal.focal_px)) / focal.sigma_log;
-    sum -= 0.5 * off * off;
+    sum += priors.focal[c].LogDensity(state.lenses[c].log_focal);
     if (priors.distortion_sigma > 0) {
       const double bent = (state.lenses[c].distortion - priors.distortion[c]) / priors.distortion_sigma;
       sum -= 0.5 * bent * bent;
@@ -249,7 +247,7 @@ NormalEquations Linearize(const std::vector<CircularMatches>& data, const Circul
   }
   for (size_t c = 0; c < state.lenses.size(); ++c) {
     const auto at = static_cast<Eigen::Index>(2 * c);
-    const FocalPrior& focal = priors.focal[c];
+    const FocalNormal& focal = priors.focal[c].At(state.lenses[c].log_focal);
     const double of_focal = 1 / (focal.sigma_log * focal.sigma_log);
     normal.matrix(at, at) += of_focal;
     normal.right(at) -= of_focal * (state.lenses[c].log_focal - std::log(focal.focal_px));

@@ -76,7 +76,7 @@ class Fitter {
 CircularState Fitter::BestLenses(const std::vector<const Start*>& starts, CircularSteps steps) const {
   CircularState state;
   for (size_t c = 0; c < cameras_.size(); ++c) {
-    state.lenses.push_back({std::log(priors_[c].focal_px), DistortionOf(cameras_[c])});
+    state.lenses.push_back({std::log(priors_[c].likeliest.focal_px), DistortionOf(cameras_[c])});
   }
   for (const Start* start : starts) state.turns.push_back(start->state.turns[0]);
   if (starts.size() == 1) {  // which is settled

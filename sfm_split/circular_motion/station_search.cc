@@ -169,10 +169,13 @@ std::vector<CircularStart> StartsOf(const Searched& searched, bool is_closed,
   for (const Vector2d& up : UpDirections()) {
     for (const double sense : {1.0, -1.0}) views.emplace_back(up, sense);
   }
+  // From what is stated, and from where it would be, were that wrong.
   const FocalPrior& prior = searched.priors.focal[0];
+  const FocalNormal spread = prior.otherwise.value_or(prior.likeliest);
   std::vector<CircularStart> starts;
   for (const double factor : {-1.5, 0.0, 1.5}) {
-    const double focal_px = prior.focal_px * std::exp(factor * prior.sigma_log);
+    const double focal_px =
+        factor == 0 ? prior.likeliest.focal_px : spread.focal_px * std::exp(factor * spread.sigma_log);
     for (const double elevation_deg : kElevationsDeg) {
       for (const double step : steps) {
         for (size_t view = 0; view < views.size(); ++view) {

@@ -193,8 +193,9 @@ void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& opt
     const auto num_focal = static_cast<int>(InfoOf(problem.cameras[c].model).num_focal_params);
     for (int k = 0; k < num_focal; ++k) focal.parts.push_back({block, k, 1.0 / num_focal});
     focal.of_logarithms = true;
-    focal.mean = std::log(lens.focal.focal_px);
-    focal.sigma = lens.focal.sigma_log;
+    const FocalNormal& of_focal = lens.focal.At(std::log(FocalLengths(problem.cameras[c]).mean()));
+    focal.mean = std::log(of_focal.focal_px);
+    focal.sigma = of_focal.sigma_log;
     focal.scale_px = scale_px;
     if (num_focal > 0 && is_free(block, 0)) priors_.push_back(std::move(focal));
     for (int xy = 0; xy < 2 && lens.principal; ++xy) {

@@ -33,7 +33,11 @@ std::vector<RimStart> StartsByRims(const ScanFeatures& features, const std::vect
   std::vector<RimStart> starts;
   for (const AlignedScene& scene : scenes) {
     bool is_known = true;
-    for (const Camera& camera : scene.scene.cameras) is_known &= HasPriorFocal(features, camera.camera_id);
+    for (const Camera& camera : scene.scene.cameras) {
+      const FocalPrior prior =
+          FocalPriorOf(features.cameras.at(camera.camera_id), HasPriorFocal(features, camera.camera_id));
+      is_known &= prior.IsAsStated(std::log(FocalLengths(camera).mean()));
+    }
     const int range = is_known ? 0 : kFocals;
     for (int k = -range; k <= range; ++k) {
       RimStart start;

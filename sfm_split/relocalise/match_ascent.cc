@@ -125,10 +125,7 @@ std::array<int, kAscentOfPair> MatchAscent::PlacesOf(const AscentPair& pair) con
 double MatchAscent::Value(const AscentNoise& noise) const {
   double value = 0;
   for (const AscentValue& sum : ValuesOf(pairs_, state_, axis_, noise)) value += sum.value;
-  for (size_t c = 0; c < priors_.size(); ++c) {
-    const double off = state_.log_focal[c] - std::log(priors_[c].focal_px);
-    value -= 0.5 * off * off / (priors_[c].sigma_log * priors_[c].sigma_log);
-  }
+  for (size_t c = 0; c < priors_.size(); ++c) value += priors_[c].LogDensity(state_.log_focal[c]);
   return value;
 }
 
@@ -146,10 +143,11 @@ void MatchAscent::Linearize(const AscentNoise& noise, MatrixXd* normal, VectorXd
   }
   const auto focals = static_cast<Eigen::Index>(kAscentOfStation * state_.stations.size());
   for (size_t c = 0; c < priors_.size(); ++c) {
-    const double weight = 1 / (priors_[c].sigma_log * priors_[c].sigma_log);
+    const FocalNormal& prior = priors_[c].At(state_.log_focal[c]);
+    const double weight = 1 / (prior.sigma_log * prior.sigma_log);
     const Eigen::Index at = focals + static_cast<Eigen::Index>(c);
     (*normal)(at, at) += weight;
-    (*right)(at) -= weight * (state_.log_focal[c] - std::log(priors_[c].focal_px));
+    (*right)(at) -= weight * (state_.log_focal[c] - std::log(prior.focal_px));
   }
 }
 

@@ -193,7 +193,7 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
     const double before = FocalLengths(aligned_->scene.cameras[c]).x();
     const double after = FocalLengths(problem.cameras[c]).x();
     // Towards what is known of lenses it comes back, from a start that was wrong.
-    const double expected = problem.priors.lenses[c].focal.focal_px;
+    const double expected = problem.priors.lenses[c].focal.likeliest.focal_px;
     const bool comes_back = std::abs(std::log(after / expected)) < std::abs(std::log(before / expected));
     ran_away |= !(after > before / kMaxFocalChange && after < before * kMaxFocalChange) && !comes_back;
   }

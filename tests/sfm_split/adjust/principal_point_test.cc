@@ -58,7 +58,7 @@ struct CutScan {
     for (Rigid3& pose : problem.cam_from_world)
       pose = Rigid3{turn * pose.rotation, Vector3d(turn * pose.translation)};
     LensPrior lens;
-    lens.focal = {focal.x(), 0.44};
+    lens.focal = {{focal.x(), 0.44}, {}};
     lens.distortion = 0;
     problem.priors.lenses = {lens};
 
@@ -140,7 +140,7 @@ JointProblem SmallScan(uint64_t seed, int repeats) {
   }
   const Camera& camera = problem.cameras[0];
   LensPrior lens;
-  lens.focal = {FocalLengths(camera).x(), 0.44};
+  lens.focal = {{FocalLengths(camera).x(), 0.44}, {}};
   lens.distortion = 0;
   lens.principal = CutPhotoPrior(camera, PrincipalPoint(camera));
   problem.priors.lenses = {lens};

@@ -22,7 +22,7 @@ Setting WithoutMatches() {
   CircularMatches matches;
   matches.num_photos = 12;
   setting.data = {matches};
-  setting.priors.focal = {{1000, 0.2}};
+  setting.priors.focal = {{{1000, 0.2}, {}}};
   setting.priors.least_log_focal = {std::log(300.0)};
   setting.priors.most_log_focal = {std::log(4000.0)};
   setting.priors.distortion = {-0.05};

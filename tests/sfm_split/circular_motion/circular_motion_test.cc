@@ -47,13 +47,15 @@ struct Fit {
   AlignedScene aligned;
 };
 
-Fit FitScan(const SyntheticTurntableOptions& options) {
+// \param stated  times the true focal length is what is said of it.
+Fit FitScan(const SyntheticTurntableOptions& options, double stated = 1) {
   Fit fit;
   fit.turntable = MakeSyntheticTurntable(options);
   Reporter reporter;
-  // The camera's focal length and distortion are the truth: only its frame and model are taken.
+  // The camera's distortion is the truth: only its frame and model are taken.
   ScanFeatures features = SyntheticScanFeatures(fit.turntable);
   for (auto& [id, camera] : features.cameras) {
+    for (size_t k = 0; k < InfoOf(camera.model).num_focal_params; ++k) camera.params[k] *= stated;
     for (size_t k = InfoOf(camera.model).FirstExtraParam(); k < camera.params.size(); ++k)
       camera.params[k] = 0;
   }
@@ -138,6 +140,17 @@ TEST(CircularMotion, AxisAndFocalLengthAreThoseOfTheScene) {
   EXPECT_LT(AxisErrorDeg(fit, 0), 1.5);
   EXPECT_NEAR(FocalLengths(motion.cameras[0]).x(), 768, 3 * 768 * motion.focal_sigma_log[0]);
   EXPECT_NEAR(motion.sigma_px, 0.5, 0.1);
+}
+
+// Photos that were cut, by EXIF from before: its focal length is 2.5 times too short.
+TEST(CircularMotion, AFocalLengthThatIsStatedWronglyIsLeft) {
+  SyntheticTurntableOptions options = Poor(2);
+  options.has_prior_focal = true;
+  const Fit fit = FitScan(options, 1 / 2.5);
+  const CircularMotion& motion = fit.finding.motion;
+  ASSERT_TRUE(motion.stations[0].found);
+  EXPECT_LT(AxisErrorDeg(fit, 0), 1.5);
+  EXPECT_NEAR(FocalLengths(motion.cameras[0]).x(), 768, 3 * 768 * motion.focal_sigma_log[0]);
 }
 
 TEST(CircularMotion, ATurnThatClosesClosesToTheLastDigit) {

@@ -16,6 +16,7 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/joint_system/joint_system.h"
+#include "sfm_split/scene/focal_prior.h"
 #include "tests/support/synthetic_aligned_object.h"
 #include "tests/support/synthetic_models.h"
 #include "tests/support/synthetic_turntable.h"
@@ -69,7 +70,7 @@ TEST(JointPriors, CovarianceIsThatOfDataAndPriorTogether) {
   const Observability without = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
   const double focal = scan.problem.cameras[0].params[0];
   LensPrior lens;
-  lens.focal = {focal, 0.002};
+  lens.focal = {{focal, 0.002}, {}};
   scan.problem.priors.lenses = {lens};
   const Observability with = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
   const auto place = std::find(without.names.begin(), without.names.end(), "camera 0 focal length");
@@ -92,7 +93,7 @@ TEST(JointPriors, WhatThePhotosDoNotTellIsThePriors) {
   Scan scan = MakeScan(2, 0, 0.4, 2);
   const double focal = scan.problem.cameras[0].params[0];
   LensPrior lens;
-  lens.focal = {focal, 0.05};
+  lens.focal = {{focal, 0.05}, {}};
   lens.distortion = 0;
   scan.problem.priors.lenses = {lens};
   Reporter reporter;
@@ -101,6 +102,27 @@ TEST(JointPriors, WhatThePhotosDoNotTellIsThePriors) {
   EXPECT_GT(report.focal_prior_share[0], 0.5);
   EXPECT_LT(report.focal_sigma_px[0], 0.06 * focal);
   EXPECT_LT(std::abs(scan.problem.cameras[0].params[0] - focal), 0.1 * focal);
+}
+
+// A photo's EXIF may be from before it was cut: what it says 2.5 times too short is as if it said nothing.
+TEST(JointPriors, AFocalLengthThatIsStatedWronglyDrawsNothing) {
+  std::vector<double> focal_px;
+  std::vector<double> sigma_px;
+  for (const bool is_stated : {false, true}) {
+    Scan scan = MakeScan(2, 0, 0.4, 2);
+    Camera given = scan.problem.cameras[0];
+    given.params[0] /= 2.5;
+    LensPrior lens;
+    lens.focal = FocalPriorOf(given, is_stated);
+    lens.distortion = 0;
+    scan.problem.priors.lenses = {lens};
+    Reporter reporter;
+    const JointReport report = AdjustJointly(Shared(), reporter, &scan.problem);
+    focal_px.push_back(scan.problem.cameras[0].params[0]);
+    sigma_px.push_back(report.focal_sigma_px[0]);
+  }
+  EXPECT_EQ(focal_px[0], focal_px[1]);
+  EXPECT_EQ(sigma_px[0], sigma_px[1]);
 }
 
 // Two stations before one background, each with points of the object of its own: how much farther the table

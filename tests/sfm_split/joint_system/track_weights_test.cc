@@ -41,7 +41,7 @@ struct TrackScan {
     Cut(seed, lengths, lag);
     problem = truth;
     LensPrior lens;
-    lens.focal = {truth.cameras[0].params[0], 0.44};
+    lens.focal = {{truth.cameras[0].params[0], 0.44}, {}};
     lens.distortion = 0;
     problem.priors.lenses = {lens};
   }
