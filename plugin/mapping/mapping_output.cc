@@ -62,8 +62,8 @@ void MappingOutput::WriteScene(const ScanFeatures& steady, const SteadyCameras& 
   const RefineReport& refined = candidate->refined;
   report_.update(DescribeScene(aligned, refined));
   if (!evidence) {
-    evidence = GatherEvidence(steady, aligned, refined.joint, refined.held_back, candidate->matches,
-                              settings_.placement.refine.max_error_px);
+    evidence = GatherEvidence(steady, aligned, refined.joint, refined.priors.turns, refined.held_back,
+                              candidate->matches, settings_.placement.refine.max_error_px);
   }
   cameras.Shake(&aligned);
   ColorPoints(settings_.image_path, {&aligned.object, &aligned.background}, reporter_);

@@ -22,8 +22,9 @@
 namespace s2gs {
 namespace {
 
-constexpr int kLeastUnmoved = 3;    // photos of one camera place: two may be taken from one hand
-constexpr double kFarMoving = 0.8;  // of matches move less: those at the axis hardly move
+constexpr int kLeastUnmoved = 3;     // photos of one camera place: two may be taken from one hand
+constexpr double kFarMoving = 0.8;   // of matches move less: those at the axis hardly move
+constexpr double kSeriesSigmas = 2;  // of what is known of a place in a series
 
 // What the matches of photos near each other say of each angle.
 void RecordAngles(const PosedMatches& matches, const TurntableAxis& axis, const KeypointSet& of_others,
@@ -87,16 +88,21 @@ void RecordSteps(const PosedMatches& matches, ScanEvidence* evidence) {
   if (!least.empty()) evidence->least_step_deg = UpperMedian(least);
 }
 
-// Of each image of the features: its angle is tied to others by a prior.
+// Of each image of the features: equal steps, or angles that were stated, tell its place in the turn. Steps
+// that scatter by more are no series.
 std::vector<bool> InSteps(const ScanFeatures& features, const TurntableScene& scene,
-                          const JointReport& joint) {
-  std::set<std::string> tied;
-  for (size_t v = 0; v < scene.views.size() && v < joint.angle_prior_share.size(); ++v) {
-    if (joint.angle_prior_share[v] > 0) tied.insert(scene.views[v].name);
+                          const std::vector<EqualStepsPrior>& turns) {
+  std::set<std::string> told;
+  for (const EqualStepsPrior& turn : turns) {
+    if (!(kSeriesSigmas * turn.sigma_rad < kLeastAwayDeg * kDegree)) continue;
+    for (const EqualStepsPrior::Place& place : turn.places) {
+      const auto v = static_cast<size_t>(place.image);
+      if (v < scene.views.size()) told.insert(scene.views[v].name);
+    }
   }
   std::vector<bool> result;
   result.reserve(features.images.size());
-  for (const ScanImage& image : features.images) result.push_back(tied.count(image.name) > 0);
+  for (const ScanImage& image : features.images) result.push_back(told.count(image.name) > 0);
   return result;
 }
 
@@ -195,8 +201,9 @@ void RecordSigmas(const ScanFeatures& features, const AlignedScene& aligned, con
 }  // namespace
 
 ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& aligned,
-                            const JointReport& joint, const HeldBackKeypoints& held_back,
-                            const MatchFindings& findings, double max_error_px) {
+                            const JointReport& joint, const std::vector<EqualStepsPrior>& turns,
+                            const HeldBackKeypoints& held_back, const MatchFindings& findings,
+                            double max_error_px) {
   const TurntableScene& scene = aligned.scene;
   ScanEvidence evidence;
   evidence.bound_px = max_error_px;
@@ -223,7 +230,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
       joint.model == JointModel::kSharedStations || joint.model == JointModel::kWobblingTable;
   RecordSupportOfPhotos(matches, verified, has_one_angle_each, &evidence);
   const KeypointSet of_others = RecordProvenPairs(matches, &evidence);
-  RecordAngles(matches, scene.axis, of_others, InSteps(features, scene, joint), &evidence);
+  RecordAngles(matches, scene.axis, of_others, InSteps(features, scene, turns), &evidence);
   RecordSteps(matches, &evidence);
   RecordBackgroundMatches(features, aligned, max_error_px, &evidence);
   RecordAxis(aligned, &evidence);

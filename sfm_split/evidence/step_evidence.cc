@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sfm_split/base/angles.h"
+#include "sfm_split/base/infinity.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
 #include "sfm_split/base/statistics.h"
@@ -23,8 +24,7 @@ constexpr std::array<double, 33> kTurnsDeg = {1,  1.5, 2,  3,  4.5, 6.5, 9,  12,
 constexpr size_t kNumTurns = 2 * kTurnsDeg.size() + 1;  // in order; that of the poses in the middle
 constexpr size_t kAsPosed = kTurnsDeg.size();           // place of no turn
 
-constexpr double kLeastAwayDeg = 5;  // a turn by less is no other place of the photo
-constexpr double kCertain = 8;       // e^8 to one
+constexpr double kCertain = 8;  // e^8 to one
 // Of the table's turn from photo to photo: the other way, none, twice as far.
 constexpr std::array<double, 3> kOtherTurns = {-1, 0, 2};
 constexpr size_t kLeastOfStation = 4;  // photos that are a turn
@@ -45,10 +45,6 @@ std::vector<double> TurnsDeg() {
   return turns;
 }
 
-double AngleBetweenDeg(const View& a, const View& b) {
-  return std::abs(WrapAngle((b.angle_deg - a.angle_deg) * kDegree)) / kDegree;
-}
-
 // How much likelier than by the poses the matches are if the table turned in one of the other ways.
 double GainOfOtherTurns(const std::vector<TurnPair>& pairs, const std::vector<const View*>& views,
                         const TurnLikelihood& likelihood, double noise_px) {
@@ -64,39 +60,124 @@ double GainOfOtherTurns(const std::vector<TurnPair>& pairs, const std::vector<co
   return *std::max_element(gains.begin(), gains.end());
 }
 
-// What the pairs of a station say of each of its photos, in order, at each turn.
-struct StationGains {
-  std::vector<Gains> of_photo;    // it alone is turned
-  std::vector<Gains> from_photo;  // it and those after it, as far as pairs reach
+// What the pairs of a station say of each of its photos, in order of angle around the table, at each turn.
+class StationCircle {
+ public:
+  StationCircle(const std::vector<TurnPair>& pairs, const std::vector<const View*>& views,
+                const std::vector<int>& order, const TurnLikelihood& likelihood, double noise_px);
+
+  // Of a photo that is turned alone, in order.
+  const Gains& OfPhoto(size_t k) const { return of_photo_[k]; }
+  // Of all photos from one on that are turned, by t. Angles around a table make one turn: what this step
+  // gains is lost at another one, or at all of them by their share.
+  double FromPhoto(size_t k, size_t t) const;
+  // What FromPhoto does not exceed by what the step itself says, whatever it costs elsewhere.
+  double OfStep(size_t k, size_t t) const { return of_step_[k][t]; }
+  double MedianStepDeg() const;
+
+ private:
+  // A pair and the steps between its photos, by the place of the later photo of each.
+  struct Spanned {
+    bool is_forward = true;  // the second photo is the later one
+    std::vector<size_t> steps;
+  };
+
+  double TurnedAtAnother(size_t k, size_t t) const;
+  double TurnedAtAll(size_t k, size_t t) const;
+
+  const std::vector<TurnPair>& pairs_;
+  const TurnLikelihood& likelihood_;
+  const double noise_px_;
+  std::vector<double> steps_deg_;  // to each photo, from the one before; to the first from the last
+  std::vector<Spanned> spanned_;   // per pair
+  std::vector<double> as_posed_;   // per pair
+  std::vector<Gains> of_photo_;
+  std::vector<Gains> of_step_;
 };
 
-StationGains GainsOf(const std::vector<TurnPair>& pairs,
-                     const std::vector<std::vector<double>>& gains_of_pair, const std::vector<int>& order) {
+StationCircle::StationCircle(const std::vector<TurnPair>& pairs, const std::vector<const View*>& views,
+                             const std::vector<int>& order, const TurnLikelihood& likelihood, double noise_px)
+    : pairs_(pairs),
+      likelihood_(likelihood),
+      noise_px_(noise_px),
+      spanned_(pairs.size()),
+      as_posed_(pairs.size()),
+      of_photo_(order.size(), Gains{}),
+      of_step_(order.size(), Gains{}) {
   const size_t count = order.size();
   std::map<int, size_t> place;
-  for (size_t k = 0; k < count; ++k) place[order[k]] = k;
-  StationGains gains_of = {std::vector<Gains>(count, Gains{}), std::vector<Gains>(count, Gains{})};
+  for (size_t k = 0; k < count; ++k) {
+    place[order[k]] = k;
+    const View& here = *views[static_cast<size_t>(order[k])];
+    const View& before = *views[static_cast<size_t>(order[k > 0 ? k - 1 : count - 1])];
+    steps_deg_.push_back(here.angle_deg - before.angle_deg + (k > 0 ? 0 : 360));
+  }
+  std::vector<std::vector<double>> gains_of_pair(pairs.size());
+  const std::vector<double> turns = TurnsDeg();
+  ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
+    gains_of_pair[static_cast<size_t>(p)] =
+        likelihood.OfTurns(pairs[static_cast<size_t>(p)], turns, noise_px);
+  });
   for (size_t p = 0; p < pairs.size(); ++p) {
-    const TurnPair& pair = pairs[p];
     const std::vector<double>& gains = gains_of_pair[p];
-    const size_t p1 = place.at(static_cast<int>(pair.image1));
-    const size_t p2 = place.at(static_cast<int>(pair.image2));
+    as_posed_[p] = gains[kAsPosed];
+    const size_t p1 = place.at(static_cast<int>(pairs[p].image1));
+    const size_t p2 = place.at(static_cast<int>(pairs[p].image2));
     // Across the end of the turn the photos after it are the first ones.
     const bool is_across = 2 * (p1 > p2 ? p1 - p2 : p2 - p1) > count;
     const bool is_forward = (p1 < p2) != is_across;
     const size_t before = is_forward ? p1 : p2;
     const size_t after = is_forward ? p2 : p1;
+    spanned_[p].is_forward = is_forward;
+    for (size_t k = before; k != after;) {
+      k = (k + 1) % count;
+      spanned_[p].steps.push_back(k);
+    }
     for (size_t t = 0; t < kNumTurns; ++t) {
-      const double gain = gains[is_forward ? t : kNumTurns - 1 - t] - gains[kAsPosed];
-      gains_of.of_photo[after][t] += gain;
-      gains_of.of_photo[before][kNumTurns - 1 - t] += gain;
-      for (size_t k = before; k != after;) {
-        k = (k + 1) % count;
-        gains_of.from_photo[k][t] += gain;
-      }
+      const double gain = gains[is_forward ? t : kNumTurns - 1 - t] - as_posed_[p];
+      of_photo_[after][t] += gain;
+      of_photo_[before][kNumTurns - 1 - t] += gain;
+      for (const size_t k : spanned_[p].steps) of_step_[k][t] += gain;
     }
   }
-  return gains_of;
+}
+
+// Steps over which one pair goes are not told apart by it, and so are not asked.
+double StationCircle::TurnedAtAnother(size_t k, size_t t) const {
+  std::vector<bool> is_apart(of_step_.size(), true);
+  for (const Spanned& spanned : spanned_) {
+    if (std::find(spanned.steps.begin(), spanned.steps.end(), k) == spanned.steps.end()) continue;
+    for (const size_t step : spanned.steps) is_apart[step] = false;
+  }
+  is_apart[k] = false;
+  double most = -kInfinity;
+  for (size_t j = 0; j < of_step_.size(); ++j) {
+    if (is_apart[j]) most = std::max(most, of_step_[j][kNumTurns - 1 - t]);
+  }
+  return of_step_[k][t] + most;
+}
+
+// As where steps were taken too long, and the turn for more than one.
+double StationCircle::TurnedAtAll(size_t k, size_t t) const {
+  const double others_deg = 360 - steps_deg_[k];
+  if (!(others_deg > 0)) return -kInfinity;
+  double gain = 0;
+  for (size_t p = 0; p < pairs_.size(); ++p) {
+    double turn_deg = 0;
+    for (const size_t step : spanned_[p].steps)
+      turn_deg += TurnDeg(t) * (step == k ? 1 : -steps_deg_[step] / others_deg);
+    if (!spanned_[p].is_forward) turn_deg = -turn_deg;
+    gain += likelihood_.OfTurns(pairs_[p], {turn_deg}, noise_px_)[0] - as_posed_[p];
+  }
+  return gain;
+}
+
+double StationCircle::FromPhoto(size_t k, size_t t) const {
+  return std::max(TurnedAtAnother(k, t), TurnedAtAll(k, t));
+}
+
+double StationCircle::MedianStepDeg() const {
+  return UpperMedian(std::vector<double>(steps_deg_.begin() + 1, steps_deg_.end()));
 }
 
 }  // namespace
@@ -111,7 +192,6 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
     if (views[i] != nullptr) stations[features.images[i].station].push_back(static_cast<int>(i));
   }
   const TurnLikelihood likelihood(cameras, views, axis);
-  const std::vector<double> turns = TurnsDeg();
   // Each photo, alone and with those that follow, at each turn.
   const double least =
       overdispersion * std::log(2.0 * static_cast<double>(views.size() * (kNumTurns - 1)) / risk);
@@ -128,26 +208,19 @@ StepEvidence AskSteps(const ScanFeatures& features, const std::vector<const Came
     if (count >= kLeastOfStation &&
         GainOfOtherTurns(pairs, views, likelihood, noise) > -kCertain * overdispersion)
       evidence.untold_stations.push_back(by_name[0]);
-    std::vector<std::vector<double>> gains_of_pair(pairs.size());
-    ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
-      gains_of_pair[static_cast<size_t>(p)] = likelihood.OfTurns(pairs[static_cast<size_t>(p)], turns, noise);
-    });
-    const auto [of_photo, from_photo] = GainsOf(pairs, gains_of_pair, order);
-
-    std::vector<double> steps;
-    for (size_t k = 0; k + 1 < count; ++k)
-      steps.push_back(
-          AngleBetweenDeg(*views[static_cast<size_t>(order[k])], *views[static_cast<size_t>(order[k + 1])]));
-    const double away_deg = std::max(kLeastAwayDeg, UpperMedian(steps) / 2);
+    const StationCircle circle(pairs, views, order, likelihood, noise);
+    const double away_deg = std::max(kLeastAwayDeg, circle.MedianStepDeg() / 2);
     for (size_t k = 0; k < count; ++k) {
       MisturnedPhoto worst;
       bool is_told = true;
+      const auto compare = [&](size_t t, bool are_all, double gain) {
+        if (gain > std::max(least, worst.log_ratio)) worst = {order[k], are_all, TurnDeg(t), gain};
+      };
       for (size_t t = 0; t < kNumTurns; ++t) {
-        is_told &= std::abs(TurnDeg(t)) < away_deg || of_photo[k][t] <= overdispersion * std::log(risk);
-        for (const bool are_all : {false, true}) {
-          const double gain = (are_all ? from_photo : of_photo)[k][t];
-          if (gain > std::max(least, worst.log_ratio)) worst = {order[k], are_all, TurnDeg(t), gain};
-        }
+        const double alone = circle.OfPhoto(k)[t];
+        is_told &= std::abs(TurnDeg(t)) < away_deg || alone <= overdispersion * std::log(risk);
+        compare(t, false, alone);
+        if (circle.OfStep(k, t) > least) compare(t, true, circle.FromPhoto(k, t));
       }
       const bool in_steps = is_in_steps[static_cast<size_t>(order[k])];
       if (worst.log_ratio > 0) (in_steps ? misturned_in_steps : evidence.misturned).push_back(worst);

@@ -18,6 +18,9 @@ struct MisturnedPhoto {
   double log_ratio = 0;  ///< natural logarithm of the matches' likelihood there over that at the poses.
 };
 
+/// A turn by less is no other place of a photo.
+constexpr double kLeastAwayDeg = 5;
+
 struct StepEvidence {
   /// One for each photo at most; of photos in steps only where more than a tenth of these are.
   std::vector<MisturnedPhoto> misturned;

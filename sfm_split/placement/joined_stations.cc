@@ -141,8 +141,8 @@ std::optional<JoinedScan> PlaceWithStationsJoined(const ScanFeatures& features, 
   const auto by_order = StationsByOrder(features);
   if (!by_poses && !by_order) return std::nullopt;
   const auto gather = [&](const ScanFeatures& of, const ScanCandidate& best) {
-    return GatherEvidence(of, best.aligned, best.refined.joint, best.refined.held_back, best.matches,
-                          options.refine.max_error_px);
+    return GatherEvidence(of, best.aligned, best.refined.joint, best.refined.priors.turns,
+                          best.refined.held_back, best.matches, options.refine.max_error_px);
   };
   struct Worth {
     Verdict verdict;

@@ -296,8 +296,8 @@ ScanPlacement Placement::RunCircleAlone(const AlignedScene& circle, const Circul
     if (best.aligned.scene.views.size() < num_photos) return fail("its adjustment lost photos");
   }
   finish_.FinishWithoutSilhouettes(read_photo);
-  result_.evidence = GatherEvidence(features_, best.aligned, best.refined.joint, best.refined.held_back,
-                                    best.matches, options_.refine.max_error_px);
+  result_.evidence = GatherEvidence(features_, best.aligned, best.refined.joint, best.refined.priors.turns,
+                                    best.refined.held_back, best.matches, options_.refine.max_error_px);
   result_.durations.emplace_back("evidence", watch_.Lap());
   const ScanVerdict verdict = JudgeScan(*result_.evidence);
   if (verdict.verdict != Verdict::kGood)

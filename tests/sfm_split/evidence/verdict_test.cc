@@ -323,7 +323,8 @@ ScanEvidence Gather(const Scan& scan, const TurntableScene& scene) {
   AlignedScene aligned;
   aligned.scene = scene;
   aligned.object = SyntheticObjectModel(scan.turntable);
-  return GatherEvidence(scan.features, aligned, JointReport(), HoldBack(scan.features), MatchFindings(), 4);
+  return GatherEvidence(scan.features, aligned, JointReport(), {}, HoldBack(scan.features), MatchFindings(),
+                        4);
 }
 
 TEST(ScanEvidence, ATenthIsHeldBackInWholeSets) {
@@ -397,7 +398,7 @@ TEST(ScanEvidence, APhotoIsBorneOutWithinTheNoiseOfItsMatches) {
     aligned.object = SyntheticObjectModel(scan.turntable);
     MatchFindings findings;
     findings.noise_px = noise_px;
-    return GatherEvidence(scan.features, aligned, joint, HoldBack(scan.features), findings, 4)
+    return GatherEvidence(scan.features, aligned, joint, {}, HoldBack(scan.features), findings, 4)
         .unsupported.size();
   };
   // Of 36 photos, measured: 0, 22 and 36.
@@ -428,7 +429,8 @@ TEST(ScanEvidence, WhatStandsStillTellsThatCamerasStandElsewhere) {
       view.world_from_object = turn * view.world_from_object;
       view.angle_deg += turn_deg;
     }
-    return GatherEvidence(scan.features, aligned, JointReport(), HoldBack(scan.features), MatchFindings(), 4);
+    return GatherEvidence(scan.features, aligned, JointReport(), {}, HoldBack(scan.features), MatchFindings(),
+                          4);
   };
   const ScanEvidence right = judge(0, true);
   EXPECT_GT(*right.background_across.Share(), 0.95);
@@ -607,6 +609,21 @@ TEST(ScanEvidence, PhotosWithWrongMatchesDoNotTellTheirPlaces) {
   EXPECT_EQ(evidence.untold, names);
   EXPECT_TRUE(evidence.misturned.empty());
   EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kDoubtful);
+  // Steps of the table tell them, if they are equal enough to tell one photo's place from another.
+  const auto untold_in_steps = [&](double sigma_deg) {
+    AlignedScene aligned;
+    aligned.scene = scan.turntable.scene;
+    aligned.object = SyntheticObjectModel(scan.turntable);
+    EqualStepsPrior turn;
+    turn.sigma_rad = sigma_deg * kDegree;
+    for (size_t v = 0; v < aligned.scene.views.size(); ++v)
+      turn.places.push_back({static_cast<int>(v), static_cast<double>(v)});
+    return GatherEvidence(scan.features, aligned, JointReport(), {turn}, HoldBack(scan.features),
+                          MatchFindings(), 4)
+        .untold;
+  };
+  EXPECT_TRUE(untold_in_steps(1).empty());
+  EXPECT_EQ(untold_in_steps(10), names);
 }
 
 TEST(ScanEvidence, StepsThatAreTooLongDoNotClose) {
@@ -627,7 +644,7 @@ TEST(ScanEvidence, StationsWithoutABackgroundAreAsSureAsTheObjectTells) {
   for (const View& view : aligned.scene.views)
     joint.angle_sigma_deg.push_back(view.station == 1 ? std::numeric_limits<double>::infinity() : 0.02);
   const auto worst = [&](const MatchFindings& findings) {
-    return *GatherEvidence(scan.features, aligned, joint, HoldBack(scan.features), findings, 4)
+    return *GatherEvidence(scan.features, aligned, joint, {}, HoldBack(scan.features), findings, 4)
                 .angle_sigma_max_deg;
   };
   MatchFindings findings;
