@@ -293,8 +293,8 @@ Outcome Run(const Cell& cell, uint64_t seed, bool single_axis) {
                      outcome.rotation_max_deg > kMaxAngleErrorDeg;
   CountWithinSigmas(aligned.scene, truth_of, refined.joint.angle_sigma_deg, &outcome);
   if (outcome.images > 0) {
-    outcome.verdict = JudgeScan(GatherEvidence(features, aligned, refined.joint, refined.held_back, matches,
-                                               RefineOptions().max_error_px))
+    outcome.verdict = JudgeScan(GatherEvidence(features, aligned, refined.joint, refined.priors.turns,
+                                               refined.held_back, matches, RefineOptions().max_error_px))
                           .verdict;
   }
   outcome.success = outcome.images == static_cast<int>(turntable.scene.views.size()) && !angles.empty() &&

@@ -204,7 +204,7 @@ TEST(FaceMatches, ChoosesTheSideOnWhichPointsLieBeforeTheCamera) {
     opposite.frame.leftCols<2>() *= -1;
     const std::vector<CircularMatches> stations = {data};
     CircularPriors priors;
-    priors.focal.push_back({focal, 1});
+    priors.focal.push_back({{focal, 1}, {}});
     priors.least_log_focal = {0};
     priors.most_log_focal = {20};
     priors.distortion = {0};
@@ -236,7 +236,7 @@ TEST(CircularMotion, MatchesThatTheTurnCannotMoveSoFarAreWrong) {
   turn.frame.col(2) = Eigen::Vector3d::UnitY();
   CircularPriors priors;
   priors.focal.resize(1);
-  priors.focal[0] = {500, 1};
+  priors.focal[0] = {{500, 1}, {}};
   // They move by 30 pixels: as far as a chord of .3.
   for (const auto& [angle, is_right] : std::vector<std::pair<double, bool>>{{0.31, true}, {0.29, false}}) {
     turn.angles = {0, angle};
