@@ -41,16 +41,16 @@ void TsdfViewCache::ForEachBatch(const char* task, Reporter& reporter, const Bat
   }
   bool keep = peak_bytes_ == 0;
   uint64_t kept_bytes = 0;
-  uint64_t largest_view = 0;
   for (int begin = 0; begin < count;) {
     if (reporter.StopRequested()) throw Interrupted();
-    const int end = std::min(count, begin + batch_size_);
+    // How large views are, the first one tells.
+    const int end = std::min(count, begin + (largest_view_ == 0 ? 1 : batch_size_));
     std::vector<TsdfView> views = Prepare(begin, end);
     pass_on(views);
     uint64_t bytes = 0;
     for (const TsdfView& view : views) {
       bytes += view.Bytes();
-      largest_view = std::max(largest_view, view.Bytes());
+      largest_view_ = std::max(largest_view_, view.Bytes());
       has_colors_ = has_colors_ || !view.colors.empty();
     }
     kept_bytes += bytes;
@@ -61,13 +61,18 @@ void TsdfViewCache::ForEachBatch(const char* task, Reporter& reporter, const Bat
     }
     if (keep) std::move(views.begin(), views.end(), std::back_inserter(kept_));
     begin = end;
+    batch_size_ = std::min(batch_size_, NumFitting(count));
     reporter.Progress(task, end, count);
   }
   is_complete_ = keep;
-  if (!keep && largest_view > 0) {
-    const uint64_t fitting = max_bytes_ / largest_view;
-    batch_size_ = static_cast<int>(std::clamp<uint64_t>(fitting, 1, static_cast<uint64_t>(count)));
-  }
+  if (keep) return;
+  batch_size_ = NumFitting(count);
+  peak_bytes_ = static_cast<uint64_t>(batch_size_) * largest_view_;
+}
+
+int TsdfViewCache::NumFitting(int count) const {
+  const uint64_t fitting = max_bytes_ / std::max<uint64_t>(largest_view_, 1);
+  return static_cast<int>(std::clamp<uint64_t>(fitting, 1, static_cast<uint64_t>(std::max(count, 1))));
 }
 
 }  // namespace s2gs

@@ -23,12 +23,13 @@ class TsdfViewCache {
   /// Batches of all views in their order. Throws what the source and the preparation throw, and Interrupted.
   void ForEachBatch(const char* task, Reporter& reporter, const BatchWork& work);
 
-  /// Of the largest batch so far.
+  /// Of the largest batch of the passes to come; of the first one's while that runs.
   uint64_t peak_bytes() const { return peak_bytes_; }
   bool has_colors() const { return has_colors_; }
 
  private:
   std::vector<TsdfView> Prepare(int begin, int end) const;
+  int NumFitting(int count) const;
 
   const DepthViewSource& source_;
   const TsdfOptions& options_;
@@ -37,6 +38,7 @@ class TsdfViewCache {
   bool is_complete_ = false;  // all views are in `kept_`
   std::vector<TsdfView> kept_;
   int batch_size_;
+  uint64_t largest_view_ = 0;  // [bytes]
   uint64_t peak_bytes_ = 0;
   bool has_colors_ = false;
 };

@@ -30,6 +30,9 @@ constexpr int kMargin = 2;
 constexpr double kMostPixels = 1e6;
 constexpr int kGainStep = 4;  // photos' brightness is compared at one pixel of so many, each way
 constexpr int kMaxShrink = 16;
+// Of a station, for a median and votes: more tell no better what stands behind, and all are held at once.
+constexpr size_t kMostPhotos = 100;
+constexpr int kRowsAtOnce = 64;  // whose counts are held at once
 
 // Instead of a part's number.
 constexpr int kNothing = -2;  // at a pixel that shows nothing of the mesh
@@ -153,6 +156,12 @@ struct PixelCount {
   int known = 0;
   int differ = 0;
   double chance = 0;
+
+  void Add(const PixelCount& other) {
+    known += other.known;
+    differ += other.differ;
+    chance += other.chance;
+  }
 };
 
 // One camera's photos vote. A part that is as bright as the background looks the same whether it is there or
@@ -163,8 +172,7 @@ void CountVotes(const std::vector<SeenParts>& photos, size_t num_spots, int num_
   const SeenParts& first = photos.front();
   const size_t num_parts = votes->size();
   using Counts = std::vector<PixelCount>;  // by photo and part
-  std::vector<Counts> of_rows(first.height);
-  ParallelFor(first.height, num_threads, [&](int64_t y) {
+  const auto count_row = [&](int64_t y) {
     Counts counts;
     std::vector<double> values;
     for (int x = 0; x < first.width; ++x) {
@@ -189,18 +197,20 @@ void CountVotes(const std::vector<SeenParts>& photos, size_t num_spots, int num_
         pixels.chance += range.chance;
       }
     }
-    of_rows[y] = std::move(counts);
-  });
+    return counts;
+  };
+  Counts sums(photos.size() * num_parts);
+  for (int begin = 0; begin < first.height; begin += kRowsAtOnce) {
+    std::vector<Counts> of_rows(std::min(kRowsAtOnce, first.height - begin));
+    ParallelFor(static_cast<int64_t>(of_rows.size()), num_threads,
+                [&](int64_t k) { of_rows[k] = count_row(begin + k); });
+    for (const Counts& counts : of_rows) {
+      for (size_t i = 0; i < counts.size(); ++i) sums[i].Add(counts[i]);
+    }
+  }
   for (size_t k = 0; k < photos.size(); ++k) {
     for (size_t part = 0; part < num_parts; ++part) {
-      PixelCount sum;
-      for (const Counts& counts : of_rows) {
-        if (counts.empty()) continue;
-        const PixelCount& row = counts[k * num_parts + part];
-        sum.known += row.known;
-        sum.differ += row.differ;
-        sum.chance += row.chance;
-      }
+      const PixelCount& sum = sums[k * num_parts + part];
       if (sum.known < kLeastPixels) continue;
       BackgroundVotes& of_part = (*votes)[part];
       ++of_part.photos;
@@ -242,6 +252,15 @@ double MostPixelsPerArea(const TriangleMesh& mesh, const RefinementPhotoSource& 
     most = std::max(most, view.fx * view.fy / (nearest * nearest));
   }
   return most;
+}
+
+// Of a station's photos, in their order.
+std::vector<int> EvenlyChosen(const std::vector<int>& indices) {
+  if (indices.size() <= kMostPhotos) return indices;
+  std::vector<int> chosen;
+  chosen.reserve(kMostPhotos);
+  for (size_t k = 0; k < kMostPhotos; ++k) chosen.push_back(indices[k * indices.size() / kMostPhotos]);
+  return chosen;
 }
 
 // Parts that are large enough for a vote: numbered anew from 0 by number, the largest too.
@@ -296,7 +315,7 @@ std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
 
   std::vector<BackgroundVotes> votes(candidates.part.size());
   for (const auto& of_station : photos_of_station) {
-    const std::vector<int>& indices = of_station.second;
+    const std::vector<int> indices = EvenlyChosen(of_station.second);
     if (indices.size() < kPicturesForMedian) continue;
     std::vector<SeenParts> photos(indices.size());
     ParallelFor(static_cast<int64_t>(indices.size()), num_threads_, [&](int64_t k) {

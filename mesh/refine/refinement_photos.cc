@@ -95,7 +95,9 @@ void RefinementPhotos::Load(const RefinementPhotoSource& source, const TriangleM
     if (!crop) continue;
     crops.push_back(*crop);
     bytes += kPyramidBytesPerPixel * crop->part.width * crop->part.height;
-    finest = std::min(finest, (view.cam_from_object * middle).z() / std::max(view.fx, view.fy));
+    // A photo of one end of the mesh may have the middle behind it.
+    const double depth = (view.cam_from_object * middle).z();
+    if (depth > 0) finest = std::min(finest, depth / std::max(view.fx, view.fy));
   }
   const double edge = MeanEdge(mesh);
   int factor = 1;

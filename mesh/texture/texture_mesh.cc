@@ -216,7 +216,13 @@ class Texturer {
       light_.light = found.light;
       summary_.error_even = found.error_even;
       summary_.error_lit = found.error_lit;
-      if (light_.light.is_even()) break;
+      if (light_.light.is_even()) {
+        if (round == 0) break;
+        // What the round before found is not taken, and exposures by it are not.
+        for (ToneSample& s : *samples) s.shade.setOnes();
+        EstimateAllTones(*samples);
+        break;
+      }
       photo_lights_.clear();
       photo_lights_.reserve(turns.size());
       for (const Eigen::Matrix3d& turn : turns) photo_lights_.push_back(light_.light.Turned(turn));
@@ -255,17 +261,24 @@ class Texturer {
   }
 
   void MakeAllTexels() {
-    const double bytes = sizeof(TexelPlace) + kMaxCandidates * sizeof(TexelCandidate);
-    const auto most = static_cast<size_t>(kCandidateShare * options_.max_memory_gib * kGiB / bytes);
+    const double bytes = sizeof(TexelPlace) + kMaxCandidates * sizeof(TexelCandidate) + sizeof(SeenColor) +
+                         sizeof(BlendedColor);
+    const auto most =
+        static_cast<size_t>(std::max(1.0, kCandidateShare * options_.max_memory_gib * kGiB / bytes));
     vertex_sums_.assign(mesh_.vertices.size(), Eigen::Array4f::Zero());
     corner_lights_.assign(3 * mesh_.triangles.size(), Eigen::Array4f::Zero());
     std::vector<TexelPlace> texels;
     for (size_t i = 0; i < order_.size(); ++i) {
       AddTexels(order_[i], &texels);
-      if (texels.size() < most && i + 1 < order_.size()) continue;
-      MakeTexels(&texels);
-      texels.clear();
+      // Of a chart that is larger than the memory is, a part at a time.
+      while (texels.size() >= most) {
+        const auto end = texels.begin() + static_cast<std::ptrdiff_t>(most);
+        std::vector<TexelPlace> part(texels.begin(), end);
+        texels.erase(texels.begin(), end);
+        MakeTexels(&part);
+      }
     }
+    if (!texels.empty()) MakeTexels(&texels);
     double num_page_texels = 0;
     for (const Image8& page : pages_) num_page_texels += static_cast<double>(page.width) * page.height;
     summary_.page_use = static_cast<double>(summary_.num_texels) / num_page_texels;

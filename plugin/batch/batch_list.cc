@@ -9,6 +9,7 @@
 #include <optional>
 #include <system_error>
 
+#include "plugin/cli/byte_order_mark.h"
 #include "plugin/cli/shell_quote.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
@@ -196,8 +197,7 @@ void FaultSharedPlaces(std::vector<BatchObject>* objects) {
 
 std::vector<BatchObject> ParseBatchList(std::string_view text, const fs::path& path, const fs::path& folder,
                                         const CheckScanLine& check) {
-  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-  if (text.substr(0, kByteOrderMark.size()) == kByteOrderMark) text.remove_prefix(kByteOrderMark.size());
+  text = WithoutByteOrderMark(text);
   std::optional<Columns> columns;
   std::vector<BatchObject> objects;
   for (int number = 1; !text.empty(); ++number) {

@@ -25,7 +25,8 @@ constexpr char kExitCodes[] =
     "    1  a file, the disk or the data is at fault: the message names it and says what to do\n"
     "    2  unknown command, or an option that is unknown, missing or out of bounds\n"
     "    3  automatic_scanner stopped before training: the poses are doubtful or have failed (--force 1 goes "
-    "on)\n"
+    "on);\n"
+    "       scan_batch: so did an object's\n"
     "  130  stopped by Ctrl-C or SIGTERM: the same command goes on where it stopped\n"
     "  134  a defect in s2gs\n";
 
@@ -109,8 +110,9 @@ Options& CommandContext::Declare(const std::string& summary, const std::string& 
   return *options_;
 }
 
-Reporter& CommandContext::Parse() {
+Reporter& CommandContext::Parse(const std::function<void()>& check) {
   options_->Parse(arguments_);
+  if (check) check();
   if (parses_only_) throw ArgumentsAccepted();
   reporter_ = std::make_unique<ConsoleReporter>(options_->log_level());
   return *reporter_;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <ostream>
 #include <stdexcept>
@@ -38,7 +39,8 @@ class CommandContext {
 
   /// Called when all options are bound: see Options::Parse for what it throws. The reporter logs to the
   /// standard error stream at the level asked for and knows of Ctrl-C; it lives as long as the context.
-  Reporter& Parse();
+  /// \param check  of what options must fulfil together; throws CommandLineError. A part of CheckArguments().
+  Reporter& Parse(const std::function<void()>& check = {});
 
   Options& options() { return *options_; }
   std::ostream& out() { return out_; }

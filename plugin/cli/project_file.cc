@@ -2,6 +2,7 @@
 
 #include <string_view>
 
+#include "plugin/cli/byte_order_mark.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
 
@@ -33,10 +34,7 @@ std::vector<ProjectFileEntry> ReadProjectFile(const std::filesystem::path& path)
 }
 
 std::vector<ProjectFileEntry> ParseProjectFile(std::string_view text, const std::filesystem::path& path) {
-  std::string_view rest = text;
-  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
-  if (rest.substr(0, kByteOrderMark.size()) == kByteOrderMark) rest.remove_prefix(kByteOrderMark.size());
-
+  std::string_view rest = WithoutByteOrderMark(text);
   std::vector<ProjectFileEntry> entries;
   std::string group;
   for (int line = 1; !rest.empty(); ++line) {

@@ -219,8 +219,8 @@ class Scan {
     for (; next < steps_.size(); ++next) {
       if (reporter_.StopRequested()) throw Interrupted();
       RunOne(next);
-      const bool is_last = next + 1 == steps_.size();
-      if (steps_[next].command == "turntable_mapper" && !is_last) StopWhereDoubtful();
+      const bool has_poses = steps_[next].command == "turntable_mapper";
+      if (has_poses && settings_.until != ScanUntil::kSplit) StopWhereDoubtful();
     }
     Finish();
   }

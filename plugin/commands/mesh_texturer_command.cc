@@ -8,6 +8,7 @@
 
 #include "plugin/outputs/texture_workspace.h"
 #include "plugin/stage/stage.h"
+#include "plugin/stage/stage_stamp.h"
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/require_writable.h"
 
@@ -105,11 +106,12 @@ void RunMeshTexturer(CommandContext& context) {
   const Workspace workspace{workspace_path};
   const auto run = [&] { Print(TextureWorkspace(workspace, texturer, reporter), context.out()); };
   StageRunner runner(workspace, reporter);
-  if (!texturer.output_path.empty() ||
-      !texturer.render_path.empty()) {  // no part of the workspace: always written
-    if (!texturer.output_path.empty()) RequireWritable(texturer.output_path.string() + ".obj");
+  if (!texturer.output_path.empty()) {  // no part of the workspace: always written
+    RequireWritable(texturer.output_path.string() + ".obj");
     return run();
   }
+  // Pictures are drawn of a texture while it is made.
+  if (!texturer.render_path.empty()) RemoveStageStamp(workspace, "mesh_texturer");
   Stage stage;
   stage.name = "mesh_texturer";
   stage.inputs = {texturer.mesh_path.empty() ? workspace.TsdfMesh() : texturer.mesh_path,
@@ -119,7 +121,7 @@ void RunMeshTexturer(CommandContext& context) {
     if (!masks.empty()) stage.inputs.push_back(masks);
   }
   stage.options = ValuesWithout(options, {"workspace_path", "output_path", "mask_path", "mesh_path",
-                                          "render_path", "Texture.num_threads", "Texture.max_memory_gib"});
+                                          "render_path", "Texture.num_threads"});
   stage.outputs = workspace.TexturedMeshFiles();
   stage.depends_on = {"tsdf_mesher"};
   if (!runner.Run(stage, run)) {

@@ -47,12 +47,12 @@ struct Settings {
   fs::path workspace_path;
   fs::path image_path;
   ScaleOptions scale;
-
-  // With the markers' size, which is the board's, too.
-  CharucoBoard Board() const {
-    return {scale.charuco_columns, scale.charuco_rows, scale.charuco_square_mm, scale.marker_size_mm, {}};
-  }
 };
+
+// With the markers' size, which is the board's, too.
+CharucoBoard BoardOf(const ScaleOptions& scale) {
+  return {scale.charuco_columns, scale.charuco_rows, scale.charuco_square_mm, scale.marker_size_mm, {}};
+}
 
 using Sightings = std::map<std::string, std::vector<MarkerSighting>>;
 
@@ -108,32 +108,12 @@ std::string FindDictionary(const Settings& settings, const std::vector<std::stri
   return best;
 }
 
-// A place in a photo: "NAME:X:Y".
-struct PhotoPlace {
-  std::string name;
-  Eigen::Vector2d xy;
-};
-
-std::vector<PhotoPlace> ParsePlaces(const std::vector<std::string>& texts, const std::string& option,
-                                    const std::vector<std::string>& names, const fs::path& workspace) {
-  std::vector<PhotoPlace> places;
-  for (const std::string& text : texts) {
-    const size_t last = text.rfind(':');
-    const size_t middle = last == std::string::npos || last == 0 ? last : text.rfind(':', last - 1);
-    try {
-      if (middle == std::string::npos || middle == last) throw std::invalid_argument(text);
-      size_t end_x = 0;
-      size_t end_y = 0;
-      const std::string x = text.substr(middle + 1, last - middle - 1);
-      const std::string y = text.substr(last + 1);
-      places.push_back({text.substr(0, middle), {std::stod(x, &end_x), std::stod(y, &end_y)}});
-      if (end_x != x.size() || end_y != y.size()) throw std::invalid_argument(text);
-    } catch (const std::exception&) {
-      throw CommandLineError(
-          fmt::format("--{}: \"{}\" is not NAME:X:Y, a photo's name and pixels in it.", option, text));
-    }
-    if (!std::binary_search(names.begin(), names.end(), places.back().name)) {
-      throw UserError(workspace, "its model has no photo \"" + places.back().name + "\" of --" + option,
+std::vector<PhotoPlace> PlacesInModel(const std::vector<std::string>& texts, const std::string& option,
+                                      const std::vector<std::string>& names, const fs::path& workspace) {
+  std::vector<PhotoPlace> places = ParsePhotoPlaces(texts, option);
+  for (const PhotoPlace& place : places) {
+    if (!std::binary_search(names.begin(), names.end(), place.name)) {
+      throw UserError(workspace, "its model has no photo \"" + place.name + "\" of --" + option,
                       "Name photos that have a place in sparse/0");
     }
   }
@@ -144,8 +124,8 @@ ScaleBar MarkedLength(const Settings& settings, const ColmapModel& model) {
   MarkSightings sightings;
   const std::vector<std::string> names = NamesOf(model);
   const auto add = [&](const std::vector<std::string>& texts, const std::string& option, int mark) {
-    for (const PhotoPlace& place : ParsePlaces(texts, option, names, settings.workspace_path)) {
-      sightings[place.name][mark] = place.xy;
+    for (const PhotoPlace& place : PlacesInModel(texts, option, names, settings.workspace_path)) {
+      sightings[place.name][mark] = {place.x, place.y};
     }
   };
   add(settings.scale.point_a, "point_a", 0);
@@ -169,12 +149,13 @@ ScaleBar DiscDiameter(const Settings& settings, const UnscaledScene& scene) {
   std::map<std::string, const TurntableImage*> turns;
   for (const TurntableImage& image : scene.table.images) turns[image.name] = &image;
   for (const PhotoPlace& place :
-       ParsePlaces(settings.scale.disc_rim, "disc_rim", NamesOf(scene.object), settings.workspace_path)) {
+       PlacesInModel(settings.scale.disc_rim, "disc_rim", NamesOf(scene.object), settings.workspace_path)) {
     const ColmapImage& image = *images.at(place.name);
     const auto turn = turns.find(place.name);
     if (turn == turns.end()) continue;
     sightings.push_back({&scene.object.cameras.at(image.camera_id),
-                         image.cam_from_world * turn->second->world_from_object.Inverse(), place.xy});
+                         image.cam_from_world * turn->second->world_from_object.Inverse(),
+                         {place.x, place.y}});
   }
   const std::optional<DiscRim> rim = FitDiscRim(scene.table.axis, sightings, kClickPx);
   if (!rim) {
@@ -325,7 +306,7 @@ void Scale(const Settings& settings, const Workspace& workspace, Reporter& repor
   };
   if (settings.scale.HasBoard()) {
     const std::vector<std::string> names = NamesOf(scene.object);
-    CharucoBoard board = settings.Board();
+    CharucoBoard board = BoardOf(settings.scale);
     dictionary = board.dictionary = FindDictionary(settings, names);
     // Markers that are not those of such a board yield corners all the same; their sides tell.
     const std::vector<LocatedMarker> seen =
@@ -354,6 +335,21 @@ void Scale(const Settings& settings, const Workspace& workspace, Reporter& repor
   Print(estimate, workspace, out);
 }
 
+// All that lengths can be asked before there are poses.
+void RequireSoundScale(const ScaleOptions& scale) {
+  RequireComplete(scale);
+  const std::vector<std::string>& known = MarkerDictionaries();
+  if (scale.marker_dictionary != "auto" &&
+      std::find(known.begin(), known.end(), scale.marker_dictionary) == known.end()) {
+    throw CommandLineError(fmt::format("--marker_dictionary {} is none of auto, {}.", scale.marker_dictionary,
+                                       fmt::join(known, ", ")));
+  }
+  if (!scale.HasBoard()) return;
+  if (const OptionCheck fault = BoardOf(scale).Check()) {
+    throw CommandLineError(fmt::format("--{} {}: {}.", fault->field, fault->value, fault->bound));
+  }
+}
+
 }  // namespace
 
 void RunModelScaler(CommandContext& context) {
@@ -369,13 +365,7 @@ void RunModelScaler(CommandContext& context) {
       .Required();
   options.Add("image_path", &settings.image_path, "the photos; empty: images in the workspace");
   AddScaleOptions(&options, &settings.scale);
-  Reporter& reporter = context.Parse();
-  RequireComplete(settings.scale);
-  if (settings.scale.HasBoard()) {
-    if (const OptionCheck fault = settings.Board().Check()) {
-      throw CommandLineError(fmt::format("--{} {}: {}.", fault->field, fault->value, fault->bound));
-    }
-  }
+  Reporter& reporter = context.Parse([&] { RequireSoundScale(settings.scale); });
   const Workspace workspace{settings.workspace_path};
   if (settings.image_path.empty()) settings.image_path = workspace.Images();
   StageRunner runner(workspace, reporter);

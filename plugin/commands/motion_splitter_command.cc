@@ -262,7 +262,9 @@ void RunMotionSplitter(CommandContext& context) {
   }
 
   Stage stage{"motion_splitter", {settings.database_path}, SplitOptions(options), {}, depends_on};
-  if (!settings.mask_path.empty()) stage.inputs.push_back(settings.mask_path);
+  for (const fs::path& photos : {extraction.image_path, settings.mask_path}) {
+    if (!photos.empty()) stage.inputs.push_back(photos);
+  }
   stage.outputs = {paths.output / "object.db", paths.output / "static.db", paths.output / "labels.json"};
   stage.also_writes = {paths.output};
   const bool has_run = runner.Run(stage, [&] { Split(settings, paths, context.out(), reporter); });

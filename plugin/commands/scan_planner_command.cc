@@ -10,6 +10,7 @@
 #include "plugin/stage/workspace.h"
 #include "sfm_split/base/error.h"
 #include "sfm_split/base/file_io.h"
+#include "sfm_split/base/resolved_path.h"
 
 namespace s2gs {
 
@@ -60,6 +61,8 @@ void RunScanPlanner(CommandContext& context) {
   const ScanPlan plan = MakeScanPlan(request, reporter);
   PrintScanPlan(plan, context.out());
   if (output_path.empty() && !workspace_path.empty()) {
+    RequireNoLinkOut(request.workspace.root, request.workspace.Own());
+    RequireNoLinkOut(request.workspace.root, request.workspace.Plan());
     CreateFolder(request.workspace.Own());
     output_path = request.workspace.Plan();
   }

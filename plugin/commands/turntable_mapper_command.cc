@@ -135,9 +135,10 @@ void MapperStages::Run() {
   }
   std::vector<fs::path> inputs = {workspace_.ObjectDatabase(), workspace_.StaticDatabase()};
   if (!settings_.angles_path.empty()) inputs.push_back(settings_.angles_path);
+  inputs.push_back(settings_.image_path);
   runner_.Run({"turntable_mapper",
                inputs,
-               ValuesWithout(options_, {"angles_path"}),
+               ValuesWithout(options_, {"workspace_path", "image_path", "colmap_path", "angles_path"}),
                {workspace_.ObjectModel(), workspace_.Turntable(), mapper_.ReportPath()},
                before,
                {workspace_.StaticModel(), mapper_.ReportPath().parent_path()}},

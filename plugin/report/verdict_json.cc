@@ -66,6 +66,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"camera_height_rel", Number(evidence.camera_height_rel)},
                    {"focal_guessed", evidence.is_focal_guessed},
                    {"photos_cut", evidence.are_photos_cut},
+                   {"wrong_exif_focal", Number(evidence.wrong_exif_focal)},
                    {"focal_widths", evidence.focal_widths},
                    {"focal_sigma_rel", Number(evidence.focal_sigma_rel)},
                    {"focal_prior_share", Number(evidence.focal_prior_share)},
@@ -74,7 +75,8 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"angle_sigma_max_deg", Number(evidence.angle_sigma_max_deg)},
                    {"axis_sigma_deg", Number(evidence.axis_sigma_deg)},
                    {"scale_sigma_rel", Number(evidence.scale_sigma_rel)},
-                   {"free_object", evidence.is_object_free}};
+                   {"free_object", evidence.is_object_free},
+                   {"sigmas_missing", evidence.are_sigmas_missing}};
   return {{"verdict", VerdictName(verdict.verdict)},
           {"reasons", verdict.reasons},
           {"advice", verdict.advice},

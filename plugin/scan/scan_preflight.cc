@@ -234,6 +234,22 @@ class Preflight {
     } else {
       CheckCopies(folder, advice);
     }
+    CheckMarkedPhotos();
+  }
+
+  void CheckMarkedPhotos() {
+    for (const auto& [name, option] : request_.marked_photos) {
+      const bool is_known =
+          std::any_of(photos_.photos.begin(), photos_.photos.end(),
+                      [&photo = name](const PhotoFile& known) { return known.name == photo; });
+      if (is_known) continue;
+      Fault(fmt::format("{}: has no photo \"{}\", in which --{} states a place{}",
+                        request_.image_path.string(), name, option,
+                        request_.import
+                            ? ". Photos that have to be converted are called as what they become: "
+                              "NAME.png"
+                            : ". Name it as its path below that folder"));
+    }
   }
 
   // Files of one length are compared.
@@ -323,6 +339,9 @@ class Preflight {
       for (const PhotoFile& photo : photos_.photos) names.push_back(photo.name);
       std::vector<std::string> unknown;
       if (!names.empty()) AnglesOfPhotos(listed, names, request_.angles_path, &unknown);
+      if (unknown.empty()) return;
+      check_.warnings.push_back(fmt::format("{}: {} names are none of the photos': {}, for example",
+                                            request_.angles_path.string(), unknown.size(), unknown[0]));
     } catch (const UserError& error) {
       Fault(error.what());
     }

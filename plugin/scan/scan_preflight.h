@@ -28,6 +28,8 @@ struct ScanRequest {
   std::optional<int64_t> num_iterations;
   std::optional<int32_t> max_image_size;
   int max_num_features = 8192;
+  /// Photos in which places are stated, with the option that states them.
+  std::vector<std::pair<std::string, std::string>> marked_photos;
   bool trains = true;    ///< not with --until split.
   bool meshes = true;    ///< only with --until mesh.
   bool textures = true;  ///< the same, and with --texture 1.

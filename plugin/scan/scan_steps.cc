@@ -149,6 +149,13 @@ ScanRequest RequestOf(const ScanSettings& settings, const std::vector<ScanStep>&
   request.meshes = settings.until == ScanUntil::kMesh;
   request.textures = request.meshes && settings.texture;
   for (const ScanStep& step : steps) request.steps.emplace_back(step.command, step.arguments);
+  const ScaleOptions& scale = settings.scale;
+  for (const auto& [texts, option] :
+       {std::pair(&scale.point_a, "point_a"), std::pair(&scale.point_b, "point_b"),
+        std::pair(&scale.disc_rim, "disc_rim")}) {
+    for (const PhotoPlace& place : ParsePhotoPlaces(*texts, option))
+      request.marked_photos.emplace_back(place.name, option);
+  }
   return request;
 }
 

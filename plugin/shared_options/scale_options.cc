@@ -2,6 +2,9 @@
 
 #include <fmt/format.h>
 
+#include <exception>
+#include <stdexcept>
+
 namespace s2gs {
 
 OptionCheck ScaleOptions::Check() const {
@@ -51,6 +54,27 @@ void AddScaleOptions(Options* options, ScaleOptions* scale) {
       .Unit("mm");
 }
 
+std::vector<PhotoPlace> ParsePhotoPlaces(const std::vector<std::string>& texts, const std::string& option) {
+  std::vector<PhotoPlace> places;
+  for (const std::string& text : texts) {
+    const size_t last = text.rfind(':');
+    const size_t middle = last == std::string::npos || last == 0 ? last : text.rfind(':', last - 1);
+    try {
+      if (middle == std::string::npos || middle == last) throw std::invalid_argument(text);
+      size_t end_x = 0;
+      size_t end_y = 0;
+      const std::string x = text.substr(middle + 1, last - middle - 1);
+      const std::string y = text.substr(last + 1);
+      places.push_back({text.substr(0, middle), std::stod(x, &end_x), std::stod(y, &end_y)});
+      if (end_x != x.size() || end_y != y.size()) throw std::invalid_argument(text);
+    } catch (const std::exception&) {
+      throw CommandLineError(
+          fmt::format("--{}: \"{}\" is not NAME:X:Y, a photo's name and pixels in it.", option, text));
+    }
+  }
+  return places;
+}
+
 void RequireComplete(const ScaleOptions& scale) {
   if ((scale.known_length_mm > 0) != (!scale.point_a.empty() && !scale.point_b.empty())) {
     throw CommandLineError("--known_length_mm, --point_a and --point_b belong together.");
@@ -58,6 +82,9 @@ void RequireComplete(const ScaleOptions& scale) {
   if ((scale.disc_diameter_mm > 0) != !scale.disc_rim.empty()) {
     throw CommandLineError("--disc_diameter_mm and --disc_rim belong together.");
   }
+  ParsePhotoPlaces(scale.point_a, "point_a");
+  ParsePhotoPlaces(scale.point_b, "point_b");
+  ParsePhotoPlaces(scale.disc_rim, "disc_rim");
 }
 
 std::vector<std::string> ScaleArguments(const ScaleOptions& scale) {

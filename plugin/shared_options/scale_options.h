@@ -30,10 +30,20 @@ struct ScaleOptions {
   OptionCheck Check() const;
 };
 
+/// A place in a photo, as NAME:X:Y states it.
+struct PhotoPlace {
+  std::string name;
+  double x = 0;  ///< [px, COLMAP's convention]
+  double y = 0;
+};
+
+/// \param option  whose values the texts are. Throws CommandLineError where one is no NAME:X:Y.
+std::vector<PhotoPlace> ParsePhotoPlaces(const std::vector<std::string>& texts, const std::string& option);
+
 /// Adds all of them to a command.
 void AddScaleOptions(Options* options, ScaleOptions* scale);
 
-/// What belongs together is there together; throws CommandLineError otherwise.
+/// What belongs together is there together, and places are places; throws CommandLineError otherwise.
 void RequireComplete(const ScaleOptions& scale);
 
 /// Those that are stated, as arguments of model_scaler.

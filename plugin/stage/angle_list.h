@@ -1,18 +1,20 @@
 #pragma once
 
 #include <filesystem>
-#include <istream>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace s2gs {
 
-/// Table angles by the photos' names [degrees], of a CSV file: one "NAME,ANGLE" a line, separated by comma,
-/// semicolon or tab; a first line without a number is a heading, lines that begin with '#' and empty ones
-/// do not count. Throws UserError that names the line of a name that cannot be one or occurs twice, and of an
-/// angle that is no number. \param path  for messages.
-std::map<std::string, double> ReadAngleList(std::istream& stream, const std::filesystem::path& path);
+/// Table angles by the photos' names [degrees], of the text of a CSV file: one "NAME,ANGLE" a line; a first
+/// line without a number is a heading, lines that begin with '#', empty ones and a byte-order mark do not
+/// count. All lines have one separator, the last of which in a line counts: a tab if a line has one, else a
+/// semicolon if a line has one, else a comma, where those within double quotes are none. Throws UserError
+/// that names the line of a name that cannot be one or occurs twice, of an angle that is no number or has a
+/// decimal comma, and of a line without the separator. \param path  for messages.
+std::map<std::string, double> ParseAngleList(std::string_view text, const std::filesystem::path& path);
 /// \param path  such a file, or a folder of OpenScan's: what the firmware keeps of each photo, a
 /// metadata/NAME.json beside the photos, holds the turntable's angle ("fi"). The folder of one scan, or of a
 /// project with scans in it, whose names then begin with their folder's; names are without extension. Throws

@@ -56,9 +56,14 @@ std::string UtcNow() {
 }
 
 std::string StampPath(const Workspace& workspace, const fs::path& path) {
-  std::error_code ec;
-  const fs::path absolute = fs::absolute(path, ec).lexically_normal();
-  const fs::path relative = absolute.lexically_relative(fs::absolute(workspace.root, ec).lexically_normal());
+  // A folder may be given with a slash at its end or without.
+  const auto plain = [](const fs::path& given) {
+    std::error_code ec;
+    const fs::path absolute = fs::absolute(given, ec).lexically_normal();
+    return absolute.has_filename() ? absolute : absolute.parent_path();
+  };
+  const fs::path absolute = plain(path);
+  const fs::path relative = absolute.lexically_relative(plain(workspace.root));
   const bool is_inside = !relative.empty() && *relative.begin() != "..";
   return is_inside ? relative.string() : absolute.string();
 }

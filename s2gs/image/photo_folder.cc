@@ -114,6 +114,7 @@ std::string FaultOf(PhotoFile* photo) {
 struct Listing {
   std::vector<fs::path> photos;
   std::vector<fs::path> foreign;
+  std::vector<fs::path> linked_folders;
   size_t num_hidden_photos = 0;
   bool has_other_files = false;
 };
@@ -131,6 +132,7 @@ Listing List(const fs::path& folder) {
     if (is_hidden && is_folder) entry.disable_recursion_pending();
     if (is_folder) {
       listing.has_other_files = listing.has_other_files || is_hidden;
+      if (!is_hidden && entry->is_symlink(type_ec)) listing.linked_folders.push_back(entry->path());
     } else if (is_hidden || !(Contains(kPhotoExtensions, extension))) {
       listing.has_other_files = true;
       if (is_hidden && Contains(kPhotoExtensions, extension)) ++listing.num_hidden_photos;
@@ -143,6 +145,7 @@ Listing List(const fs::path& folder) {
   if (ec) throw UserError(folder, "cannot be listed (" + ec.message() + ")", "Check --image_path");
   std::sort(listing.photos.begin(), listing.photos.end());
   std::sort(listing.foreign.begin(), listing.foreign.end());
+  std::sort(listing.linked_folders.begin(), listing.linked_folders.end());
   return listing;
 }
 
@@ -200,6 +203,13 @@ PhotoFolder InspectPhotoFolder(const fs::path& folder, ForeignPhotos foreign) {
     result.faults.push_back((fault ? DescribeNameFault(name, "") : name + ": ") +
                             "is neither JPEG nor PNG, which photos must be: " + HowToConvert(extension) +
                             ", or take it out of the folder");
+  }
+  // Links may lead around in circles, and what is behind one has two names: they are not followed.
+  for (const fs::path& path : listing.linked_folders) {
+    const std::string name = NameOf(path, folder);
+    result.faults.push_back((ImageName::FindFault(name) ? DescribeNameFault(name, "") : name + ": ") +
+                            "is a link to a folder, whose photos are not found through it: give that folder "
+                            "itself, or replace the link by a copy or a bind mount of its photos");
   }
   if (listing.num_hidden_photos > 0) {
     result.notes.push_back(std::to_string(listing.num_hidden_photos) +

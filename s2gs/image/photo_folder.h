@@ -23,7 +23,7 @@ struct PhotoFile {
 /// What a folder of photos and the folders below it hold.
 struct PhotoFolder {
   std::vector<PhotoFile> photos;    ///< JPEG and PNG files by their extension, sorted by path.
-  std::vector<std::string> faults;  ///< one for each file that has to be mended, without the folder's path.
+  std::vector<std::string> faults;  ///< one for each file or link to be mended, without the folder's path.
   std::vector<std::string> notes;   ///< what is left alone although it looks like a photo.
   bool has_other_files = false;     ///< any that are no photos, hidden ones too.
   std::vector<PhotoFile> foreign;   ///< photos of other formats by their extension; name and path alone.
@@ -38,7 +38,8 @@ enum class ForeignPhotos {
 /// Looks at names and headers only, a few kilobytes of each photo: at what is not JPEG or PNG (unless a photo
 /// of the same name stands beside it, as of cameras that write raw files besides), names that cannot be used,
 /// names that differ in case alone, empty and cut-off files, sizes out of bounds. Hidden files are left
-/// alone, like the "._" files of macOS. Throws UserError when the folder cannot be listed.
+/// alone, like the "._" files of macOS. A link to a photo is that photo; one to a folder below this one is a
+/// fault and is not followed. Throws UserError when the folder cannot be listed.
 PhotoFolder InspectPhotoFolder(const std::filesystem::path& folder,
                                ForeignPhotos foreign = ForeignPhotos::kFaults);
 

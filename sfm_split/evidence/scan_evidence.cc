@@ -144,11 +144,17 @@ void RecordCameras(const ScanFeatures& features, const std::vector<Camera>& came
     evidence->unmoved_photos += count >= kLeastUnmoved ? count : 0;
   }
   for (const Camera& camera : cameras) {
+    const double focal_px = FocalLengths(camera).mean();
     evidence->focal_widths.push_back(FocalLengths(camera).x() / static_cast<double>(camera.width));
-    const auto expected = features.cameras.find(camera.camera_id);
+    const auto given = features.cameras.find(camera.camera_id);
+    if (given == features.cameras.end()) continue;
     evidence->are_photos_cut |=
-        expected != features.cameras.end() &&
-        PrincipalPointShift(camera, PrincipalPoint(expected->second)).norm() > kMostLensShift;
+        PrincipalPointShift(camera, PrincipalPoint(given->second)).norm() > kMostLensShift;
+    const auto is_stated = features.has_prior_focal.find(camera.camera_id);
+    const FocalPrior prior =
+        FocalPriorOf(given->second, is_stated != features.has_prior_focal.end() && is_stated->second);
+    if (prior.otherwise && !prior.IsAsStated(std::log(focal_px)))
+      evidence->wrong_exif_focal = prior.likeliest.focal_px / focal_px;
   }
 }
 
@@ -235,6 +241,7 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
   RecordBackgroundMatches(features, aligned, max_error_px, &evidence);
   RecordAxis(aligned, &evidence);
 
+  evidence.are_sigmas_missing = !joint.observability.computed && joint.observability.num_parameters > 0;
   if (joint.observability.computed) RecordSigmas(features, aligned, joint, findings, &evidence);
   return evidence;
 }

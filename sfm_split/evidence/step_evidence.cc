@@ -71,7 +71,8 @@ class StationCircle {
   // Of all photos from one on that are turned, by t. Angles around a table make one turn: what this step
   // gains is lost at another one, or at all of them by their share.
   double FromPhoto(size_t k, size_t t) const;
-  // What FromPhoto does not exceed by what the step itself says, whatever it costs elsewhere.
+  // What pairs that go over the step say of it alone, whatever that costs at other steps: whether it is worth
+  // asking FromPhoto.
   double OfStep(size_t k, size_t t) const { return of_step_[k][t]; }
   double MedianStepDeg() const;
 
@@ -82,6 +83,8 @@ class StationCircle {
     std::vector<size_t> steps;
   };
 
+  Spanned Between(size_t p1, size_t p2) const;
+  void AddGains(size_t p, const std::vector<double>& gains);
   double TurnedAtAnother(size_t k, size_t t) const;
   double TurnedAtAll(size_t k, size_t t) const;
 
@@ -112,33 +115,44 @@ StationCircle::StationCircle(const std::vector<TurnPair>& pairs, const std::vect
     const View& before = *views[static_cast<size_t>(order[k > 0 ? k - 1 : count - 1])];
     steps_deg_.push_back(here.angle_deg - before.angle_deg + (k > 0 ? 0 : 360));
   }
+  for (size_t p = 0; p < pairs.size(); ++p) {
+    spanned_[p] =
+        Between(place.at(static_cast<int>(pairs[p].image1)), place.at(static_cast<int>(pairs[p].image2)));
+  }
   std::vector<std::vector<double>> gains_of_pair(pairs.size());
   const std::vector<double> turns = TurnsDeg();
   ParallelFor(static_cast<int64_t>(pairs.size()), 0, [&](int64_t p) {
     gains_of_pair[static_cast<size_t>(p)] =
         likelihood.OfTurns(pairs[static_cast<size_t>(p)], turns, noise_px);
   });
-  for (size_t p = 0; p < pairs.size(); ++p) {
-    const std::vector<double>& gains = gains_of_pair[p];
-    as_posed_[p] = gains[kAsPosed];
-    const size_t p1 = place.at(static_cast<int>(pairs[p].image1));
-    const size_t p2 = place.at(static_cast<int>(pairs[p].image2));
-    // Across the end of the turn the photos after it are the first ones.
-    const bool is_across = 2 * (p1 > p2 ? p1 - p2 : p2 - p1) > count;
-    const bool is_forward = (p1 < p2) != is_across;
-    const size_t before = is_forward ? p1 : p2;
-    const size_t after = is_forward ? p2 : p1;
-    spanned_[p].is_forward = is_forward;
-    for (size_t k = before; k != after;) {
-      k = (k + 1) % count;
-      spanned_[p].steps.push_back(k);
-    }
-    for (size_t t = 0; t < kNumTurns; ++t) {
-      const double gain = gains[is_forward ? t : kNumTurns - 1 - t] - as_posed_[p];
-      of_photo_[after][t] += gain;
-      of_photo_[before][kNumTurns - 1 - t] += gain;
-      for (const size_t k : spanned_[p].steps) of_step_[k][t] += gain;
-    }
+  for (size_t p = 0; p < pairs.size(); ++p) AddGains(p, gains_of_pair[p]);
+}
+
+// Of two photos, by their places: the steps from the earlier one to the later one.
+StationCircle::Spanned StationCircle::Between(size_t p1, size_t p2) const {
+  const size_t count = steps_deg_.size();
+  // Across the end of the turn the photos after it are the first ones.
+  const bool is_across = 2 * (p1 > p2 ? p1 - p2 : p2 - p1) > count;
+  Spanned spanned{(p1 < p2) != is_across, {}};
+  const size_t after = spanned.is_forward ? p2 : p1;
+  for (size_t k = spanned.is_forward ? p1 : p2; k != after;) {
+    k = (k + 1) % count;
+    spanned.steps.push_back(k);
+  }
+  return spanned;
+}
+
+// Of a pair, at each turn of its second photo.
+void StationCircle::AddGains(size_t p, const std::vector<double>& gains) {
+  as_posed_[p] = gains[kAsPosed];
+  const std::vector<size_t>& steps = spanned_[p].steps;
+  const size_t after = steps.back();
+  const size_t before = (steps.front() > 0 ? steps.front() : steps_deg_.size()) - 1;
+  for (size_t t = 0; t < kNumTurns; ++t) {
+    const double gain = gains[spanned_[p].is_forward ? t : kNumTurns - 1 - t] - as_posed_[p];
+    of_photo_[after][t] += gain;
+    of_photo_[before][kNumTurns - 1 - t] += gain;
+    for (const size_t k : steps) of_step_[k][t] += gain;
   }
 }
 

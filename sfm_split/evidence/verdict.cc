@@ -73,6 +73,12 @@ class Judge {
     }
     if (result.reasons.empty()) result.reasons = Good();
     if (evidence_.is_one_body) result.reasons.emplace_back("of one body no angles of a table are told");
+    if (evidence_.wrong_exif_focal) {
+      result.reasons.push_back(FormatText(
+          "EXIF states %.2g times the focal length that the photos show, as of photos that were cut "
+          "or zoomed into, and was not followed",
+          *evidence_.wrong_exif_focal));
+    }
     if (evidence_.angle_prior_share && *evidence_.angle_prior_share > kMaxPriorShare) {
       result.reasons.emplace_back(
           "most of what is known of the table angles is that the table's steps are equal");
@@ -309,6 +315,13 @@ class Judge {
   bool IsLevel() const { return evidence_.camera_height_rel && *evidence_.camera_height_rel < 1; }
 
   void JudgeSigmas() {
+    if (evidence_.are_sigmas_missing) {
+      Add(Verdict::kDoubtful,
+          "how surely the photos tell the poses was not computed, as each photo has a pose of its own and "
+          "there "
+          "are too many",
+          {kFixedCamera});
+    }
     if (evidence_.angle_sigma_max_deg && kSigmas * *evidence_.angle_sigma_max_deg > kMaxAngleDeg) {
       Add(Verdict::kDoubtful,
           std::isfinite(*evidence_.angle_sigma_max_deg)

@@ -103,6 +103,8 @@ struct ScanEvidence {
   /// Standard deviations; the shares that rest on priors.
   std::optional<double> focal_sigma_rel;
   std::optional<double> focal_prior_share;
+  /// What EXIF states of the focal length over what came out, where the photos contradict it (FocalPrior).
+  std::optional<double> wrong_exif_focal;
   bool are_photos_cut = false;    ///< the adjustment found principal points beside their middle.
   bool is_focal_guessed = false;  ///< neither the photos' data nor the adjustment tells it.
   std::optional<double> angle_prior_share;
@@ -110,7 +112,8 @@ struct ScanEvidence {
   std::optional<double> angle_sigma_max_deg;
   std::optional<double> axis_sigma_deg;  ///< of the axis' direction before the camera, the worse one.
   std::optional<double> scale_sigma_rel;
-  bool is_object_free = false;  ///< each photo has an object pose of its own.
+  bool is_object_free = false;      ///< each photo has an object pose of its own.
+  bool are_sigmas_missing = false;  ///< asked for, but there are too many unknowns (JointOptions).
 };
 
 struct ScanVerdict {

@@ -75,7 +75,7 @@ std::optional<std::vector<int>> StationsByPoses(const ScanFeatures& features, co
     if (!is_small(cameras[s].image)) continue;
     open.insert(s);
     for (size_t t = 0; t < cameras.size(); ++t) {
-      if (!StandAlike(scene.axis, cameras[s].cam_from_object, cameras[t].cam_from_object)) continue;
+      if (t != s && !StandAlike(scene.axis, cameras[s].cam_from_object, cameras[t].cam_from_object)) continue;
       if (is_small(cameras[t].image)) {
         near[s].push_back(t);
       } else {

@@ -89,6 +89,10 @@ StationTurns AskStationTurns(const ScanFeatures& features, const std::vector<Pos
   StationTurns result;
   const View* const reference = aligned.scene.Reference();
   if (reference == nullptr) return result;
+  std::map<int, size_t> photos;
+  for (const View& view : aligned.scene.views) ++photos[view.station];
+  // Of photos that each have a station of their own no turns are asked, and no steps.
+  if (photos.size() == aligned.scene.views.size()) return result;
   MatchAscent ascent(features, StationWitnesses(features, aligned, object_pairs), aligned);
   if (!ascent.HasStations()) return result;
   AscentNoise noise = kFirstNoise;
@@ -97,8 +101,6 @@ StationTurns AskStationTurns(const ScanFeatures& features, const std::vector<Pos
   noise = ascent.Settle(noise, reporter);
   const double below = ascent.Climb(noise, kMaxSteps, reporter) - posed.Value(noise);
   result.overdispersion = std::max(1.0, 2 * below / std::max(1, ascent.NumTold()));
-  std::map<int, size_t> photos;
-  for (const View& view : aligned.scene.views) ++photos[view.station];
   const Asker asker(ascent, noise, reporter);
   const auto of_reference = static_cast<size_t>(ascent.PlaceOf(reference->station));
   for (const auto& [station, count] : photos) {

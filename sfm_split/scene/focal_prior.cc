@@ -32,8 +32,8 @@ const FocalNormal& FocalPrior::At(double log_focal) const {
 }
 
 double FocalPrior::LogDensity(double log_focal) const {
-  const double stated = LogOf(likeliest, log_focal);
-  return otherwise ? std::max(stated, LogPeakOtherwise(*this) + LogOf(*otherwise, log_focal)) : stated;
+  const FocalNormal& normal = At(log_focal);
+  return LogOf(normal, log_focal) + (&normal == &likeliest ? 0 : LogPeakOtherwise(*this));
 }
 
 FocalPrior FocalPriorOf(const Camera& camera, bool is_from_exif) {

@@ -398,6 +398,36 @@ class ExactWorkspace(unittest.TestCase):
             text = (pathlib.Path(folder) / 'points3D.txt').read_text()
         self.assertEqual(text, '1 0.1 -2.5 3.0 10 20 30 -1\n')
 
+    def test_points_of_a_model_come_into_the_exact_frame(self):
+        try:
+            import exact_workspace
+            import numpy as np
+        except ModuleNotFoundError as missing:
+            self.skipTest(str(missing))
+        turn, shift = exact_workspace.rotation(np.array([0.8, 0.2, -0.5, 0.3])), np.array([1.0, -2.0, 0.5])
+        x_in_model = np.array([[0.3, 0.1, 2.0], [-1.0, 0.4, 3.0]])
+        scene = {'width': 4, 'height': 3, 'fx': 5.5, 'fy': 5.5, 'cx': 2.0, 'cy': 1.5}
+
+        def moved(places):
+            """By a model whose unit is a third of the exact one, photos from these places, two a place."""
+            in_model, exact = [], []
+            for i, centre in enumerate(places * 2):
+                cam_from_model = exact_workspace.rotation(np.array([1.0, 0.1 * i, 0.2, 0.0]))
+                in_model.append((f'{i}.jpg', np.vstack([np.column_stack([cam_from_model, -cam_from_model @ centre]), [0, 0, 0, 1]])))
+                cam_from_exact, place = cam_from_model @ turn.T, 3 * turn @ centre + shift
+                exact.append((f'{i}.jpg', np.vstack([np.column_stack([cam_from_exact, -cam_from_exact @ place]), [0, 0, 0, 1]])))
+            with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+                exact_workspace.write_model(folder, scene, in_model, [])
+                (pathlib.Path(folder) / 'points3D.txt').write_text(''.join(
+                    f'{i} {" ".join(map(str, x))} 10 20 30 0.5{" 1 0" * seen}\n' for i, (x, seen) in enumerate(zip(x_in_model, (3, 2)))))
+                return exact_workspace.moved_points(folder, exact)
+
+        places = [np.array([0.0, 0.0, 0.0]), np.array([1.0, 0.5, 0.2])]
+        # Nine digits of a rotation's matrix survive its way through a quaternion and a text.
+        np.testing.assert_allclose(moved(places), [[*(3 * turn @ x_in_model[0] + shift), 10, 20, 30]], atol=1e-9)
+        with self.assertRaises(SystemExit):
+            moved(places[:1])
+
     def test_stations_of_an_exact_workspace_count_from_zero(self):
         try:
             import exact_workspace

@@ -8,11 +8,11 @@ photos, as links), test_list.txt (the held-out ones) and truth_masks/ (to measur
 the mode that needs them.
 
 Points: none, so that training starts at random, as in the paper; or those of two COLMAP models that SfM made of the
-same photos (text or binary, found by `colmap mapper` with its own poses), moved into the exact frame by a similarity
-fit of the camera centres. Nothing of the true surface is used.
+same photos (text or binary, by `s2gs turntable_mapper` or `colmap mapper` with its own poses), moved into the exact
+frame by the similarity that fits the cameras' rotations and centres. Nothing of the true surface is used.
 Needs numpy (Debian: python3-numpy), and colmap where the models are binary.
 """
-import argparse, json, os, subprocess, tempfile
+import argparse, json, os, subprocess, sys, tempfile
 import numpy as np
 
 
@@ -36,7 +36,7 @@ def rotation(q):
 
 
 def read_model(folder):
-    """Camera centres by name, and points with colour and track length, of a COLMAP model."""
+    """Camera rotations and centres by name, and points with colour and track length, of a COLMAP model."""
     if not os.path.exists(os.path.join(folder, "points3D.txt")):
         text = tempfile.mkdtemp()
         subprocess.run(["colmap", "model_converter", "--input_path", folder, "--output_path", text,
@@ -44,11 +44,11 @@ def read_model(folder):
         folder = text
     with open(os.path.join(folder, "images.txt")) as f:
         lines = [line for line in f if not line.startswith("#")]
-    centres = {}
+    cameras = {}
     for line in lines[::2]:
         words = line.split()
         R, t = rotation(np.array(words[1:5], float)), np.array(words[5:8], float)
-        centres[words[9]] = -R.T @ t
+        cameras[words[9]] = R, -R.T @ t
     points = []
     with open(os.path.join(folder, "points3D.txt")) as f:
         for line in f:
@@ -56,16 +56,19 @@ def read_model(folder):
                 continue
             words = line.split()
             points.append([float(w) for w in words[1:8]] + [(len(words) - 8) // 2])
-    return centres, np.array(points).reshape(-1, 8)
+    return cameras, np.array(points).reshape(-1, 8)
 
 
 def similarity(a, b):
-    """scale, R, t with b = scale R a + t (Umeyama)."""
+    """scale, R, t with x_b = scale R x_a + t, of lists of (rotation, centre) of the same cameras in both frames: R is the
+    mean of what their rotations say, so that two places do; scale and t fit the centres. None where all are of one place."""
+    u, _, vt = np.linalg.svd(sum(R_b.T @ R_a for (R_a, _), (R_b, _) in zip(a, b)))
+    R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    a, b = np.array([centre for _, centre in a]), np.array([centre for _, centre in b])
     ca, cb = a.mean(0), b.mean(0)
-    u, d, vt = np.linalg.svd((b - cb).T @ (a - ca))
-    s = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    R = u @ s @ vt
-    scale = np.trace(np.diag(d) @ s) / ((a - ca) ** 2).sum()
+    if np.linalg.norm(b - cb, axis=1).max() < 1e-6 * max(1, np.linalg.norm(cb)):
+        return None
+    scale = ((b - cb) * ((a - ca) @ R.T)).sum() / ((a - ca) ** 2).sum()
     return scale, R, cb - scale * R @ ca
 
 
@@ -84,17 +87,20 @@ def write_model(folder, scene, poses, points):
 
 
 def moved_points(model, poses):
+    """The model's points of three photos and more, in the frame of `poses`."""
     if not model:
         return np.zeros((0, 6))
-    centres, points = read_model(model)
-    exact = {name: -pose[:3, :3].T @ pose[:3, 3] for name, pose in poses}
-    common = sorted(set(centres) & set(exact))
-    a, b = np.array([centres[n] for n in common]), np.array([exact[n] for n in common])
-    scale, R, t = similarity(a, b)
-    residual = np.linalg.norm(scale * a @ R.T + t - b, axis=1)
-    print("%s: %d points, %d images in common, centres off by %.2g (median)" %
-          (model, len(points), len(common), np.median(residual)))
+    cameras, points = read_model(model)
+    exact = {name: (pose[:3, :3], -pose[:3, :3].T @ pose[:3, 3]) for name, pose in poses}
+    common = sorted(set(cameras) & set(exact))
+    found = similarity([cameras[n] for n in common], [exact[n] for n in common]) if common else None
+    if found is None:
+        sys.exit("%s: its photos are of one place, or not the scene's: it has no scale" % model)
+    scale, R, t = found
+    residual = [np.linalg.norm(scale * R @ cameras[n][1] + t - exact[n][1]) for n in common]
     kept = points[points[:, 7] >= 3]
+    print("%s: %d points, %d images in common, centres off by %.2g (median)" %
+          (model, len(kept), len(common), np.median(residual)))
     return np.hstack([scale * kept[:, :3] @ R.T + t, kept[:, 3:6]])
 
 

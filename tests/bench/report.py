@@ -126,8 +126,12 @@ def scan_table(r, suite):
 
 
 def train_table(r):
-    return table(['scene', 'iterations', 'Gaussians', 'PSNR [dB]', 'on object pixels', 'SSIM', 'masks IoU', 'training', 'machine, commit'],
-                 [[name_cell(s, v, runs), cell(runs, 'iteration'), cell(runs, 'count'), cell(runs, 'psnr_db'), cell(runs, 'object_psnr_db'),
+    def start(runs):
+        points = [run['figures'].get('start_points') for run in runs]
+        return '' if None in points else 'at random' if max(points) == 0 else f'{cell(runs, "start_points")} points'
+
+    return table(['scene', 'start', 'iterations', 'Gaussians', 'PSNR [dB]', 'on object pixels', 'SSIM', 'masks IoU', 'training', 'machine, commit'],
+                 [[name_cell(s, v, runs), start(runs), cell(runs, 'iteration'), cell(runs, 'count'), cell(runs, 'psnr_db'), cell(runs, 'object_psnr_db'),
                    cell(runs, 'ssim'), cell(runs, 'mask_iou'),
                    time_cell(runs, 'train_'), provenance(runs)] for s, v, runs in r.of('train')])
 

@@ -16,8 +16,8 @@ Without --scenes those of SUITES; those that are not there are named at the end.
 where scenes.json says. The program is that of build/cpu or build/tests. What is written in Python needs what
 requirements.txt names: where neither --python nor this Python has it, a venv is made in build/bench/venv (from the
 network, once). train, mesh and kernels need this folder, Python with numpy, and the static trainer (preset `trainer`): a
-bare GPU node does. Points to start from are DATA/NAME/points/{object,static} (COLMAP text models of free SfM), where they
-are; else training starts at random.
+bare GPU node does. Training starts from DATA/NAME/points/{object,static} (COLMAP models that SfM made) where they are, else
+from the models that `poses` or `scan` left in WORK, which run before it; else at random.
 
 A run whose result is there from the same commit and data is skipped, so that the same command goes on where it was.
 Results hold CPU and wall seconds; on a machine that other work shares (`load` is that before the run) neither is a
@@ -39,13 +39,14 @@ import report
 import results
 import scenes
 
-# What each suite runs when no scenes are named, small ones on the CPU; suites and scenes with the shortest first.
+# What each suite runs when no scenes are named, small ones on the CPU, the shortest first; suites in this order, as training
+# starts from points that the poses left, and the kernels' steps are of what was trained.
 SUITES = {
-    'kernels': (['example'], ['falcon_desk']),
-    'train': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
-    'mesh': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
     'poses': (['example', 'box_small', 'rock_small', 'rock', 'ogre_fixed', 'rubik_cube', 'green_apple', 'box', 'large', 'knot',
                'vase', 'dome', 'hand', 'shiny', 'falcon_desk'],) * 2,
+    'train': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
+    'mesh': (['example'], ['falcon_desk', 'knot', 'box', 'rock']),
+    'kernels': (['example'], ['falcon_desk']),
     'scan': (['example', 'box_small', 'falcon_desk'], ['falcon_desk', 'knot', 'box', 'rock', 'vase', 'flowerpot']),
 }
 SAFETY = ['hostile', 'kills', 'fuzz']  # parts of suite `safety`
@@ -266,11 +267,18 @@ def whole_scan(session, name, scene, seed):
     yield '', lambda: scan(session, 'scan', name, scene, seed, 'mesh')
 
 
+def start_points(session, name, scene):
+    """The models that training starts from, as options of exact_workspace.py; none where nothing ran that makes them."""
+    found = [scene / 'points', *(session.folder(suite, name, 0) / 'sparse' for suite in ('poses', 'scan'))]
+    models = next(([folder / kind for kind in kinds] for folder, kinds in zip(found, [('object', 'static'), *[('0', 'static')] * 2])
+                   if (folder / kinds[0]).exists()), [])
+    return [w for option, model in zip(('--object_model', '--static_model'), models) if model.exists() for w in (option, model)]
+
+
 def exact_workspace(session, name, scene, mode):
     workspace = session.folder('exact', name, 0, mode)
     if not (workspace / 'turntable.json').exists():
-        points = [w for kind, option in (('object', '--object_model'), ('static', '--static_model'))
-                  if (scene / 'points' / kind).exists() for w in (option, scene / 'points' / kind)]
+        points = start_points(session, name, scene)
         session.call(session.python('numpy'), scenes.HERE / 'exact_workspace.py', scene, workspace, *points,
                      *(['--masks'] if mode == 'masks' else []), timed=False)
     return workspace
@@ -296,9 +304,11 @@ def train_model(session, name, scene, seed, mode):
 
 def train(session, name, scene, seed):
     def measure(mode):
-        shutil.rmtree(session.folder('train', name, seed, mode), ignore_errors=True)
-        _, model = train_model(session, name, scene, seed, mode)
-        return training_figures(model / 'log.jsonl')
+        for kind, its_seed in (('exact', 0), ('train', seed)):
+            shutil.rmtree(session.folder(kind, name, its_seed, mode), ignore_errors=True)
+        workspace, model = train_model(session, name, scene, seed, mode)
+        points = sum(len((workspace / 'sparse' / kind / 'points3D.txt').read_text().splitlines()) for kind in ('0', 'static'))
+        return {**training_figures(model / 'log.jsonl'), 'start_points': points}
     for mode in ('s2gs', 'masks'):
         yield mode, lambda mode=mode: measure(mode)
 

@@ -559,6 +559,12 @@ def broken_link(box):
     (box.photos / "x.jpg").symlink_to("nowhere.jpg")
 
 
+def linked_folder(box):
+    (box.folder / "station2").mkdir()
+    shutil.copy(box.photos / names_of(box)[0], box.folder / "station2" / "y.jpg")
+    (box.photos / "station2").symlink_to(box.folder / "station2")
+
+
 def pipe(box):
     os.mkfifo(box.photos / "x.jpg")
 
@@ -797,6 +803,7 @@ def short_cases():
     yield Case("links", "a scan in a workspace of links", scan_with_links)
     yield link_in_the_workspace("s2gs/lock", trainer)
     yield link_in_the_workspace("report.html", lambda box: ["report", "--workspace_path", box.scan, "--image_path", box.photos])
+    yield link_in_the_workspace("s2gs/plan.json", lambda box: ["scan_planner", "--workspace_path", box.scan, "--image_path", box.photos])
     yield Case("links", "imported photos behind a link are photos", import_through_a_link)
     yield Case("photos", "importing into the photos", import_into_the_photos)
     yield Case("photos", "importing what was imported", import_what_was_imported)
@@ -845,6 +852,7 @@ def short_cases():
     yield with_photo("identical photos", identical_photos, ("copies of a single one",))
     yield with_photo("64 megapixels of one colour", lambda box: write_flat_png(box.photos / "x.png", 8200), ("no photo fits",))
     yield with_photo("broken link", broken_link, ("x.jpg: is a link that leads nowhere",))
+    yield with_photo("link to a folder", linked_folder, ("station2: is a link to a folder",))
     yield with_photo("pipe", pipe, ("x.jpg: is no regular file",))
     yield Case("photos", "workspace in the photos' folder", workspace_in_photos)
     yield camera("1 SIMPLE_RADIAL 2000000000 400 480 200 200 0.1", ("2000000000",), "camera of 2e9 pixels with distortion")

@@ -120,6 +120,11 @@ TEST_F(TurntableMapper, WritesTheSceneAndRunsOnlyWhatChanged) {
   const std::string alone = RunId("turntable_mapper");
   ASSERT_EQ(RunMapper(workspace_), kExitDone);
   EXPECT_EQ(RunId("turntable_mapper"), alone);
+  // The same workspace and photos by another name, and where colmap lies, change nothing.
+  ASSERT_EQ(RunMapper({workspace_.root / "split" / ".."},
+                      {"--image_path", workspace_.Images().string() + "/.", "--colmap_path", "colmap"}),
+            kExitDone);
+  EXPECT_EQ(RunId("turntable_mapper"), alone);
 
   const std::vector<std::string> with_sfm = {"--circle_first", "0"};
   ASSERT_EQ(RunMapper(workspace_, with_sfm), kExitDone);

@@ -76,7 +76,9 @@ def run(command, options=None, *, program=None, on_progress=None, on_line=None, 
             child.wait()
         except BaseException:
             child.send_signal(signal.SIGINT)
-            child.stderr.close()
+            # What it says on its way to a safe point would end it at once if nobody read it.
+            while os.read(child.stderr.fileno(), 1 << 16):
+                pass
             child.wait()
             raise
         finally:

@@ -238,6 +238,23 @@ TEST(Tsdf, SameBitsInBatches) {
   EXPECT_EQ(batches.triangles, at_once.triangles);
 }
 
+// Many threads prepare many views at once only where these fit.
+TEST(Tsdf, ThreadsTakeNoMoreMemoryThanThereIs) {
+  const std::vector<DepthView> views = AnalyticViews({SphereShape(0.8)}, SmallViews());
+  TsdfOptions options = CpuOptions();
+  options.max_memory_gib = 0.0035;
+  options.voxel_size = 0.04;
+  std::vector<int64_t> predicted;
+  for (const int num_threads : {1, 16}) {
+    options.num_threads = num_threads;
+    TsdfSummary summary;
+    Fuse(views, options, &summary);
+    predicted.push_back(static_cast<int64_t>(summary.predicted_bytes));
+  }
+  EXPECT_EQ(predicted[1], predicted[0]);
+  EXPECT_LT(static_cast<double>(predicted[0]), 0.0035 * 1024 * 1024 * 1024);
+}
+
 TEST_P(TsdfOnBackend, ScaleAndPlaceDoNotMatter) {
   const TsdfOptions tsdf = OptionsOf(GetParam());
   AnalyticViewOptions view_options = SmallViews();

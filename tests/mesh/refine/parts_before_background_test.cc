@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <random>
@@ -71,10 +72,12 @@ class ClayPhotos : public RefinementPhotoSource {
   const ObjectView& Camera(int index) const override { return views_[index]; }
   Image8 Load(int index) const override {
     if (!may_load) ADD_FAILURE() << "photo " << index << " is loaded";
+    ++num_loaded;
     return photos_[index];
   }
 
   bool may_load = true;
+  mutable std::atomic<int> num_loaded{0};
 
  private:
   std::vector<ObjectView> views_;
@@ -144,6 +147,16 @@ TEST(PartsBeforeBackground, AreThereThoughMostOfTheBackgroundIsAsBright) {
   for (const int part : clay.of_triangle) brightness.push_back(part == 0 ? 250 : 110);
   const ClayPhotos photos(clay.mesh, 24, false, brightness);
   EXPECT_EQ(Judge(photos, clay, 0), (std::vector<PartSight>{PartSight::kUnknown, PartSight::kThere}));
+}
+
+// All of a station are held in memory at once.
+TEST(PartsBeforeBackground, AreJudgedByAHundredPhotosAtMost) {
+  Parts clay;
+  const Parts parts = BodyPartAndScrap(&clay);
+  const ClayPhotos photos(clay.mesh, 130);
+  EXPECT_EQ(Judge(photos, parts, 0),
+            (std::vector<PartSight>{PartSight::kUnknown, PartSight::kThere, PartSight::kNotThere}));
+  EXPECT_EQ(photos.num_loaded, 100);
 }
 
 TEST(PartsBeforeBackground, CostNothingWhereThereIsNothingToJudge) {

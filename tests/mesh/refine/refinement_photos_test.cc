@@ -59,12 +59,32 @@ TriangleMesh Level(float side) {
   return mesh;
 }
 
+// And one from amid the mesh, which sees an end of it and has its middle behind.
+class NearFarAndWithin : public NearAndFar {
+ public:
+  explicit NearFarAndWithin(double half)
+      : within_{kSide, kSide, kFocal, kFocal, kSide / 2.0, kSide / 2.0, {}} {
+    Eigen::Matrix3d rotation;  // along x, .3 rad downwards
+    rotation << 0, -1, 0, -std::sin(0.3), 0, -std::cos(0.3), std::cos(0.3), 0, -std::sin(0.3);
+    within_.cam_from_object.rotation = Eigen::Quaterniond(rotation);
+    within_.cam_from_object.translation = -rotation * Eigen::Vector3d(0.5 * half, 0, 0.1 * half);
+  }
+  int size() const override { return NearAndFar::size() + 1; }
+  const ObjectView& Camera(int index) const override {
+    return index < NearAndFar::size() ? NearAndFar::Camera(index) : within_;
+  }
+
+ private:
+  ObjectView within_;
+};
+
 // By how much photos are shrunk, as the size of a pixel on the surface says.
-double ShrinkFor(float side) {
+double ShrinkFor(float side, const RefinementPhotoSource& source = NearAndFar()) {
   const TriangleMesh mesh = Level(side);
   Reporter silent;
   RefinementPhotos photos(1, silent);
-  photos.Load(NearAndFar(), mesh, 1);
+  photos.Load(source, mesh, 1);
+  EXPECT_EQ(photos.size(), source.size());
   const SurfacePatch patch = photos.PatchAt(mesh, 14, photos.FindVisible(mesh, {kMinSeenCosine, 0}), 4);
   double shrink = 0;
   for (int i = 0; i < patch.num_views; ++i) {
@@ -83,6 +103,12 @@ TEST(RefinementPhotos, AreAsFineAsTheMeshNeeds) {
     EXPECT_NEAR(ShrinkFor(static_cast<float>(0.97 * least)), shrink, 0.1);
     EXPECT_NEAR(ShrinkFor(static_cast<float>(1.03 * least)), shrink + 1, 0.1 * shrink);
   }
+}
+
+// A photo that has the middle behind it says nothing of how fine the others are.
+TEST(RefinementPhotos, HaveTheMeshBeforeThem) {
+  const auto side = static_cast<float>(0.97 * 3 * 2 * kDistance / kFocal);
+  EXPECT_NEAR(ShrinkFor(side, NearFarAndWithin(2.5 * side)), 1, 0.1);
 }
 
 // At a sixteenth of their size at most: then they fit, or they are refused.

@@ -304,6 +304,15 @@ TEST_F(GaussianCommands, SaysWhatWasMeshedAndTextured) {
                                               texture.gain_spread / 0.01)));
   EXPECT_THAT(textured, HasSubstr("written          " + (folder_ / "line").string()));
   EXPECT_THAT(textured, Not(HasSubstr("held out")));
+  // Pictures of another texture leave that in the workspace.
+  const auto texture_workspace = [&](std::vector<std::string> more) {
+    more.insert(more.end(), {"--workspace_path", workspace_.root.string(), "--log_level", "error"});
+    return RunCommand(RunMeshTexturer, more);
+  };
+  texture_workspace({});
+  EXPECT_THAT(texture_workspace({}), HasSubstr("up to date"));
+  texture_workspace({"--render_path", folder_ / "drawn", "--Texture.texel_size_pixels", "4"});
+  EXPECT_THAT(texture_workspace({}), Not(HasSubstr("up to date")));
 
   std::filesystem::remove(workspace_.DepthMap(names_[0]));
   EXPECT_THAT(Mesh({}), HasSubstr("depth maps       9 of 10 images, 9 with masks\n"));

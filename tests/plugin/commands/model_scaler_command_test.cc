@@ -204,6 +204,25 @@ TEST_F(ModelScaler, PlacesAreANameAndPixels) {
               HasSubstr("the sightings of --point_b do not meet in one point"));
 }
 
+// As a scan checks them before it begins.
+TEST(ModelScalerArguments, AreCheckedTogetherBeforeThereArePoses) {
+  const Command command{"model_scaler", "", RunModelScaler};
+  const auto fault = [&](std::vector<std::string> arguments) -> std::string {
+    arguments.insert(arguments.end(), {"--workspace_path", "nowhere"});
+    try {
+      CheckArguments(command, arguments);
+    } catch (const CommandLineError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(fault({"--marker_size_mm", "5", "--marker_dictionary", "aruco"}),
+              HasSubstr("--marker_dictionary aruco is none of auto, 4X4, "));
+  EXPECT_THAT(fault({"--charuco_columns", "5", "--marker_size_mm", "5"}), HasSubstr("--charuco_rows 0"));
+  EXPECT_THAT(fault({"--disc_diameter_mm", "5", "--disc_rim", "a.jpg:331"}), HasSubstr("is not NAME:X:Y"));
+  EXPECT_EQ(fault({"--marker_size_mm", "5", "--marker_dictionary", "4X4"}), "");
+}
+
 TEST_F(ModelScaler, ADiscsRimTellsTheSameAsALength) {
   Write(false);
   constexpr double kRadius = 0.13;

@@ -85,6 +85,28 @@ echo done
         s2gs.run("workspace_info", program=PROGRAM, workspace_path=WORK / "stopped")
         self.assertFalse((WORK / "stopped/turntable.json").exists())
 
+    def test_a_program_that_is_stopped_may_say_so(self):
+        # More than a pipe holds while nobody reads it, and then the file that it stops for.
+        patient = WORK / "patient"
+        patient.write_text("""#!/bin/sh
+stop() {
+  for i in $(seq 4000); do echo "[1.$i] the command stops at its next safe point" >&2; done
+  echo kept > "$0.checkpoint"
+  exit 130
+}
+trap stop INT
+echo begun >&2
+for i in $(seq 1000); do sleep .02; done
+""")
+        patient.chmod(0o755)
+
+        def stop(line):
+            raise KeyboardInterrupt
+
+        with self.assertRaises(KeyboardInterrupt):
+            s2gs.run("any", program=patient, on_line=stop)
+        self.assertEqual((WORK / "patient.checkpoint").read_text(), "kept\n")
+
     def test_poses_and_points_are_those_of_colmaps_export(self):
         text = WORK / "text"
         text.mkdir()

@@ -80,6 +80,13 @@ TEST_F(ScanPreflight, OptionsOfAllCommandsAreParsed) {
                                                  HasSubstr("gaussian_renderer: unknown option --nonsense")));
 }
 
+// Else a length would be refused after the poses.
+TEST_F(ScanPreflight, PhotosInWhichPlacesAreStatedAreThere) {
+  request_.marked_photos = {{"photo1.png", "point_a"}, {"photo1.heic", "point_b"}};
+  EXPECT_THAT(Check().faults,
+              ElementsAre(HasSubstr("has no photo \"photo1.heic\", in which --point_b states a place")));
+}
+
 TEST_F(ScanPreflight, AllFaultsComeAtOnce) {
   folder_.Write("photos/x.tif", "II*");
   folder_.Write("photos/y.png", "");
@@ -126,6 +133,11 @@ TEST_F(ScanPreflight, StatedAnglesAreReadBeforeAnythingRuns) {
   EXPECT_THAT(Check().faults, ElementsAre(HasSubstr("names none of the photos")));
   folder_.Write("angles.csv", "photo0.jpg,0\n");
   EXPECT_THAT(Check().faults, IsEmpty());
+  EXPECT_THAT(Check().warnings, IsEmpty());
+  folder_.Write("angles.csv", "photo0.png,0\nPhoto1.png,20\nphoto9.png,40\n");
+  EXPECT_THAT(Check().faults, IsEmpty());
+  EXPECT_THAT(Check().warnings,
+              ElementsAre(HasSubstr("angles.csv: 2 names are none of the photos': Photo1.png, for example")));
 }
 
 TEST_F(ScanPreflight, CopiesAndFewPhotos) {

@@ -108,6 +108,11 @@ TEST(ScanSteps, WhatIsCheckedAndPlannedIsWhatRuns) {
   ASSERT_EQ(request.steps.size(), steps.size());
   for (size_t i = 0; i < steps.size(); ++i)
     EXPECT_EQ(request.steps[i], std::pair(steps[i].command, steps[i].arguments));
+  ScanSettings marked = settings;
+  marked.scale.point_a = {"a.png:1:2"};
+  marked.scale.disc_rim = {"b.png:3:4.5"};
+  EXPECT_EQ(RequestOf(marked, steps).marked_photos,
+            (std::vector<std::pair<std::string, std::string>>{{"a.png", "point_a"}, {"b.png", "disc_rim"}}));
   const PlanRequest plan = PlanOf(settings);
   EXPECT_EQ(plan.workspace.root, "scan");
   EXPECT_EQ(plan.image_path, "scan/imported");

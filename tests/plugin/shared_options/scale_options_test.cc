@@ -68,6 +68,18 @@ TEST(ScaleOptions, HalfALengthIsRefused) {
   EXPECT_NO_THROW(RequireComplete(scale));
   scale.disc_rim = {"a.jpg:3:4"};
   EXPECT_THROW(RequireComplete(scale), CommandLineError);
+  scale.disc_diameter_mm = 300;
+  EXPECT_NO_THROW(RequireComplete(scale));
+  scale.point_b = {"a.jpg:3"};
+  EXPECT_THROW(RequireComplete(scale), CommandLineError);
+}
+
+TEST(ScaleOptions, APlaceIsANameThatMayHaveColonsAndPixels) {
+  const std::vector<PhotoPlace> places = ParsePhotoPlaces({"a:b.jpg:1.5:-2"}, "point_a");
+  ASSERT_EQ(places.size(), 1U);
+  EXPECT_EQ(places[0].name, "a:b.jpg");
+  EXPECT_EQ(places[0].x, 1.5);
+  EXPECT_EQ(places[0].y, -2);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,15 +19,36 @@ namespace {
 using testing::ElementsAre;
 using testing::Pair;
 
-std::map<std::string, double> Read(const std::string& text) {
-  std::istringstream stream(text);
-  return ReadAngleList(stream, "angles.csv");
-}
+std::map<std::string, double> Read(const std::string& text) { return ParseAngleList(text, "angles.csv"); }
 
 TEST(AngleList, HeadingsCommentsAndSeparators) {
   EXPECT_THAT(
-      Read("photo,angle\r\n# turn 1\r\nsub/a.jpg, 0\r\nb.jpg;18.5\n\n\"c, d.jpg\",\"-1e1\"\ne.jpg\t350"),
-      ElementsAre(Pair("b.jpg", 18.5), Pair("c, d.jpg", -10), Pair("e.jpg", 350), Pair("sub/a.jpg", 0)));
+      Read("photo,angle\r\n# turn 1; the\tfirst\r\nsub/a.jpg, 0\r\nb.jpg,18.5\n\n\"c, d.jpg\",\"-1e1\"\n"
+           "\"e; f.png\" , \"7\"\ni, j.jpg,8\n\"k.jpg,9\""),
+      ElementsAre(Pair("b.jpg", 18.5), Pair("c, d.jpg", -10), Pair("e; f.png", 7), Pair("i, j.jpg", 8),
+                  Pair("k.jpg", 9), Pair("sub/a.jpg", 0)));
+  EXPECT_THAT(Read("photo;angle\n\"a; \"\"b\"\", c\";0\nd, e.jpg; 18.5\n"),
+              ElementsAre(Pair("a; \"\"b\"\", c", 0), Pair("d, e.jpg", 18.5)));
+  EXPECT_THAT(Read("a; b.jpg\t0\nc, d.jpg\t18.5\t\n"),
+              ElementsAre(Pair("a; b.jpg", 0), Pair("c, d.jpg", 18.5)));
+}
+
+// As spreadsheets write where numbers have decimal commas. An angle of 5 for 7.5 degrees would be a silent
+// fault.
+TEST(AngleList, DecimalCommasAreNamed) {
+  ExpectUserError([] { Read("IMG_2.jpg;7,5\n"); },
+                  {"angles.csv", "line 1: the angle of IMG_2.jpg has a decimal comma. Write 7.5"});
+  ExpectUserError([] { Read("photo;angle\nIMG_1.jpg;0\nIMG_2.jpg;-7,25\n"); },
+                  {"line 3: the angle of IMG_2.jpg", "Write -7.25"});
+  ExpectUserError([] { Read("IMG_1.jpg\t0\nIMG_2.jpg\t7,5\n"); }, {"line 2", "decimal comma", "Write 7.5"});
+  ExpectUserError([] { Read("IMG_1.jpg,0\nIMG_2.jpg,\"7,5\"\n"); }, {"line 2", "decimal comma", "Write 7.5"});
+}
+
+TEST(AngleList, AByteOrderMarkIsNoPartOfTheFirstName) {
+  EXPECT_THAT(Read("\xEF\xBB\xBF"
+                   "IMG_1.jpg;0\nIMG_2.jpg;18.5\n"),
+              ElementsAre(Pair("IMG_1.jpg", 0), Pair("IMG_2.jpg", 18.5)));
+  EXPECT_THAT(Read("\xEF\xBB\xBF# turn 1\nIMG_1.jpg,0\n"), ElementsAre(Pair("IMG_1.jpg", 0)));
 }
 
 TEST(AngleList, FaultsNameTheirLine) {
@@ -36,6 +56,8 @@ TEST(AngleList, FaultsNameTheirLine) {
   ExpectUserError([] { Read("a.jpg,0\na.jpg,1\n"); }, {"line 2", "twice"});
   ExpectUserError([] { Read("a.jpg,0\n../b.jpg,1\n"); }, {"line 2"});
   ExpectUserError([] { Read("a.jpg 0\n"); }, {"line 1", "comma"});
+  ExpectUserError([] { Read("a.jpg;0\nb.jpg,1\n"); }, {"line 2", "has no semicolon"});
+  ExpectUserError([] { Read("a.jpg,0\nb.jpg;1\nc.jpg\t2\n"); }, {"line 1", "has no tab"});
   ExpectUserError([] { Read("a.jpg,nan\nb.jpg,inf\n"); }, {"line 2"});
   ExpectUserError([] { Read(""); }, {"lists no angles"});
 }

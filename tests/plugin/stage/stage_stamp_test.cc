@@ -36,6 +36,17 @@ StageStamp FullStamp(const Workspace& workspace) {
   return stamp;
 }
 
+TEST(StampPath, IsOneHoweverAFolderIsSpelled) {
+  const Workspace workspace{"/a/scan"};
+  for (const char* images :
+       {"/a/scan/images", "/a/scan/images/", "/a/scan/images/.", "/a/scan/./b/../images//"}) {
+    EXPECT_EQ(StampPath(workspace, images), "images") << images;
+    EXPECT_EQ(StampPath({"/a/scan/"}, images), "images") << images;
+  }
+  EXPECT_EQ(StampPath(workspace, "/a/photos/"), "/a/photos");
+  EXPECT_EQ(StampPath(workspace, "/"), "/");
+}
+
 TEST(StageStamp, ReadsWhatItWrote) {
   const TemporaryFolder folder;
   const Workspace workspace{folder.path()};

@@ -14,6 +14,7 @@ namespace s2gs {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -85,6 +86,32 @@ TEST_F(PhotoFolderTest, WhatHasToBeMended) {
     EXPECT_THAT(folder.faults, testing::Contains(HasSubstr(says)));
   }
   EXPECT_EQ(folder.faults.size(), files.size() + 3);
+}
+
+// Half of a scan may lie behind such a link; without a word the scan would do without it.
+TEST_F(PhotoFolderTest, LinksToFoldersAreNamedAndThoseToFilesAreFollowed) {
+  Add("photos/a.jpg");
+  Add("elsewhere/c.jpg");
+  fs::create_directories(folder_ / "photos/sub");
+  fs::create_symlink("../elsewhere/c.jpg", folder_ / "photos/b.jpg");
+  fs::create_directory_symlink("../elsewhere", folder_ / "photos/.thumbnails");
+  EXPECT_THAT(InspectPhotoFolder(folder_ / "photos").faults, IsEmpty());
+  fs::create_directory_symlink(folder_ / "elsewhere", folder_ / "photos/station2");
+  fs::create_directory_symlink("../../elsewhere", folder_ / "photos/sub/x.jpg");
+  fs::create_directory_symlink("..", folder_ / "photos/sub/loop");
+  fs::create_directory_symlink("photos", folder_ / "given");  // the folder itself may be one
+  for (const char* given : {"photos", "given"}) {
+    const PhotoFolder folder = InspectPhotoFolder(folder_ / given);
+    std::vector<std::string> names;
+    for (const PhotoFile& photo : folder.photos) names.push_back(photo.name);
+    EXPECT_THAT(names, ElementsAre("a.jpg", "b.jpg")) << given;
+    EXPECT_THAT(folder.faults, ElementsAre(AllOf(HasSubstr("station2: is a link to a folder"),
+                                                 HasSubstr("give that folder itself, or"),
+                                                 HasSubstr("a copy or a bind mount of its photos")),
+                                           HasSubstr("sub/loop: is a link to a folder"),
+                                           HasSubstr("sub/x.jpg: is a link to a folder")))
+        << given;
+  }
 }
 
 TEST_F(PhotoFolderTest, EveryCutIsFound) {

@@ -47,12 +47,11 @@ struct Fit {
   AlignedScene aligned;
 };
 
-// \param stated  times the true focal length is what is said of it.
+// \param stated  times the true focal length is what is said of it; of distortion nothing is known.
 Fit FitScan(const SyntheticTurntableOptions& options, double stated = 1) {
   Fit fit;
   fit.turntable = MakeSyntheticTurntable(options);
   Reporter reporter;
-  // The camera's distortion is the truth: only its frame and model are taken.
   ScanFeatures features = SyntheticScanFeatures(fit.turntable);
   for (auto& [id, camera] : features.cameras) {
     for (size_t k = 0; k < InfoOf(camera.model).num_focal_params; ++k) camera.params[k] *= stated;

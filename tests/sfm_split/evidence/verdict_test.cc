@@ -76,6 +76,15 @@ TEST(Verdict, AGoodScanSaysHowWellItsFocalLengthIsKnown) {
   EXPECT_TRUE(verdict.advice.empty());
 }
 
+TEST(Verdict, AFocalLengthThatEXIFStatesWronglyIsSaidAndNotJudged) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.wrong_exif_focal = 0.4;
+  const ScanVerdict verdict = JudgeScan(evidence);
+  EXPECT_EQ(verdict.verdict, Verdict::kGood);
+  EXPECT_THAT(verdict.reasons.back(), testing::HasSubstr("EXIF states 0.4 times the focal length"));
+  EXPECT_TRUE(verdict.advice.empty());
+}
+
 TEST(Verdict, PosesHoldWhereOnlyAFewPhotosHaveNone) {
   ScanEvidence evidence = GoodEvidence();
   EXPECT_TRUE(JudgeScan(evidence).poses_hold);
@@ -154,6 +163,7 @@ TEST(Verdict, EachFaultIsNamedWithWhatToDoAboutIt) {
          e->widest_far_pair_deg = 94;
        }},
       {"a guess", Verdict::kDoubtful, [](ScanEvidence* e) { e->is_focal_guessed = true; }},
+      {"was not computed", Verdict::kDoubtful, [](ScanEvidence* e) { e->are_sigmas_missing = true; }},
       {"focal length", Verdict::kFailed, [](ScanEvidence* e) { e->focal_widths = {0.036}; }},
       {"matches of 5 photos bear out", Verdict::kDoubtful,
        [](ScanEvidence* e) {
@@ -372,6 +382,25 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_NEAR(*evidence.adjusted_noise_px, 0.3, 0.05);
   const ScanVerdict verdict = JudgeScan(evidence);
   EXPECT_EQ(verdict.verdict, Verdict::kGood) << verdict.reasons[0];
+}
+
+// EXIF is believed to 15 %, and where there is none nothing is contradicted.
+TEST(ScanEvidence, WhatEXIFStatesWronglyIsRecorded) {
+  Scan scan = MakeScan();
+  const auto wrong_by = [&](double stated, bool is_from_exif) {
+    for (auto& [id, camera] : scan.features.cameras) {
+      const Camera& true_camera = scan.turntable.scene.cameras[0];
+      for (size_t k = 0; k < InfoOf(camera.model).num_focal_params; ++k)
+        camera.params[k] = stated * true_camera.params[k];
+      scan.features.has_prior_focal[id] = is_from_exif;
+    }
+    return Gather(scan, scan.turntable.scene).wrong_exif_focal;
+  };
+  EXPECT_FALSE(wrong_by(1, true).has_value());
+  EXPECT_FALSE(wrong_by(1.1, true).has_value());
+  EXPECT_FALSE(wrong_by(0.4, false).has_value());
+  ASSERT_TRUE(wrong_by(0.4, true).has_value());
+  EXPECT_NEAR(*wrong_by(0.4, true), 0.4, 1e-12);
 }
 
 // Most matches are wrong, and none was verified: what agrees within the noise is more than chance

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
 #include <map>
 #include <set>
 #include <utility>
@@ -55,6 +56,16 @@ TEST(StationsByPoses, PhotosOfOnePlaceAreJoined) {
   const auto stations = StationsByPoses(features, turntable.scene);
   ASSERT_TRUE(stations);
   EXPECT_EQ(Partition(*stations), (std::set<std::set<size_t>>{Range(0, 12), Range(12, 24)}));
+}
+
+// Nothing is close to it, not even itself.
+TEST(StationsByPoses, APoseThatIsNoneStandsAlone) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(TwoStations());
+  ScanFeatures features = SyntheticScanFeatures(turntable);
+  Lose({3}, &features);
+  TurntableScene scene = turntable.scene;
+  scene.views[3].cam_from_world.translation.x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(StationsByPoses(features, scene));
 }
 
 TEST(StationsByPoses, WhereStationsAreWholeNothingChanges) {
