@@ -90,7 +90,7 @@ void MappingOutput::WriteScene(const ScanFeatures& steady, const SteadyCameras& 
 
 // Leaves a report with the verdict where nothing has a place.
 ScanVerdict MappingOutput::RecordFailure() {
-  ScanEvidence evidence = GatherOneBodyEvidence(input_.features, {}, 0);
+  ScanEvidence evidence = GatherOneBodyEvidence(input_.features, {}, {});
   evidence.is_one_body = input_.capture_case == CaptureCase::kOneBody;
   ScanVerdict verdict = JudgeScan(evidence);
   report_["registered"] = 0;
@@ -134,8 +134,9 @@ void MappingOutput::WriteOneBody(const std::vector<ColmapModel>& models) {
   report_["object"] = DescribePoints(model);
   std::vector<Camera> cameras;
   for (const auto& [id, camera] : model.cameras) cameras.push_back(camera);
-  const ScanEvidence evidence =
-      GatherOneBodyEvidence(input_.features, cameras, static_cast<int>(model.images.size()));
+  std::vector<Rigid3> poses;
+  for (const auto& [id, image] : model.images) poses.push_back(image.cam_from_world);
+  const ScanEvidence evidence = GatherOneBodyEvidence(input_.features, cameras, poses);
   report_["verdict"] = ToJson(JudgeScan(evidence), evidence);
   WriteReport();
 }

@@ -30,6 +30,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"missing", evidence.missing},
                    {"unsupported", evidence.unsupported},
                    {"one_body", evidence.is_one_body},
+                   {"looks_alike", Number(evidence.looks_alike)},
                    {"unmoved_photos", evidence.unmoved_photos},
                    {"bound_px", evidence.bound_px},
                    {"verified", ToJson(evidence.verified)},

@@ -153,6 +153,17 @@ std::string NameOf(const fs::path& path, const fs::path& folder) {
   return path.lexically_relative(folder).generic_string();
 }
 
+// Links may lead around in circles, and what is behind one has two names: they are not followed.
+void AddFaultsOfLinks(const Listing& listing, const fs::path& folder, std::vector<std::string>* faults) {
+  for (const fs::path& path : listing.linked_folders) {
+    const std::string name = NameOf(path, folder);
+    faults->push_back(
+        (ImageName::FindFault(name) ? DescribeNameFault(name, "") : name + ": ") +
+        "is a link to a folder, whose photos are not found through it: give that folder itself, "
+        "or replace the link by a copy or a bind mount of its photos");
+  }
+}
+
 std::string StemOf(const std::string& name) { return LowerCase(name.substr(0, name.find_last_of('.'))); }
 
 }  // namespace
@@ -204,13 +215,7 @@ PhotoFolder InspectPhotoFolder(const fs::path& folder, ForeignPhotos foreign) {
                             "is neither JPEG nor PNG, which photos must be: " + HowToConvert(extension) +
                             ", or take it out of the folder");
   }
-  // Links may lead around in circles, and what is behind one has two names: they are not followed.
-  for (const fs::path& path : listing.linked_folders) {
-    const std::string name = NameOf(path, folder);
-    result.faults.push_back((ImageName::FindFault(name) ? DescribeNameFault(name, "") : name + ": ") +
-                            "is a link to a folder, whose photos are not found through it: give that folder "
-                            "itself, or replace the link by a copy or a bind mount of its photos");
-  }
+  AddFaultsOfLinks(listing, folder, &result.faults);
   if (listing.num_hidden_photos > 0) {
     result.notes.push_back(std::to_string(listing.num_hidden_photos) +
                            " hidden files (their names begin with a point) are left alone");

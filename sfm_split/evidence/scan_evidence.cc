@@ -247,10 +247,13 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
 }
 
 ScanEvidence GatherOneBodyEvidence(const ScanFeatures& features, const std::vector<Camera>& cameras,
-                                   int placed) {
+                                   const std::vector<Rigid3>& cam_from_world) {
   ScanEvidence evidence;
   evidence.is_one_body = true;
-  evidence.placed = placed;
+  evidence.placed = static_cast<int>(cam_from_world.size());
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Rigid3& pose : cam_from_world) sum += pose.rotation.conjugate() * Eigen::Vector3d::UnitZ();
+  if (!cam_from_world.empty()) evidence.looks_alike = sum.norm() / static_cast<double>(cam_from_world.size());
   RecordCameras(features, cameras, &evidence);
   return evidence;
 }

@@ -20,8 +20,8 @@ ScanEvidence GatherEvidence(const ScanFeatures& features, const AlignedScene& al
                             const HeldBackKeypoints& held_back, const MatchFindings& findings,
                             double max_error_px);
 
-/// The same of photos that were taken for one rigid body. \param placed  how many have a pose.
+/// The same of photos that were taken for one rigid body. \param cam_from_world  of those that have a pose.
 ScanEvidence GatherOneBodyEvidence(const ScanFeatures& features, const std::vector<Camera>& cameras,
-                                   int placed);
+                                   const std::vector<Rigid3>& cam_from_world);
 
 }  // namespace s2gs

@@ -40,6 +40,10 @@ constexpr double kMaxNoiseGrowth = 2;
 // A prior that gives most of what is known of the focal length is not checked by the photos.
 constexpr double kMaxPriorShare = 0.5;
 
+// Of the mean of the directions in which photos look: as from all around at 60 degrees above, and as from an
+// arc of some 110. A judgement: who photographs a body that does not turn goes around it.
+constexpr double kMostAlike = 0.866;
+
 int Percent(double share) { return static_cast<int>(std::lround(100 * share)); }
 
 class Judge {
@@ -125,6 +129,14 @@ class Judge {
           FormatText("nothing was found to turn, though the camera stood still for %d of %d photos",
                      evidence_.unmoved_photos, evidence_.photos),
           {kTexture, kLight});
+    }
+    // What turns in the hand's photos may be too plain to be seen turning; what stands around it is one body
+    // then.
+    if (evidence_.is_one_body && evidence_.looks_alike && *evidence_.looks_alike > kMostAlike) {
+      Add(Verdict::kDoubtful,
+          "nothing was found to turn, though all photos look from one side, so that they may show the "
+          "surroundings alone",
+          {kFixedCamera, kTexture});
     }
     if (evidence_.placed < evidence_.photos) {
       std::string said = FormatText("%d of %d photos have a place", evidence_.placed, evidence_.photos);

@@ -112,7 +112,9 @@ struct ScanEvidence {
   std::optional<double> angle_sigma_max_deg;
   std::optional<double> axis_sigma_deg;  ///< of the axis' direction before the camera, the worse one.
   std::optional<double> scale_sigma_rel;
-  bool is_object_free = false;      ///< each photo has an object pose of its own.
+  bool is_object_free = false;  ///< each photo has an object pose of its own.
+  /// Of one body: length of the mean of the cameras' viewing directions, 1 when all look the same way.
+  std::optional<double> looks_alike;
   bool are_sigmas_missing = false;  ///< asked for, but there are too many unknowns (JointOptions).
 };
 
