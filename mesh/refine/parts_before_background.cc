@@ -254,8 +254,8 @@ double MostPixelsPerArea(const TriangleMesh& mesh, const RefinementPhotoSource& 
   return most;
 }
 
-// Of a station's photos, in their order.
-std::vector<int> EvenlyChosen(const std::vector<int>& indices) {
+// Of a station's photos kMostPhotos at most, evenly chosen, in their order.
+std::vector<int> MostPhotosOf(const std::vector<int>& indices) {
   if (indices.size() <= kMostPhotos) return indices;
   std::vector<int> chosen;
   chosen.reserve(kMostPhotos);
@@ -315,7 +315,7 @@ std::vector<PartSight> PartsBeforeBackground::Judge(const TriangleMesh& mesh,
 
   std::vector<BackgroundVotes> votes(candidates.part.size());
   for (const auto& of_station : photos_of_station) {
-    const std::vector<int> indices = EvenlyChosen(of_station.second);
+    const std::vector<int> indices = MostPhotosOf(of_station.second);
     if (indices.size() < kPicturesForMedian) continue;
     std::vector<SeenParts> photos(indices.size());
     ParallelFor(static_cast<int64_t>(indices.size()), num_threads_, [&](int64_t k) {
