@@ -93,7 +93,7 @@ std::vector<Tile> KeyFigures(const ReportInput& input, bool poses_hold) {
       const nlohmann::json measured = verdict.value("measured", nlohmann::json::object());
       const double share = NumberOr(measured.value("held_back", nlohmann::json::object()), "share");
       if (std::isfinite(share)) {
-        tiles.push_back({"Matches held back", ShortNumber(100 * share, 1) + " %",
+        tiles.push_back({"Details held back", ShortNumber(100 * share, 1) + " %",
                          "of them agree with the poses, chance taken off"});
       }
     }

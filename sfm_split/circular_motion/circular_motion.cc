@@ -41,7 +41,16 @@ class Fitter {
  private:
   void CollectMatches();
   void SearchStations();
-  Start BestTogether(CircularMotion* motion);
+  struct Together {
+    Start best;
+    std::optional<Start> rival;  // that matches do not tell from it
+    double closed_log_posterior = 0;
+    double open_log_posterior = 0;
+  };
+  Together BestTogether();
+  bool PutsPhotosElsewhere(const Start& a, const Start& b) const;
+  CircularMotion Nothing() const;
+  CircularMotion Conclude(Start best);
   Start RefineAll(const std::vector<const Start*>& starts) const;
   CircularState BestLenses(const std::vector<const Start*>& starts, CircularSteps steps) const;
   void FreeSteps(Start* all) const;
@@ -210,9 +219,25 @@ void Fitter::SearchStations() {
   }
 }
 
-// Where the turns close, where they do not, and each station as it is likelier by itself. Moves stay bound as
-// they were in the best.
-Start Fitter::BestTogether(CircularMotion* motion) {
+// Whether some photo is farther from where the other has it than half the way to its neighbour.
+bool Fitter::PutsPhotosElsewhere(const Start& a, const Start& b) const {
+  for (size_t s = 0; s < data_.size(); ++s) {
+    const std::vector<double>& angles = a.state.turns[s].angles;
+    const std::vector<double>& others = b.state.turns[s].angles;
+    double turned = 0;
+    double turned_other = 0;
+    for (size_t i = 1; i < angles.size(); ++i) {
+      const double step = WrapAngle(angles[i] - angles[i - 1]);
+      turned += step;
+      turned_other += WrapAngle(others[i] - others[i - 1]);
+      if (std::abs(std::abs(turned) - std::abs(turned_other)) > 0.5 * std::abs(step)) return true;
+    }
+  }
+  return false;
+}
+
+// Where the turns close, where they do not, and each station as it is likelier by itself.
+Fitter::Together Fitter::BestTogether() {
   std::vector<const Start*> all_closed;
   std::vector<const Start*> all_open;
   std::vector<const Start*> each_best;
@@ -222,20 +247,24 @@ Start Fitter::BestTogether(CircularMotion* motion) {
     each_best.push_back(closed_[s].log_posterior >= open_[s].log_posterior ? &closed_[s] : &open_[s]);
   }
   BindMoves(false);
-  Start best = RefineAll(all_closed);
-  motion->closed_log_posterior = best.log_posterior;
+  std::vector<Start> starts = {RefineAll(all_closed)};
   BindMoves(true);
-  Start other = RefineAll(all_open);
-  motion->open_log_posterior = other.log_posterior;
-  if (other.log_posterior > best.log_posterior) best = std::move(other);
-  if (each_best != all_closed && each_best != all_open) {
-    other = RefineAll(each_best);
-    if (other.log_posterior > best.log_posterior) best = std::move(other);
+  starts.push_back(RefineAll(all_open));
+  Together together;
+  together.closed_log_posterior = starts[0].log_posterior;
+  together.open_log_posterior = starts[1].log_posterior;
+  reporter_.Debug("circles: turns that close " + std::to_string(together.closed_log_posterior) + ", others " +
+                  std::to_string(together.open_log_posterior));
+  if (each_best != all_closed && each_best != all_open) starts.push_back(RefineAll(each_best));
+  std::stable_sort(starts.begin(), starts.end(),
+                   [](const Start& a, const Start& b) { return a.log_posterior > b.log_posterior; });
+  together.best = std::move(starts[0]);
+  for (size_t k = 1; k < starts.size() && !together.rival; ++k) {
+    if (starts[k].log_posterior + kBeyondChance > together.best.log_posterior &&
+        PutsPhotosElsewhere(together.best, starts[k]))
+      together.rival = std::move(starts[k]);
   }
-  BindMoves(!best.is_closed);
-  reporter_.Debug("circles: turns that close " + std::to_string(motion->closed_log_posterior) + ", others " +
-                  std::to_string(motion->open_log_posterior));
-  return best;
+  return together;
 }
 
 // Distortion counts as one unknown a camera and has to be worth it; returns whether it is.
@@ -275,16 +304,18 @@ void Fitter::ReportLenses(const CircularState& state, bool distortion_is_free, C
   }
 }
 
-CircularMotion Fitter::Fit() {
+CircularMotion Fitter::Nothing() const {
   CircularMotion motion;
   motion.cameras = cameras_;
   motion.focal_sigma_log.assign(cameras_.size(), 0);
   motion.distortion_is_free.assign(cameras_.size(), 0);
   motion.stations.resize(stations_.size());
-  CollectMatches();
-  SearchStations();
-  if (data_.empty()) return motion;
-  Start best = BestTogether(&motion);
+  return motion;
+}
+
+CircularMotion Fitter::Conclude(Start best) {
+  CircularMotion motion = Nothing();
+  BindMoves(!best.is_closed);
   CircularPriors priors;
   const bool is_free = FreeDistortion(&best, &priors);
   RefineCircular(data_, priors, best.steps, 5, &best.state, &motion.focal_sigma_log);
@@ -293,6 +324,18 @@ CircularMotion Fitter::Fit() {
   motion.sigma_px = best.state.sigma_px;
   ReportLenses(best.state, is_free, &motion);
   ReportStations(best.state, best.steps, &motion);
+  return motion;
+}
+
+CircularMotion Fitter::Fit() {
+  CollectMatches();
+  SearchStations();
+  if (data_.empty()) return Nothing();
+  Together together = BestTogether();
+  CircularMotion motion = Conclude(std::move(together.best));
+  motion.closed_log_posterior = together.closed_log_posterior;
+  motion.open_log_posterior = together.open_log_posterior;
+  if (together.rival) motion.rivals.push_back(Conclude(std::move(*together.rival)));
   return motion;
 }
 

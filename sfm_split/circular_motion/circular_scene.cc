@@ -76,21 +76,21 @@ double DistanceTo(const Matrix3d& cam_from_axis, const Appearance& looks) {
 
 class SceneBuilder {
  public:
-  SceneBuilder(const ScanFeatures& features, const CircularFinding& finding,
+  // \param numbers  of the stations in the features.
+  SceneBuilder(const ScanFeatures& features, const CircularMotion& motion, const std::vector<int>& numbers,
                const std::vector<uint32_t>& camera_ids, const std::vector<CircularStation>& stations)
-      : features_(features), finding_(finding), camera_ids_(camera_ids), stations_(stations) {
+      : features_(features), motion_(motion), camera_ids_(camera_ids), stations_(stations) {
     photos_.resize(features.images.size());
     std::map<int, size_t> index_of;
-    for (size_t s = 0; s < finding.stations.size(); ++s) index_of[finding.stations[s]] = s;
-    std::vector<int> next(finding.stations.size(), 0);
+    for (size_t s = 0; s < numbers.size(); ++s) index_of[numbers[s]] = s;
+    std::vector<int> next(numbers.size(), 0);
     for (size_t i = 0; i < features.images.size(); ++i) {
       const auto found = index_of.find(features.images[i].station);
       if (found == index_of.end()) continue;
       photos_[i] = {static_cast<int>(found->second), next[found->second]++};
     }
     for (size_t s = 0; s < stations.size(); ++s) {
-      looks_.push_back(
-          AppearanceOf(stations[s], finding.motion.cameras[static_cast<size_t>(stations[s].camera)]));
+      looks_.push_back(AppearanceOf(stations[s], motion.cameras[static_cast<size_t>(stations[s].camera)]));
     }
     places_.resize(stations.size());
   }
@@ -104,7 +104,7 @@ class SceneBuilder {
     int station = -1;
     int place = 0;
   };
-  const CircularStationFit& FitOf(size_t station) const { return finding_.motion.stations[station]; }
+  const CircularStationFit& FitOf(size_t station) const { return motion_.stations[station]; }
   bool IsUsed(size_t image) const {
     const Photo& photo = photos_[image];
     return photo.station >= 0 && FitOf(static_cast<size_t>(photo.station)).found &&
@@ -117,13 +117,13 @@ class SceneBuilder {
   }
   const Camera& CameraOf(size_t image) const {
     const auto at = std::find(camera_ids_.begin(), camera_ids_.end(), features_.images[image].camera_id);
-    return finding_.motion.cameras[static_cast<size_t>(at - camera_ids_.begin())];
+    return motion_.cameras[static_cast<size_t>(at - camera_ids_.begin())];
   }
   std::vector<CrossingPair> CrossingPairs(int station, double chance) const;
   CircularPlace StartOf(int station, int placed) const;
 
   const ScanFeatures& features_;
-  const CircularFinding& finding_;
+  const CircularMotion& motion_;
   const std::vector<uint32_t>& camera_ids_;
   const std::vector<CircularStation>& stations_;
   std::vector<Photo> photos_;  // per image
@@ -200,8 +200,7 @@ int SceneBuilder::Place(const Reporter& reporter) {
       const std::vector<CrossingPair> pairs =
           CrossingPairs(static_cast<int>(s), 1 / (kUniformWidth * extent_px));
       if (pairs.empty()) continue;
-      const CircularTie tie =
-          TieCircularStation(pairs, StartOf(static_cast<int>(s), root), finding_.motion.sigma_px);
+      const CircularTie tie = TieCircularStation(pairs, StartOf(static_cast<int>(s), root), motion_.sigma_px);
       if (!tie.found || tie.gain <= best_tie.gain) continue;
       best = static_cast<int>(s);
       best_tie = tie;
@@ -218,7 +217,7 @@ AlignedScene SceneBuilder::Build() const {
   AlignedScene aligned;
   aligned.solution.motion = TurntableMotion::kRotates;
   TurntableScene& scene = aligned.scene;
-  scene.cameras = finding_.motion.cameras;
+  scene.cameras = motion_.cameras;
   std::map<int, int> number_of;
   std::optional<double> zero;
   for (size_t i = 0; i < features_.images.size(); ++i) {
@@ -320,7 +319,16 @@ AlignedScene SceneFromCircularMotion(const ScanFeatures& features, const Circula
   const std::vector<CircularStation> stations =
       CollectCircularStations(features, camera_ids, &finding->stations);
   finding->motion = FitCircularMotion(stations, cameras, priors, options, reporter);
-  SceneBuilder builder(features, *finding, camera_ids, stations);
+  for (CircularMotion& motion : std::exchange(finding->motion.rivals, {})) {
+    CircularRival rival;
+    rival.motion = std::move(motion);
+    SceneBuilder builder(features, rival.motion, finding->stations, camera_ids, stations);
+    rival.placed_stations = builder.Place(reporter);
+    if (rival.placed_stations == 0) continue;
+    rival.aligned = builder.Build();
+    finding->rivals.push_back(std::move(rival));
+  }
+  SceneBuilder builder(features, finding->motion, finding->stations, camera_ids, stations);
   finding->placed_stations = builder.Place(reporter);
   if (finding->placed_stations == 0) return {};
   return builder.Build();

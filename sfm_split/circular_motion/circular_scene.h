@@ -7,11 +7,19 @@
 
 namespace s2gs {
 
+/// Another motion that matches do not tell from the one that was found, and its scene.
+struct CircularRival {
+  CircularMotion motion;
+  int placed_stations = 0;
+  AlignedScene aligned;
+};
+
 /// What came of FitCircularMotion on a scan.
 struct CircularFinding {
   CircularMotion motion;
   std::vector<int> stations;  ///< the features' numbers, one per station of `motion`.
   int placed_stations = 0;    ///< of which the object's matches tell how they stand to each other.
+  std::vector<CircularRival> rivals;
 };
 
 /// An aligned scene, without points, of the photos whose table angles circular motion tells: each station's

@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <set>
+#include <iterator>
+#include <utility>
+
+#include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
 
-constexpr uint64_t kOneIn = 10;  // tracks is held back
+constexpr uint64_t kOneIn = 10;  // sets is held back
 
 uint64_t Mix(uint64_t x) {  // SplitMix64's
   x += 0x9e3779b97f4a7c15ULL;
@@ -17,48 +20,71 @@ uint64_t Mix(uint64_t x) {  // SplitMix64's
   return x ^ (x >> 31);
 }
 
-}  // namespace
-
-HeldBackKeypoints HoldBack(const ScanFeatures& features) {
-  const size_t num = features.images.size();
-  std::vector<size_t> first(num + 1, 0);
-  for (size_t i = 0; i < num; ++i) first[i + 1] = first[i] + features.images[i].keypoints.size();
-  std::vector<std::vector<size_t>> matched(first.back());
-  for (const ImagePairMatches& pair : features.object_pairs) {
-    for (const FeatureMatch& match : pair.matches) {
-      const size_t a = first[static_cast<size_t>(pair.image1)] + match.point2D_idx1;
-      const size_t b = first[static_cast<size_t>(pair.image2)] + match.point2D_idx2;
-      matched[a].push_back(b);
-      matched[b].push_back(a);
-    }
+// Sets of keypoints with at most one of each image.
+class OneOfEachImage {
+ public:
+  explicit OneOfEachImage(const std::vector<ScanImage>& images) : first_(images.size() + 1, 0), sets_(0) {
+    for (size_t i = 0; i < images.size(); ++i) first_[i + 1] = first_[i] + images[i].keypoints.size();
+    sets_ = UnionFind(first_.back());
+    images_of_.resize(first_.back());
   }
-  const auto image_of = [&](size_t k) {
-    return std::upper_bound(first.begin(), first.end(), k) - first.begin() - 1;
-  };
-  std::vector<bool> seen(first.back(), false);
-  std::vector<bool> held(first.back(), false);
-  for (size_t start = 0; start < matched.size(); ++start) {
-    if (seen[start] || matched[start].empty()) continue;
-    std::vector<size_t> set = {start};
-    seen[start] = true;
-    for (size_t at = 0; at < set.size(); ++at) {
-      for (const size_t next : matched[set[at]]) {
-        if (!seen[next]) set.push_back(next);
-        seen[next] = true;
+
+  // Puts the sets of both ends of a match together, unless both have a keypoint of the same image.
+  void Join(const ImagePairMatches& pair, const FeatureMatch& match) {
+    const uint32_t a = Root(pair.image1, match.point2D_idx1);
+    const uint32_t b = Root(pair.image2, match.point2D_idx2);
+    if (a == b) return;
+    std::vector<int> both;
+    std::set_union(images_of_[a].begin(), images_of_[a].end(), images_of_[b].begin(), images_of_[b].end(),
+                   std::back_inserter(both));
+    if (both.size() < images_of_[a].size() + images_of_[b].size()) return;
+    sets_.Join(a, b);
+    images_of_[std::max(a, b)] = {};
+    images_of_[std::min(a, b)] = std::move(both);
+  }
+
+  KeypointSets Sets() {
+    KeypointSets sets(first_.size() - 1);
+    for (size_t i = 0; i < sets.size(); ++i) {
+      sets[i].assign(first_[i + 1] - first_[i], kNoSet);
+      for (size_t k = 0; k < sets[i].size(); ++k) {
+        const uint32_t root = sets_.Root(static_cast<uint32_t>(first_[i] + k));
+        if (!images_of_[root].empty()) sets[i][k] = root;
       }
     }
-    if (Mix(start) % kOneIn != 0) continue;
-    std::set<std::ptrdiff_t> images;
-    for (const size_t k : set) images.insert(image_of(k));
-    if (images.size() != set.size()) continue;
-    for (const size_t k : set) held[k] = true;
+    return sets;
   }
-  HeldBackKeypoints result(num);
-  for (size_t i = 0; i < num; ++i) {
-    result[i].assign(held.begin() + static_cast<std::ptrdiff_t>(first[i]),
-                     held.begin() + static_cast<std::ptrdiff_t>(first[i + 1]));
+
+ private:
+  uint32_t Root(int image, uint32_t keypoint) {
+    const uint32_t root = sets_.Root(static_cast<uint32_t>(first_[static_cast<size_t>(image)] + keypoint));
+    if (images_of_[root].empty()) images_of_[root] = {image};  // not matched so far: its own root
+    return root;
   }
-  return result;
+
+  std::vector<size_t> first_;  // keypoint of each image
+  UnionFind sets_;
+  std::vector<std::vector<int>> images_of_;  // by root; sorted
+};
+
+}  // namespace
+
+KeypointSets SetsOfKeypoints(const ScanFeatures& features) {
+  OneOfEachImage sets(features.images);
+  for (const ImagePairMatches& pair : features.object_pairs) {
+    for (const FeatureMatch& match : pair.matches) sets.Join(pair, match);
+  }
+  return sets.Sets();
+}
+
+HeldBackKeypoints HoldBack(const ScanFeatures& features) {
+  HeldBackKeypoints held;
+  for (const std::vector<uint32_t>& of_image : SetsOfKeypoints(features)) {
+    std::vector<bool>& chosen = held.emplace_back();
+    chosen.reserve(of_image.size());
+    for (const uint32_t set : of_image) chosen.push_back(set != kNoSet && Mix(set) % kOneIn == 0);
+  }
+  return held;
 }
 
 }  // namespace s2gs

@@ -1,17 +1,28 @@
 #pragma once
 
+#include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "sfm_split/scene/scan_features.h"
 
 namespace s2gs {
 
+/// Of a keypoint that nothing is matched with.
+inline constexpr uint32_t kNoSet = std::numeric_limits<uint32_t>::max();
+
+/// Numbers of sets, by image and keypoint.
+using KeypointSets = std::vector<std::vector<uint32_t>>;
+
+/// The sets of keypoints that verified matches of the object tie together, as views of one detail. A match
+/// that would put two keypoints of one photo into a set ties nothing: one of those that did is wrong.
+KeypointSets SetsOfKeypoints(const ScanFeatures& features);
+
 /// Keypoints that no adjustment may see, by image and keypoint.
 using HeldBackKeypoints = std::vector<std::vector<bool>>;
 
-/// A tenth of what is matched: of the sets of keypoints that verified matches of the object tie together,
-/// those that a hash of their first keypoint chooses. Sets with two keypoints of one photo hold a wrong
-/// match, and are never chosen. The same features give the same choice.
+/// A tenth of what is matched: of these sets those that a hash of their first keypoint chooses, sets of right
+/// and of wrong matches alike. The same features give the same choice.
 HeldBackKeypoints HoldBack(const ScanFeatures& features);
 
 }  // namespace s2gs

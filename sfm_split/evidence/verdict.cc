@@ -277,10 +277,10 @@ class Judge {
     // that its neighbours bear out and that closes by its own matches needs no other proof, as long as what
     // was held back agrees with it as what was adjusted does.
     const bool is_like_the_others =
-        share && *share >= kHalf * evidence_.verified.Share().value_or(1) && Closes();
+        share && *share >= kHalf * evidence_.adjusted.Share().value_or(1) && Closes();
     if (is_low && !is_like_the_others) {
       Add(Verdict::kFailed,
-          FormatText("of %d matches that were held back, %d %% agree with the poses",
+          FormatText("of %d details that were held back, %d %% agree with the poses",
                      static_cast<int>(evidence_.held_back.all), Percent(std::max(0.0, *share))),
           {kTexture, kSmallerSteps});
     }
@@ -298,11 +298,12 @@ class Judge {
     if (!evidence_.adjusted_noise_px || !evidence_.held_back_noise_px) return;
     const double adjusted = *evidence_.adjusted_noise_px;
     const double held_back = *evidence_.held_back_noise_px;
-    const double sigma = kErrorOfHalf * adjusted / std::sqrt(std::max(1, evidence_.held_back_sets));
+    const double sigma = kErrorOfHalf * adjusted /
+                         std::sqrt(static_cast<double>(std::max<int64_t>(1, evidence_.held_back.all)));
     if (held_back > kMaxNoiseGrowth * adjusted && held_back > adjusted + kNoiseSigmas * sigma) {
       Add(Verdict::kDoubtful,
           FormatText(
-              "matches that were held back miss their lines by %.2f px, those that were adjusted by %.2f px",
+              "details that were held back miss their lines by %.2f px, those that were adjusted by %.2f px",
               held_back, adjusted),
           {kTexture, kSmallerSteps});
     }
@@ -383,16 +384,16 @@ class Judge {
     reasons.push_back(FormatText("%d of %d photos have a place", evidence_.placed, evidence_.photos));
     const auto add = [&](const AgreeingMatches& matches, const char* of) {
       if (const std::optional<double> share = matches.Share()) {
-        reasons.push_back(FormatText("%d %% of %lld matches %s agree with the poses", Percent(*share),
+        reasons.push_back(FormatText("%d %% of %lld %s agree with the poses", Percent(*share),
                                      static_cast<long long>(matches.all), of));
       }
     };
-    add(evidence_.held_back, "that were held back");
+    add(evidence_.held_back, "details that were held back");
     if (evidence_.closing.agreeing > 0) {
       reasons.push_back(FormatText("%lld matches across the end of the turn bear out the poses",
                                    static_cast<long long>(evidence_.closing.agreeing)));
     }
-    add(evidence_.across_stations, "between camera places");
+    add(evidence_.across_stations, "matches between camera places");
     // Poses hold all the same: what a focal length does to them, the object's depth makes up for.
     if (kSigmas * evidence_.focal_sigma_rel.value_or(0) > kMaxFocal) {
       reasons.push_back(

@@ -16,7 +16,7 @@ enum class Verdict {
 /// "good", "doubtful", "failed".
 const char* VerdictName(Verdict verdict);
 
-/// Matches of which some agree with the poses.
+/// Matches, or details, of which some agree with the poses.
 struct AgreeingMatches {
   int64_t all = 0;
   int64_t agreeing = 0;
@@ -42,13 +42,15 @@ struct ScanEvidence {
   bool is_one_body = false;
   int unmoved_photos = 0;  ///< those of camera places that have at least three.
 
-  double bound_px = 0;                      ///< distance from its epipolar line at which a match agrees.
-  AgreeingMatches verified;                 ///< of the object, between placed photos.
-  AgreeingMatches held_back;                ///< of these, those that no adjustment has seen: a tenth.
-  std::optional<double> adjusted_noise_px;  ///< standard deviation of the other matches' errors ...
+  double bound_px = 0;       ///< distance from its epipolar line at which a match agrees.
+  AgreeingMatches verified;  ///< of the object, between placed photos.
+  /// Details, each of which errs by itself: sets of keypoints that these tie together (SetsOfKeypoints), by
+  /// the share of their matches that agree. Those that no adjustment has seen, a tenth ...
+  AgreeingMatches held_back;
+  AgreeingMatches adjusted;                 ///< ... and the others.
+  std::optional<double> adjusted_noise_px;  ///< standard deviation of the latters' matches' errors ...
   std::optional<double>
-      held_back_noise_px;                ///< ... and of those held back, as half of the right ones tell it.
-  int held_back_sets = 0;                ///< of keypoints that these tie together: each errs by itself.
+      held_back_noise_px;  ///< ... and of those held back, as half of the right details tell it.
   std::optional<double> match_noise_px;  ///< of right ones among all matches, verified or not.
   double overdispersion = 1;             ///< by how much logarithms of likelihoods are too large.
 

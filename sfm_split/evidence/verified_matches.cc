@@ -1,6 +1,7 @@
 #include "sfm_split/evidence/verified_matches.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <map>
 #include <utility>
@@ -8,7 +9,6 @@
 #include "sfm_split/base/angles.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/statistics.h"
-#include "sfm_split/base/union_find.h"
 #include "sfm_split/evidence/chance.h"
 #include "sfm_split/evidence/match_noise.h"
 #include "sfm_split/evidence/pair_proof.h"
@@ -18,35 +18,48 @@ namespace {
 
 constexpr double kRightSigmas = 2;  // of their noise, within which 19 of 20 right matches lie
 
-// Sets of keypoints that matches tie together.
-class TiedKeypoints {
+// What the matches of sets of keypoints say: a set is one detail, however many photos show it and pairs of
+// them match it.
+class OfSets {
  public:
-  void Tie(const ImagePairMatches& pair, const FeatureMatch& match) {
-    ties_.emplace_back(PlaceOf(pair.image1, match.point2D_idx1), PlaceOf(pair.image2, match.point2D_idx2));
+  void Add(uint32_t set, double error_px, double bound_px, double chance) {
+    Matches& matches = of_[set];
+    matches.errors_px.push_back(error_px);
+    matches.agreeing += error_px <= bound_px ? 1 : 0;
+    matches.by_chance += chance;
   }
 
-  int NumSets() const {
-    UnionFind sets(place_.size());
-    auto num = static_cast<int>(place_.size());
-    for (const auto& [a, b] : ties_) num -= sets.Join(a, b) ? 1 : 0;
-    return num;
+  AgreeingMatches Agreeing() const {
+    AgreeingMatches sum;
+    double agreeing = 0;
+    for (const auto& [set, matches] : of_) {
+      const auto num = static_cast<double>(matches.errors_px.size());
+      agreeing += matches.agreeing / num;
+      sum.by_chance += matches.by_chance / num;
+    }
+    sum.all = static_cast<int64_t>(of_.size());
+    sum.agreeing = std::llround(agreeing);
+    return sum;
+  }
+
+  // By what half of the right sets err at most [px].
+  double HalfErrorPx() const {
+    std::vector<double> errors;
+    for (const auto& [set, matches] : of_) errors.push_back(UpperMedian(matches.errors_px));
+    return Quantile(std::move(errors), std::clamp(Agreeing().Share().value_or(1), 0.0, 1.0) / 2);
   }
 
  private:
-  uint32_t PlaceOf(int image, uint32_t keypoint) {
-    return place_.try_emplace({image, keypoint}, static_cast<uint32_t>(place_.size())).first->second;
-  }
-
-  std::map<std::pair<int, uint32_t>, uint32_t> place_;
-  std::vector<std::pair<uint32_t, uint32_t>> ties_;
+  struct Matches {
+    std::vector<double> errors_px;
+    double agreeing = 0;
+    double by_chance = 0;
+  };
+  std::map<uint32_t, Matches> of_;
 };
 
-// How much larger errors are than others of which as many are right: by what half of the right ones stay
-// within. A fit of noise beside wrong ones has two answers where many slide along by a few pixels, and one of
-// the two may be given the other.
-double NoiseRatio(std::vector<double> errors, std::vector<double> others, double right_share) {
-  const double share = std::clamp(right_share, 0.0, 1.0) / 2;
-  return Quantile(std::move(errors), share) / std::max(Quantile(std::move(others), share), 1e-9);
+double ChanceOf(const AgreeingMatches& matches) {
+  return matches.by_chance / static_cast<double>(std::max<int64_t>(1, matches.all));
 }
 
 }  // namespace
@@ -76,9 +89,10 @@ std::vector<int> RecordVerifiedMatches(const PosedMatches& matches, const HeldBa
     }
     of_pair.held_back = matches.Compare(pair, held, matches.bound_px());
   });
-  std::vector<double> held_errors;
+  const KeypointSets sets = SetsOfKeypoints(matches.features());
   std::vector<double> adjusted_errors;
-  TiedKeypoints held;
+  OfSets held;
+  OfSets adjusted;
   std::vector<int> verified(matches.posed().size(), 0);
   for (size_t p = 0; p < pairs.size(); ++p) {
     const ImagePairMatches& pair = pairs[p];
@@ -86,25 +100,35 @@ std::vector<int> RecordVerifiedMatches(const PosedMatches& matches, const HeldBa
     evidence->verified.Add(of_pair.compared);
     if (matches.StationOf(pair.image1) != matches.StationOf(pair.image2))
       evidence->across_stations.Add(of_pair.compared);
-    evidence->held_back.Add(of_pair.held_back);
     for (size_t m = 0; m < of_pair.errors.size(); ++m) {
       const double error = of_pair.errors[m];
-      (of_pair.is_held[m] != 0 ? held_errors : adjusted_errors).push_back(error);
-      if (of_pair.is_held[m] != 0) held.Tie(pair, pair.matches[m]);
+      const FeatureMatch& match = pair.matches[m];
+      const auto first = static_cast<size_t>(pair.image1);
+      const auto second = static_cast<size_t>(pair.image2);
+      if (of_pair.is_held[m] != 0) {
+        const bool is_first = held_back[first][match.point2D_idx1];
+        held.Add(is_first ? sets[first][match.point2D_idx1] : sets[second][match.point2D_idx2], error,
+                 matches.bound_px(), ChanceOf(of_pair.held_back));
+      } else {
+        adjusted.Add(sets[first][match.point2D_idx1], error, matches.bound_px(), ChanceOf(of_pair.compared));
+        adjusted_errors.push_back(error);
+      }
       if (error > matches.bound_px()) continue;
       ++verified[static_cast<size_t>(pair.image1)];
       ++verified[static_cast<size_t>(pair.image2)];
     }
   }
+  evidence->held_back = held.Agreeing();
+  evidence->adjusted = adjusted.Agreeing();
   if (static_cast<int>(adjusted_errors.size()) >= kLeastSupport) {
     evidence->adjusted_noise_px = FitNoise(adjusted_errors, kNoiseRange * matches.bound_px()).sigma;
   }
-  if (evidence->adjusted_noise_px && static_cast<int>(held_errors.size()) >= kLeastSupport) {
-    const double right = evidence->verified.Share().value_or(1);
+  // A fit of noise beside wrong ones has two answers where many slide along by a few pixels, and one of the
+  // two may be given the other.
+  if (evidence->adjusted_noise_px && evidence->held_back.all >= kLeastSupport) {
     evidence->held_back_noise_px =
-        *evidence->adjusted_noise_px * NoiseRatio(std::move(held_errors), std::move(adjusted_errors), right);
+        *evidence->adjusted_noise_px * held.HalfErrorPx() / std::max(adjusted.HalfErrorPx(), 1e-9);
   }
-  evidence->held_back_sets = held.NumSets();
   return verified;
 }
 

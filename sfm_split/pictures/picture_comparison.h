@@ -43,7 +43,7 @@ struct PictureComparison {
   int num_cells = 0;                    ///< of an 8 x 8 grid over the picture that agreeing tiles lie in.
   double log_chance = 0;                ///< logarithm of how likely chance makes as many agree.
   /// Where the second picture shows a pixel of the first one's background: shake of the tripod. The simplest
-  /// that explains the tiles: the identity, a shift, an affine map or a homography. [px of the pictures]
+  /// that explains the tiles, as FitTileMotion or FitCameraTurn finds it. [px of the pictures]
   Eigen::Matrix3d second_from_first = Eigen::Matrix3d::Identity();
 };
 
@@ -88,6 +88,9 @@ class PictureStandard {
     double own_place = 0;    // of an edge: of its correlation with itself, along the normal [px]
     Eigen::Vector2d
         own_summit;  // of its correlation with itself, off the centre where its slopes differ [px]
+
+    // Standard deviation of its place along the direction of least texture, that the other's error leaks.
+    double LeakPx() const;
   };
 
   static Level MakeLevel(const GreyPicture& picture, int factor);

@@ -30,8 +30,8 @@ bool IsSeen(const TileMatch& tile) { return tile.is_found || (tile.is_edge && ti
 
 namespace {
 
-// Number of parameters of the camera's motion in pictures: none, a shift, an affine map, a homography.
-constexpr std::array<int, 4> kModels = {0, 2, 6, 8};
+// Number of parameters of the camera's motion in pictures: a shift, an affine map, a homography.
+constexpr std::array<int, 3> kModels = {2, 6, 8};
 
 // The motion's effect is linear in its parameters: d = a + A x + x' (c . x), in units of the picture's side.
 Eigen::Matrix<double, 2, 8> Design(const Eigen::Vector2d& x, const Eigen::Vector2d& moved) {
@@ -187,29 +187,37 @@ Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, in
   }
   Eigen::Matrix3d chosen = Eigen::Matrix3d::Identity();
   if (found.empty()) return chosen;
+  double best = Criterion(chosen, found, 0);
+  const auto consider = [&](const Eigen::Matrix3d& H, int num_parameters) {
+    const double cost = Criterion(H, found, num_parameters);
+    if (cost >= best) return;
+    best = cost;
+    chosen = H;
+  };
   Motion motion;
   motion.centre = 0.5 * Eigen::Vector2d(width, height);
   motion.unit = std::max(width, height);
   motion.p.head<2>() = DensestDisplacement(found) / motion.unit;
+  const Eigen::Vector2d densest = motion.unit * motion.p.head<2>();
   std::vector<const TileMatch*> inliers = Inliers(motion.Homography(), found, 1.0);
-  double best = Criterion(Eigen::Matrix3d::Identity(), found, 0);
   for (const int num_parameters : kModels) {
-    if (num_parameters == 0 || static_cast<int>(inliers.size()) < 2 * num_parameters) continue;
-    bool fits = true;
+    bool fits = static_cast<int>(inliers.size()) >= 2 * num_parameters;
     for (const double bound : {1.0, 0.7, 0.5, 0.0, 0.0}) {
       fits = fits && Fit(inliers, num_parameters, &motion);
       if (!fits) break;
       inliers = Inliers(motion.Homography(), found, bound);
       fits = static_cast<int>(inliers.size()) >= 2 * num_parameters;
     }
-    if (!fits) break;
-    const Eigen::Matrix3d H = motion.Homography();
-    const double cost = Criterion(H, found, num_parameters);
-    if (cost < best) {
-      best = cost;
-      chosen = H;
+    if (fits) consider(motion.Homography(), num_parameters);
+    if (!fits && num_parameters > 2) break;
+    if (num_parameters == 2) {
+      Turn turn{motion.centre, fits ? Eigen::Vector2d(motion.unit * motion.p.head<2>()) : densest};
+      for (const int num_of_turn : {3, 4}) {
+        turn = Refined(found, Eigen::Matrix3d::Identity(), num_of_turn, turn);
+        consider(turn.Homography(), num_of_turn);
+      }
     }
-    inliers = Inliers(H, found, 1.0);
+    inliers = Inliers(fits ? motion.Homography() : chosen, found, 1.0);
   }
   return chosen;
 }

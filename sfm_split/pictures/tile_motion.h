@@ -44,7 +44,8 @@ double Bound(const TileMatch& tile);
 bool IsSeen(const TileMatch& tile);
 
 /// The simplest motion that explains the tiles without edges, each model started from where the simpler one
-/// ended: none, a shift, an affine map or a homography. \param width, height  of the picture [px].
+/// ended: none, a shift, a roll beside it, growth beside both, an affine map or a homography. \param width,
+/// height  of the picture [px].
 Eigen::Matrix3d FitTileMotion(const std::vector<TileMatch>& tiles, int width, int height);
 
 /// A camera's turn and how many numbers were chosen for it.

@@ -81,6 +81,7 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
   refine.equal_steps = told.steps.steps;
   refine.station_turns = told.seen.turns;
   refine.rims = told.seen.rims;
+  refine.held_back = held_back_;  // of those that agree all but a few would agree again
   candidate->has_given_steps = !told.steps.steps.empty();
   JointOptions joint = joint_;
   joint.model = model;

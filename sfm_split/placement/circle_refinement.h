@@ -5,6 +5,7 @@
 
 #include "sfm_split/adjust/joint_ba.h"
 #include "sfm_split/base/reporter.h"
+#include "sfm_split/evidence/held_back.h"
 #include "sfm_split/evidence/step_width.h"
 #include "sfm_split/placement/candidate_likelihood.h"
 #include "sfm_split/placement/scan_candidate.h"
@@ -29,7 +30,12 @@ class CircleRefinement {
  public:
   CircleRefinement(const ScanFeatures& features, const CandidateLikelihood& likelihood,
                    const RefineOptions& refine, const JointOptions& joint, Reporter& reporter)
-      : features_(features), likelihood_(likelihood), refine_(refine), joint_(joint), reporter_(reporter) {}
+      : features_(features),
+        likelihood_(likelihood),
+        refine_(refine),
+        joint_(joint),
+        reporter_(reporter),
+        held_back_(HoldBack(features)) {}
 
   /// Moves stations to where all matches are likeliest. Returns the noise of right ones [px], by these
   /// matches where they tell it, otherwise the one given.
@@ -71,6 +77,7 @@ class CircleRefinement {
   const RefineOptions& refine_;
   const JointOptions& joint_;
   Reporter& reporter_;
+  HeldBackKeypoints held_back_;
 };
 
 }  // namespace s2gs

@@ -45,7 +45,8 @@ class Placement {
 
  private:
   ScanCandidate ByFreeSfm(const ColmapModel& object, const ColmapModel* background, const char* how);
-  ScanCandidate ByCircularMotion(const CircularFinding& finding, AlignedScene aligned);
+  ScanCandidate ByCircularMotion(const CircularMotion& motion, int placed_stations, AlignedScene aligned);
+  void ConsiderCircularMotion(const CircularFinding& finding, AlignedScene aligned);
   ScanCandidate BySingleAxis();
   void TryCircularMotion();
   void TryRiggedCircle();
@@ -101,19 +102,28 @@ ScanCandidate Placement::ByFreeSfm(const ColmapModel& object, const ColmapModel*
   return candidate;
 }
 
-ScanCandidate Placement::ByCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
+ScanCandidate Placement::ByCircularMotion(const CircularMotion& motion, int placed_stations,
+                                          AlignedScene aligned) {
   const size_t found = aligned.scene.views.size();
   finish_.AddCircle(aligned);
-  const double sigma_px = circles_.MoveStations(finding.motion.sigma_px, &aligned);
+  const double sigma_px = circles_.MoveStations(motion.sigma_px, &aligned);
   // Angles that the circles have free may follow wrong matches, which seem many where they slide alike.
   ScanCandidate candidate = circles_.Refine(aligned, sigma_px, true, {});
-  const auto closed = std::count_if(finding.motion.stations.begin(), finding.motion.stations.end(),
+  const auto closed = std::count_if(motion.stations.begin(), motion.stations.end(),
                                     [](const CircularStationFit& fit) { return fit.found && fit.closes; });
   candidate.finding = "circular motion placed " + std::to_string(found) + " images at " +
-                      std::to_string(finding.placed_stations) + " stations, " + std::to_string(closed) +
+                      std::to_string(placed_stations) + " stations, " + std::to_string(closed) +
                       " of which close a turn, " + std::to_string(candidate.aligned.scene.views.size()) +
                       " after mending";
   return candidate;
+}
+
+// Of motions that matches of pairs do not tell from each other, points of many photos may.
+void Placement::ConsiderCircularMotion(const CircularFinding& finding, AlignedScene aligned) {
+  Consider(ByCircularMotion(finding.motion, finding.placed_stations, std::move(aligned)), "circular_motion");
+  for (const CircularRival& rival : finding.rivals) {
+    Consider(ByCircularMotion(rival.motion, rival.placed_stations, rival.aligned), "circular_motion");
+  }
 }
 
 // Alone, or where free SfM is not enough or explains the matches inside stations less well.
@@ -131,7 +141,7 @@ void Placement::TryCircularMotion() {
     result_.durations.emplace_back("circular_motion", watch_.Lap());
     return;
   }
-  Consider(ByCircularMotion(finding, std::move(aligned)), "circular_motion");
+  ConsiderCircularMotion(finding, std::move(aligned));
 }
 
 // Where the background tells how the stations' cameras stand, all their matches together tell one axis. Which
@@ -291,7 +301,7 @@ ScanPlacement Placement::RunCircleAlone(const AlignedScene& circle, const Circul
   if (!best.is_usable || best.aligned.scene.views.size() < num_photos)
     return fail("its adjustment lost photos");
   if (IsWorthAdjusting(circle, UnknownsOf(finding.motion), true, "circular motion")) {
-    Consider(ByCircularMotion(finding, circle), "circular_motion");
+    ConsiderCircularMotion(finding, circle);
     if (background_ != nullptr && result_.path != "circle_alone") TryRiggedCircle();
     if (best.aligned.scene.views.size() < num_photos) return fail("its adjustment lost photos");
   }

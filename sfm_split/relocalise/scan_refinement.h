@@ -37,6 +37,10 @@ struct RefineOptions {
   /// The table's rim as camera places show it. By images of the features.
   std::vector<RimPrior> rims;
 
+  /// What no adjustment may see: where the features lack matches of which it was chosen. Empty: as HoldBack()
+  /// chooses among theirs.
+  HeldBackKeypoints held_back;
+
   /// The scene's poses are rough and have no points: before the first round these are triangulated within
   /// twice the bound, and everything is adjusted to them as to SfM's.
   bool start_is_rough = false;

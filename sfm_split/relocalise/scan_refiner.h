@@ -42,7 +42,7 @@ class ScanRefiner {
       keypoints_.push_back(features.images[i].keypoints);
       image_of_name_[features.images[i].name] = static_cast<int>(i);
     }
-    report_.held_back = HoldBack(features);
+    report_.held_back = options.held_back.empty() ? HoldBack(features) : options.held_back;
     has_background_ = !aligned->background.images.empty();
     for (const auto& [id, image] : aligned->background.images) {
       const auto found = image_of_name_.find(image.name);

@@ -72,6 +72,16 @@ TEST(FitTileMotion, ThatNothingMoved) {
   EXPECT_EQ(FitTileMotion(tiles, kPictureWidth, kPictureHeight), Eigen::Matrix3d::Identity());
 }
 
+// Eleven tiles are too few for an affine map. Measured .11 px; by a shift alone 1.9 px are left.
+TEST(FitTileMotion, FindsARollThatFewTilesTell) {
+  const Eigen::Matrix3d H = TurnOfCamera(960, Eigen::Vector3d(1.5, 2, 5) / 960);
+  const auto all = Tiles([&](const Eigen::Vector2d& xy) { return Moved(H, xy); });
+  std::vector<TileMatch> few;
+  for (size_t t = 0; t < all.size() && few.size() < 11; t += 27) few.push_back(all[t]);
+  ASSERT_EQ(few.size(), 11U);
+  EXPECT_LT(MostDifference(FitTileMotion(few, kPictureWidth, kPictureHeight), H), 0.25);
+}
+
 // A lens that focuses anew.
 TEST(FitTileMotion, FindsGrowth) {
   const Eigen::Vector2d middle(0.5 * kPictureWidth, 0.5 * kPictureHeight);

@@ -155,6 +155,7 @@ struct PlainShot {
   double flatness = 0.5;   // of the disc's ellipse: how high the camera stands
   double turning = 50;     // radius of what turns [px]
   bool has_shelf = false;  // two long edges instead of the disc's rim
+  bool has_ledge = false;  // a long edge aslant across the wall, with the steps that pixels make of it
   double hidden = 0;       // share of the picture's width that somebody stands before
   double gain = 1;
   uint64_t seed = 1;
@@ -186,6 +187,11 @@ GreyPicture TakePlain(const PlainShot& shot) {
     }
   }
   cv::resize(picture, picture, {kWidth, kHeight}, 0, 0, cv::INTER_AREA);
+  for (int y = 0; shot.has_ledge && y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      if (y - shot.shift.y() < 12 + 0.13 * (x - shot.shift.x())) picture.at<float>(y, x) = 30;
+    }
+  }
   cv::Mat noise(picture.size(), CV_32F);
   cv::RNG random(shot.seed);
   random.fill(noise, cv::RNG::NORMAL, 0, 1);
@@ -216,6 +222,25 @@ TEST(PictureStandard, KnowsACameraBeforeAPlainWallByEdges) {
       const Eigen::Vector3d middle = comparison.second_from_first * Eigen::Vector3d(200, 190, 1);
       EXPECT_LT((middle.hnormalized() - Eigen::Vector2d(200, 190) - shift).norm(), 0.15);
     }
+  }
+}
+
+// The pixels' steps along an edge are texture, and lie where the pixels do, not where the wall does: edges
+// tell their places across themselves alone.
+TEST(PictureStandard, StepsAlongAnEdgeTellNoPlace) {
+  uint64_t seed = 1;
+  PlainShot first;
+  first.has_ledge = true;
+  for (const Eigen::Vector2d& shift : {Eigen::Vector2d(-0.5, -0.3), Eigen::Vector2d(0.8, 0.5),
+                                       Eigen::Vector2d(-0.2, 1.6), Eigen::Vector2d(1.4, -0.6)}) {
+    PlainShot other = first;
+    other.turn_deg = 40;
+    other.shift = shift;
+    other.seed = ++seed;
+    const PictureComparison comparison = ComparePlain(first, other);
+    EXPECT_EQ(comparison.verdict, Verdict::kStill) << shift.transpose();
+    const Eigen::Vector3d middle = comparison.second_from_first * Eigen::Vector3d(200, 190, 1);
+    EXPECT_LT((middle.hnormalized() - Eigen::Vector2d(200, 190) - shift).norm(), 0.2) << shift.transpose();
   }
 }
 
