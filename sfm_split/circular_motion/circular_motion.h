@@ -90,8 +90,9 @@ struct CircularMotion {
   double log_posterior = 0;         ///< of all stations: gains and priors.
   double open_log_posterior = 0;    ///< the best without stations that start as closed turns.
   double closed_log_posterior = 0;  ///< the best with all stations starting as closed turns.
-  /// Of those two, the other one, where matches do not tell which is right: it is nearly as likely, and puts
-  /// photos elsewhere. Without rivals of its own.
+  /// The next one of those two and of stations that are closed or open as is likelier of each, where matches
+  /// do not tell which is right: it is nearly as likely, and puts photos elsewhere. Without rivals of its
+  /// own.
   std::vector<CircularMotion> rivals;
 };
 

@@ -14,15 +14,16 @@ constexpr double kMaxResidualPx = 0.35;
 /// What one tile of a picture does from there to another picture of the scene.
 struct TileMatch {
   Eigen::Vector2d centre = Eigen::Vector2d::Zero();  ///< [px of the picture, from its corner]
-  bool is_textured = false;      ///< in both directions, so that noise moves it by no more than .1 px, and
-                                 ///< not alike a few pixels beside, as a checked cloth is.
+  /// In both directions, so that noise moves it by no more than .1 px and its place across an edge leaks less
+  /// than kMaxResidualPx into that along it; and not alike a few pixels beside, as a checked cloth is.
+  bool is_textured = false;
   bool is_found = false;         ///< its gradients correlate better than those of unrelated tiles do.
   bool agrees = false;           ///< and it lies where the camera's own motion puts it.
   double correlation = 0;        ///< of the gradients, 1: equal but for contrast.
   double sigma_px = 0;           ///< standard deviation of the displacement.
   Eigen::Vector2d displacement;  ///< [px of the picture]
-  /// Textured across one direction alone, as the rim of a plain disc is: it says nothing of a move along the
-  /// edge, and is not counted as found. Such tiles are asked where the others do not show that the camera
+  /// Textured across one direction alone, or far more than along it, as the rim of a plain disc is and the
+  /// foot of a wall: it says nothing of a move along the edge, and is not counted as found. Such tiles are asked where the others do not show that the camera
   /// stood still.
   bool is_edge = false;
   Eigen::Vector2d normal = Eigen::Vector2d::Zero();  ///< of an edge; `displacement` lies along it.

@@ -167,7 +167,7 @@ std::pair<ScanCandidate, ScanCandidate> CircleRefinement::RefineBoth(const Align
     return {std::move(first), RefineWithin(aligned, free)};
   }
   KeepingReporter keeping(reporter_);
-  const CircleRefinement beside(features_, likelihood_, refine_, joint_, keeping);
+  const CircleRefinement beside(*this, keeping);
   std::future<ScanCandidate> second =
       std::async(std::launch::async, [&] { return beside.RefineWithin(aligned, free); });
   ScanCandidate first = RefineWithin(aligned, about_steps);

@@ -37,6 +37,15 @@ class CircleRefinement {
         reporter_(reporter),
         held_back_(HoldBack(features)) {}
 
+  /// The same, which tells another.
+  CircleRefinement(const CircleRefinement& other, Reporter& reporter)
+      : features_(other.features_),
+        likelihood_(other.likelihood_),
+        refine_(other.refine_),
+        joint_(other.joint_),
+        reporter_(reporter),
+        held_back_(other.held_back_) {}
+
   /// Moves stations to where all matches are likeliest. Returns the noise of right ones [px], by these
   /// matches where they tell it, otherwise the one given.
   double MoveStations(double sigma_px, AlignedScene* aligned) const;

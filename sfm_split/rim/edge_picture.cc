@@ -15,6 +15,9 @@ namespace {
 constexpr double kSmoothPx = 0.7;  // what a lens does anyway: noise and blocks of compression fall
 constexpr double kClear =
     0.7;  // of the picture's slopes are less: among clutter many are steeper than a rim's
+// Of Sobel's sum, four times a step of two grey values over two pixels: before a plain wall less is noise and
+// compression, and all else would be an edge.
+constexpr float kLeastSobel = 8;
 
 }  // namespace
 
@@ -48,7 +51,8 @@ std::vector<EdgePicture::Edge> EdgePicture::Edges() const {
   cv::Sobel(grey, gy, CV_32F, 0, 1);
   cv::Mat slope;
   cv::magnitude(gx, gy, slope);
-  const float least = Quantile(std::vector<float>(slope.begin<float>(), slope.end<float>()), kClear);
+  const float least =
+      std::max(kLeastSobel, Quantile(std::vector<float>(slope.begin<float>(), slope.end<float>()), kClear));
   std::vector<Edge> edges;
   for (int y = 1; y + 1 < height_; ++y) {
     for (int x = 1; x + 1 < width_; ++x) {

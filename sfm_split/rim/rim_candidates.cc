@@ -125,7 +125,7 @@ class CoarseSearch {
         for (const double radius : radii_) {
           const double score = Score(circle, radius, start.score);
           if (score < 0) break;  // larger ones reach farther beyond the picture
-          if (!(score > start.score)) continue;
+          if (!(score > start.score) || IsLine(circle, radius)) continue;
           x(4) = radius;
           start = {x, score};
         }
@@ -168,15 +168,23 @@ class CoarseSearch {
     return (sum - by_chance_ * seen) / std::sqrt(static_cast<double>(seen));
   }
 
+  Vector2d Place(const InCamera& circle, double radius, size_t d) const {
+    const Vector3d x = circle.middle + radius * circle.outwards[d];
+    return edges_.focal_px() / x.z() * x.head<2>();
+  }
+
+  // Seen from the side a circle is a line, and the foot of a wall is as long.
+  bool IsLine(const InCamera& circle, double radius) const {
+    constexpr size_t kNear = kCoarseDirections / 4;
+    constexpr size_t kFar = 3 * kCoarseDirections / 4;
+    return (Place(circle, radius, kNear) - Place(circle, radius, kFar)).norm() < kApartPx;
+  }
+
   bool AreNear(const CircleUnknowns& a, const CircleUnknowns& b) const {
     const InCamera one = PutBeforeCamera(a);
     const InCamera other = PutBeforeCamera(b);
-    const auto place = [&](const InCamera& circle, double radius, size_t d) -> Vector2d {
-      const Vector3d x = circle.middle + radius * circle.outwards[d];
-      return edges_.focal_px() / x.z() * x.head<2>();
-    };
     for (size_t d = 0; d < kCoarseDirections; d += kParts) {
-      if ((place(one, a(4), d) - place(other, b(4), d)).norm() > kApartPx) return false;
+      if ((Place(one, a(4), d) - Place(other, b(4), d)).norm() > kApartPx) return false;
     }
     return true;
   }

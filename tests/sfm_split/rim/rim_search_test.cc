@@ -77,6 +77,49 @@ Scene MakeScene(Table table) {
   return scene;
 }
 
+// A thick plate on ground of nearly its colour before a wall, seen from 11 degrees above, and the noise of a
+// photo: the foot of the wall is the clearest edge, and as long as a circle seen from the side.
+Scene MakePlainScene() {
+  constexpr double kGround = kTop - 0.15;
+  Scene scene;
+  scene.cam_from_world.rotation = Eigen::AngleAxisd(-101 * kDegree, Vector3d::UnitX());
+  scene.cam_from_world.translation = {0, 0, 4};
+  const Vector3d camera = CameraCentre(scene.cam_from_world);
+  const auto grey_at = [&](const Vector2d& xy) -> double {
+    const Vector3d ray = scene.cam_from_world.rotation.conjugate() * *UnprojectFromImage(scene.camera, xy);
+    const auto on_plane = [&](double z) -> Vector3d { return camera + (z - camera.z()) / ray.z() * ray; };
+    if (ray.z() < 0 && on_plane(kTop).head<2>().norm() < kRadius) return 160;
+    // The plate's side, where the ray first comes within the radius of the axis.
+    const double along = ray.head<2>().squaredNorm();
+    const double half = camera.head<2>().dot(ray.head<2>());
+    const double root = half * half - along * (camera.head<2>().squaredNorm() - kRadius * kRadius);
+    if (root > 0) {
+      const Vector3d side = camera + (-half - std::sqrt(root)) / along * ray;
+      if (side.z() < kTop && side.z() > kGround) return 110;
+    }
+    return ray.z() < 0 && on_plane(kGround).y() > -2.5 ? 172 : 90;
+  };
+  RandomNumbers random(8);
+  GreyPicture& picture = scene.view.still;
+  picture.photo_size = {480, 360};
+  picture.width = 480;
+  picture.height = 360;
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      double sum = 0;
+      for (int i = 0; i < kPerPixel * kPerPixel; ++i)
+        sum += grey_at({x + (i % kPerPixel + 0.5) / kPerPixel, y + (i / kPerPixel + 0.5) / kPerPixel});
+      picture.grey.push_back(static_cast<uint8_t>(sum / (kPerPixel * kPerPixel) + random.Uniform(-2, 2)));
+    }
+  }
+  scene.view.camera = scene.camera;
+  scene.view.cam_from_world = scene.cam_from_world;
+  scene.search.low = kTop;
+  scene.search.high = kTop + 0.6;
+  scene.search.radius = 0.4;
+  return scene;
+}
+
 // How far places lie from the true rim [px], as the upper quartile has it.
 double FarthestOff(const Scene& truth, const FoundRim& rim) {
   std::vector<double> off;
@@ -106,6 +149,16 @@ TEST(RimSearch, IsFoundByPosesThatAreWrong) {
   ASSERT_TRUE(rim.has_value());
   EXPECT_GT(rim->share, 0.8);
   EXPECT_LT(FarthestOff(truth, *rim), 0.3);
+}
+
+TEST(RimSearch, IsFoundBeforeAPlainWall) {
+  const Scene truth = MakePlainScene();
+  Scene wrong = truth;
+  wrong.search.axis.direction = Vector3d(std::sin(1 * kDegree), std::sin(-2 * kDegree), 1).normalized();
+  const auto rim = FindRim(wrong.view, wrong.search);
+  ASSERT_TRUE(rim.has_value());
+  EXPECT_GT(rim->share, 0.8);
+  EXPECT_LT(FarthestOff(truth, *rim), 0.5);
 }
 
 TEST(RimSearch, GroundOfManyEdgesHasNone) {
