@@ -23,8 +23,8 @@ struct TileMatch {
   double sigma_px = 0;           ///< standard deviation of the displacement.
   Eigen::Vector2d displacement;  ///< [px of the picture]
   /// Textured across one direction alone, or far more than along it, as the rim of a plain disc is and the
-  /// foot of a wall: it says nothing of a move along the edge, and is not counted as found. Such tiles are asked where the others do not show that the camera
-  /// stood still.
+  /// foot of a wall: it says nothing of a move along the edge, and is not counted as found. Such tiles are
+  /// asked where the others do not show that the camera stood still.
   bool is_edge = false;
   Eigen::Vector2d normal = Eigen::Vector2d::Zero();  ///< of an edge; `displacement` lies along it.
 };

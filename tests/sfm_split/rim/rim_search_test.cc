@@ -26,7 +26,6 @@ constexpr double kRadius = 0.9;
 constexpr double kTop = -0.5;
 constexpr int kPerPixel = 4;  // places of a pixel, along either side, that its grey is the mean of
 
-// A camera above a table before ground of coloured blocks, and a thing on the table that hides part of it.
 struct Scene {
   Camera camera{1, CameraModelId::kSimpleRadial, 480, 360, {450, 240, 180, -0.05}};
   Rigid3 cam_from_world;
@@ -34,6 +33,32 @@ struct Scene {
   RimSearch search;
 };
 
+// What the scene's camera sees: of each pixel the mean of grey_at() over it, and noise of up to so many grey
+// values.
+template <typename GreyAt>
+void Take(const GreyAt& grey_at, double noise, Scene* scene) {
+  RandomNumbers random(8);
+  GreyPicture& picture = scene->view.still;
+  picture.photo_size = {480, 360};
+  picture.width = 480;
+  picture.height = 360;
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      double sum = 0;
+      for (int i = 0; i < kPerPixel * kPerPixel; ++i)
+        sum += grey_at({x + (i % kPerPixel + 0.5) / kPerPixel, y + (i / kPerPixel + 0.5) / kPerPixel});
+      picture.grey.push_back(
+          static_cast<uint8_t>(sum / (kPerPixel * kPerPixel) + random.Uniform(-noise, noise)));
+    }
+  }
+  scene->view.camera = scene->camera;
+  scene->view.cam_from_world = scene->cam_from_world;
+  scene->search.low = kTop;
+  scene->search.high = kTop + 0.6;
+  scene->search.radius = 0.4;
+}
+
+// A camera above a table before ground of coloured blocks, and a thing on the table that hides part of it.
 Scene MakeScene(Table table) {
   Scene scene;
   scene.cam_from_world.rotation = Eigen::AngleAxisd(-120 * kDegree, Vector3d::UnitX());
@@ -57,23 +82,7 @@ Scene MakeScene(Table table) {
     const auto row = static_cast<int>(std::floor(xy.y() / 15)) & 63;
     return blocks[static_cast<size_t>(64 * row + column)];
   };
-  GreyPicture& picture = scene.view.still;
-  picture.photo_size = {480, 360};
-  picture.width = 480;
-  picture.height = 360;
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) {
-      double sum = 0;
-      for (int i = 0; i < kPerPixel * kPerPixel; ++i)
-        sum += grey_at({x + (i % kPerPixel + 0.5) / kPerPixel, y + (i / kPerPixel + 0.5) / kPerPixel});
-      picture.grey.push_back(static_cast<uint8_t>(sum / (kPerPixel * kPerPixel)));
-    }
-  }
-  scene.view.camera = scene.camera;
-  scene.view.cam_from_world = scene.cam_from_world;
-  scene.search.low = kTop;
-  scene.search.high = kTop + 0.6;
-  scene.search.radius = 0.4;
+  Take(grey_at, 0, &scene);
   return scene;
 }
 
@@ -99,24 +108,7 @@ Scene MakePlainScene() {
     }
     return ray.z() < 0 && on_plane(kGround).y() > -2.5 ? 172 : 90;
   };
-  RandomNumbers random(8);
-  GreyPicture& picture = scene.view.still;
-  picture.photo_size = {480, 360};
-  picture.width = 480;
-  picture.height = 360;
-  for (int y = 0; y < picture.height; ++y) {
-    for (int x = 0; x < picture.width; ++x) {
-      double sum = 0;
-      for (int i = 0; i < kPerPixel * kPerPixel; ++i)
-        sum += grey_at({x + (i % kPerPixel + 0.5) / kPerPixel, y + (i / kPerPixel + 0.5) / kPerPixel});
-      picture.grey.push_back(static_cast<uint8_t>(sum / (kPerPixel * kPerPixel) + random.Uniform(-2, 2)));
-    }
-  }
-  scene.view.camera = scene.camera;
-  scene.view.cam_from_world = scene.cam_from_world;
-  scene.search.low = kTop;
-  scene.search.high = kTop + 0.6;
-  scene.search.radius = 0.4;
+  Take(grey_at, 2, &scene);
   return scene;
 }
 
