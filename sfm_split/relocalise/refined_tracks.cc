@@ -166,9 +166,10 @@ void ScanRefiner::FindUnmoved() {
   }
 }
 
-// The points with the longest tracks, and more where an image would have few; none that are held back.
+// The points with the longest tracks, and more where an image would have few; of the object none that are
+// held back: a wrong match of the object's takes nothing from the background.
 std::vector<size_t> ScanRefiner::PointsToAdjust(const std::vector<TrackPoint>& points, int max_observations,
-                                                int max_points) const {
+                                                int max_points, bool of_object) const {
   std::vector<size_t> order(points.size());
   std::iota(order.begin(), order.end(), size_t{0});
   std::stable_sort(order.begin(), order.end(),
@@ -180,7 +181,7 @@ std::vector<size_t> ScanRefiner::PointsToAdjust(const std::vector<TrackPoint>& p
     return report_.held_back[static_cast<size_t>(e.image)][e.keypoint];
   };
   for (const size_t p : order) {
-    if (std::any_of(points[p].track.begin(), points[p].track.end(), is_held_back)) continue;
+    if (of_object && std::any_of(points[p].track.begin(), points[p].track.end(), is_held_back)) continue;
     const bool has_room = observations < max_observations && static_cast<int>(chosen.size()) < max_points;
     const bool is_wanted = std::any_of(
         points[p].track.begin(), points[p].track.end(),

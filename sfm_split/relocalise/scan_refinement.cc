@@ -98,10 +98,10 @@ void ScanRefiner::AdjustToCommonCameras() {
 
 // What is to be adjusted of the object's points.
 void ScanRefiner::BuildObject() {
-  aligned_->object = BuildModel(
-      object_points_,
-      PointsToAdjust(object_points_, options_.max_adjusted_observations, std::numeric_limits<int>::max()),
-      true);
+  aligned_->object = BuildModel(object_points_,
+                                PointsToAdjust(object_points_, options_.max_adjusted_observations,
+                                               std::numeric_limits<int>::max(), true),
+                                true);
 }
 
 // And of the background's, where there is one.
@@ -110,10 +110,10 @@ void ScanRefiner::BuildBackground() {
     aligned_->background = ColmapModel();
     return;
   }
-  aligned_->background = BuildModel(
-      background_points_,
-      PointsToAdjust(background_points_, std::numeric_limits<int>::max(), options_.max_adjusted_background),
-      false);
+  aligned_->background = BuildModel(background_points_,
+                                    PointsToAdjust(background_points_, std::numeric_limits<int>::max(),
+                                                   options_.max_adjusted_background, false),
+                                    false);
 }
 
 // Drops what its matches contradict, brings back what they place, and makes both models of what agrees with

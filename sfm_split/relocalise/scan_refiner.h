@@ -100,7 +100,7 @@ class ScanRefiner {
   void AddCamera(uint32_t camera_id);
   const Camera& CameraOf(int image) const;
   std::vector<size_t> PointsToAdjust(const std::vector<TrackPoint>& points, int max_observations,
-                                     int max_points) const;
+                                     int max_points, bool of_object) const;
   ColmapModel BuildModel(const std::vector<TrackPoint>& points, const std::vector<size_t>& chosen,
                          bool of_object) const;
   void BuildObject();
