@@ -56,7 +56,8 @@ void FillPullOfWrongOnes(const JointProblem& problem, const JointOptions& option
   // The less efficient of two estimates differs from the other by what their variances differ by.
   const double here = VarianceOver(*MakeLoss(options), sigma_px);
   const double there = VarianceOver(*MakeLoss(sharper), sigma_px);
-  observability->pull_variance = kWhole * kWhole * std::max(0.0, there / here - 1);
+  observability->pull_variance =
+      kWhole * kWhole * std::max(0.0, there / here - 1) / problem.priors.chosen_variance;
 }
 
 }  // namespace s2gs

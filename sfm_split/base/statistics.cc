@@ -24,6 +24,22 @@ Summary Summarize(std::vector<double> values) {
   return summary;
 }
 
+double VarianceOfChosen(const std::vector<double>& errors, double bound) {
+  constexpr double kShell = 1.25;  // a judgement: a bound times and over this holds what lies at it
+  double inside = 0;
+  double at_bound = 0;
+  for (const double error : errors) {
+    if (error <= bound) inside += 1;
+    if (error > bound / kShell && error <= bound * kShell) at_bound += 1;
+  }
+  if (!(inside > 0)) return 1;
+  const double width = 2 * std::log(kShell);
+  // What is not told from nothing is no less than its own standard deviation.
+  const double telling = std::max(inside - at_bound / width, std::sqrt(at_bound + 1) / width);
+  const double ratio = std::max(1.0, inside / telling);
+  return ratio * ratio;
+}
+
 std::optional<Line> FitLine(const std::vector<Eigen::Vector2d>& points) {
   const auto n = static_cast<double>(points.size());
   double sum_x = 0;

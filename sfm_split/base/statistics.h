@@ -46,6 +46,14 @@ T Quantile(std::vector<T> values, double share) {
   return *place;
 }
 
+/// How much larger variances of a least-squares fit are than its residuals say, where the fit itself chooses
+/// its data as what it misses by less than a bound: one that moves loses some and wins others, which draw it
+/// on. Of N errors inside and n a unit of length at the bound b, N - b n tell where the fit is, and N seem
+/// to: (N / (N - b n))^2. 1 where none are near the bound; normal errors cut off at their standard deviation
+/// have 11.8. \param errors  of all data, chosen or not: absolute values, any order; NaN and infinite ones
+/// are not chosen. \param bound  positive.
+double VarianceOfChosen(const std::vector<double>& errors, double bound);
+
 struct Line {
   double start = 0;  ///< y at x = 0.
   double slope = 0;

@@ -85,6 +85,10 @@ struct JointPriors {
   /// How much larger variances of the data are than those of independent keypoint errors: the data count by
   /// so much less against the priors. At least 1.
   double data_inflation = 1;
+  /// How much larger variances are because poses chose themselves which keypoints are right: what the
+  /// residuals say of them is multiplied by it, and the data count by so much less against the priors, too.
+  /// At least 1.
+  double chosen_variance = 1;
 };
 
 }  // namespace s2gs

@@ -180,7 +180,8 @@ void JointSystem::AddTerms(const JointProblem& problem, const JointBody& body, b
 
 void JointSystem::AddPriors(const JointProblem& problem, const JointOptions& options) {
   const double scale_px =
-      SigmaOfLossPx(options.loss_scale_px) * std::sqrt(std::max(1.0, problem.priors.data_inflation));
+      SigmaOfLossPx(options.loss_scale_px) *
+      std::sqrt(std::max(1.0, problem.priors.data_inflation) * problem.priors.chosen_variance);
   if (!(scale_px > 0)) return;
   const auto is_free = [&](int block, int value) {
     const Block& of = blocks_[block];

@@ -125,7 +125,9 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
   const MatrixXd half = scale.asDiagonal() * eigen.eigenvectors();
   result.directions = half;
   const MatrixXd inverse_system = half * inverse.asDiagonal() * half.transpose();
-  const double variance = NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px;
+  const double chosen = problem.priors.chosen_variance;
+  const double variance =
+      chosen * NormalVarianceFactor(loss.get(), reduced.loss, sigma_px) * sigma_px * sigma_px;
   result.covariance = variance * inverse_system;
   MatrixXd of_priors;
   if (has_priors) {
@@ -133,10 +135,11 @@ Observability AnalyzeObservability(const JointProblem& problem, const JointOptio
     of_priors = inverse_system * priors.of_gradients * inverse_system;
     result.covariance = variance * inverse_system * reduced.s * inverse_system + of_priors;
   }
+  const double of_scores = chosen / (share * share);
   const ScoreCovariance scores = CovarianceOfScores(reduced, inverse_system, options.num_threads);
-  result.robust_covariance = inverse_system * scores.of_points * inverse_system / (share * share);
-  result.regional_covariance = inverse_system * scores.of_regions * inverse_system / (share * share);
-  result.ring_covariance = inverse_system * scores.of_rings * inverse_system / (share * share);
+  result.robust_covariance = of_scores * inverse_system * scores.of_points * inverse_system;
+  result.regional_covariance = of_scores * inverse_system * scores.of_regions * inverse_system;
+  result.ring_covariance = of_scores * inverse_system * scores.of_rings * inverse_system;
   if (has_priors) {
     result.ring_covariance += of_priors;
     result.robust_covariance += of_priors;

@@ -87,7 +87,9 @@ void CircleRefinement::RefineAgreeing(const Told& told, JointModel model, ScanCa
   joint.model = model;
   joint.max_reprojection_error_px = std::min(joint.max_reprojection_error_px, told.bound_px);
   ScanFeatures agreeing = features_;
-  agreeing.object_pairs = MatchesThatAgree(features_, candidate->aligned, told.bound_px);
+  ChosenMatches matches = MatchesThatAgree(features_, candidate->aligned, told.bound_px);
+  refine.chosen_variance = matches.variance;
+  agreeing.object_pairs = std::move(matches.pairs);
   agreeing.raw_pairs.clear();
   candidate->aligned.object.points3D.clear();
   const PrincipalPointTest before = candidate->refined.principal_point;

@@ -14,6 +14,7 @@
 #include "sfm_split/relocalise/silhouette_ties.h"
 #include "sfm_split/relocalise/station_turns.h"
 #include "sfm_split/rim/scene_rims.h"
+#include "sfm_split/scene/camera_model.h"
 #include "sfm_split/sweep/swept_points.h"
 
 namespace s2gs {
@@ -183,7 +184,8 @@ bool PoseFinish::MatchesBear(const std::vector<RimPrior>& rims, const ScanCandid
   const double by_fitting = GainByFitting(kToldByRim * static_cast<double>(rims.size()));
   reporter_.Debug("about the table's rim the log-likelihood of the matches is " + std::to_string(lost) +
                   " less, which counts " + std::to_string(as_one) + " times, of which " +
-                  std::to_string(by_fitting) + " may come of fitting");
+                  std::to_string(by_fitting) + " may come of fitting; focal length " +
+                  std::to_string(FocalLengths(about_rims.aligned.scene.cameras.front()).x()));
   return lost <= as_one * by_fitting;
 }
 

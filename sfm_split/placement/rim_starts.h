@@ -14,13 +14,13 @@ namespace s2gs {
 struct RimStart {
   AlignedScene aligned;
   double sigma_px = 0;  ///< noise of right matches.
-  double gain = 0;      ///< in the logarithm of the likelihood of all matches and lenses.
+  double gain = 0;      ///< in the logarithm of the likelihood of matches inside stations, and of lenses.
 };
 
 /// Where the table's rim is the picture of a circle about the axis: each scene's stations are moved there
 /// with focal lengths about those that it has, or as they are known, since a rim tells the axis before a
-/// camera once its focal length is known; the likeliest by all matches, at most `most` of them, the best
-/// first. \param rims  by images of the features. \param pairs  of the object, all of them.
+/// camera once its focal length is known; the likeliest by the matches inside stations, at most `most` of
+/// them, the best first. \param rims  by images of the features. \param pairs  of the object, all of them.
 std::vector<RimStart> StartsByRims(const ScanFeatures& features, const std::vector<PossiblePair>& pairs,
                                    const std::vector<RimPrior>& rims, const std::vector<AlignedScene>& scenes,
                                    size_t most, Reporter& reporter);

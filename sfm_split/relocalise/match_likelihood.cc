@@ -13,6 +13,7 @@
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/rotation.h"
+#include "sfm_split/base/statistics.h"
 #include "sfm_split/circular_motion/match_mixture.h"
 
 namespace s2gs {
@@ -61,6 +62,46 @@ MatchLikelihood Round(const std::vector<PairErrors>& pairs, double sigma_px) {
   return result;
 }
 
+struct MatchesAndErrors {
+  int image1 = 0;
+  int image2 = 0;
+  FeatureMatches matches;
+  std::vector<double> errors_px;
+};
+
+// Of all matches that may be the object's, of photos that a scene has. Between stations that a background
+// places, what agrees better with cameras before which nothing turns is left out.
+std::vector<MatchesAndErrors> ErrorsOfAllMatches(const ScanFeatures& features, const AlignedScene& aligned) {
+  const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
+  std::vector<PosedImage> unmoved(posed.size());
+  if (!aligned.background.images.empty()) unmoved = PosedImages(features, aligned.scene, false);
+  const MatchErrors against_poses(posed, AllKeypoints(features));
+  const MatchErrors against_background(unmoved, AllKeypoints(features));
+  const std::vector<ImagePairMatches>& all = AllPairs(features);
+  std::vector<MatchesAndErrors> result(all.size());
+  ParallelFor(static_cast<int64_t>(all.size()), 0, [&](int64_t p) {
+    const ImagePairMatches& given = all[static_cast<size_t>(p)];
+    const auto i = static_cast<size_t>(given.image1);
+    const auto j = static_cast<size_t>(given.image2);
+    if (!posed[i].is_posed || !posed[j].is_posed) return;
+    MatchesAndErrors& of_pair = result[static_cast<size_t>(p)];
+    of_pair.image1 = given.image1;
+    of_pair.image2 = given.image2;
+    const bool may_stand = features.images[i].station != features.images[j].station && unmoved[i].is_posed &&
+                           unmoved[j].is_posed;
+    const FeatureMatches possible = PossibleObjectMatches(features, given);
+    const std::vector<double> errors_px = against_poses.Of(given.image1, given.image2, possible);
+    std::vector<double> standing_px;
+    if (may_stand) standing_px = against_background.Of(given.image1, given.image2, possible);
+    for (size_t m = 0; m < possible.size(); ++m) {
+      if (may_stand && standing_px[m] < errors_px[m]) continue;
+      of_pair.matches.push_back(possible[m]);
+      of_pair.errors_px.push_back(errors_px[m]);
+    }
+  });
+  return result;
+}
+
 }  // namespace
 
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
@@ -105,37 +146,20 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
   return result;
 }
 
-std::vector<ImagePairMatches> MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
-                                               double max_error_px) {
-  const std::vector<PosedImage> posed = PosedImages(features, aligned.scene, true);
-  // Between stations, where the background knows how cameras stand, it explains what agrees with it better.
-  std::vector<PosedImage> unmoved(posed.size());
-  if (!aligned.background.images.empty()) unmoved = PosedImages(features, aligned.scene, false);
-  const MatchErrors against_poses(posed, AllKeypoints(features));
-  const MatchErrors against_background(unmoved, AllKeypoints(features));
-  const std::vector<ImagePairMatches>& all = AllPairs(features);
-  std::vector<FeatureMatches> agreeing(all.size());
-  ParallelFor(static_cast<int64_t>(all.size()), 0, [&](int64_t p) {
-    const ImagePairMatches& given = all[static_cast<size_t>(p)];
-    const auto i = static_cast<size_t>(given.image1);
-    const auto j = static_cast<size_t>(given.image2);
-    if (!posed[i].is_posed || !posed[j].is_posed) return;
-    const bool may_stand = features.images[i].station != features.images[j].station && unmoved[i].is_posed &&
-                           unmoved[j].is_posed;
-    const FeatureMatches possible = PossibleObjectMatches(features, given);
-    const std::vector<double> errors_px = against_poses.Of(given.image1, given.image2, possible);
-    std::vector<double> standing_px;
-    if (may_stand) standing_px = against_background.Of(given.image1, given.image2, possible);
-    for (size_t m = 0; m < possible.size(); ++m) {
-      if (errors_px[m] > max_error_px || (may_stand && standing_px[m] < errors_px[m])) continue;
-      agreeing[static_cast<size_t>(p)].push_back(possible[m]);
+ChosenMatches MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
+                                 double max_error_px) {
+  ChosenMatches agreeing;
+  std::vector<double> errors_px;
+  for (const MatchesAndErrors& pair : ErrorsOfAllMatches(features, aligned)) {
+    errors_px.insert(errors_px.end(), pair.errors_px.begin(), pair.errors_px.end());
+    ImagePairMatches of_pair{pair.image1, pair.image2, {}};
+    for (size_t m = 0; m < pair.matches.size(); ++m) {
+      if (pair.errors_px[m] <= max_error_px) of_pair.matches.push_back(pair.matches[m]);
     }
-  });
-  std::vector<ImagePairMatches> result;
-  for (size_t p = 0; p < all.size(); ++p) {
-    if (!agreeing[p].empty()) result.push_back({all[p].image1, all[p].image2, std::move(agreeing[p])});
+    if (!of_pair.matches.empty()) agreeing.pairs.push_back(std::move(of_pair));
   }
-  return result;
+  agreeing.variance = VarianceOfChosen(errors_px, max_error_px);
+  return agreeing;
 }
 
 }  // namespace s2gs

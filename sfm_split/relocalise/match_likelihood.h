@@ -24,9 +24,15 @@ struct MatchLikelihood {
 MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedScene& aligned,
                                     const std::vector<PossiblePair>& object_pairs);
 
-/// The matches that agree with a scene's poses, verified or not, of the pairs of photos that it has. Between
-/// stations that a background places, what agrees better with cameras before which nothing turns is left out.
-std::vector<ImagePairMatches> MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
-                                               double max_error_px);
+/// Matches that agree with a scene's poses.
+struct ChosenMatches {
+  std::vector<ImagePairMatches> pairs;  ///< those of each pair that has some.
+  double variance = 1;                  ///< of poses that choose them so: VarianceOfChosen.
+};
+
+/// Of all matches, verified or not, of the pairs of photos that the scene has. Between stations that a
+/// background places, what agrees better with cameras before which nothing turns is left out.
+ChosenMatches MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
+                                 double max_error_px);
 
 }  // namespace s2gs

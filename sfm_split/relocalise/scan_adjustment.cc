@@ -160,6 +160,7 @@ JointReport ScanRefiner::AdjustWith(JointOptions options, bool is_rough) {
   options.max_reprojection_error_px = std::max(options.max_reprojection_error_px, kErrorSigmas * noise_px_);
   JointProblem problem = MakeJointProblem(*aligned_);
   problem.priors.lenses = LensPriors(problem);
+  problem.priors.chosen_variance = options_.chosen_variance;
   if (problem.free_object && report_.priors.wobble) {
     // How far it wobbles, as the last adjustment found it, which may have had other photos.
     problem.priors.wobble = report_.priors.wobble;

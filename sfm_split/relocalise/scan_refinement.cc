@@ -235,6 +235,7 @@ OptionCheck RefineOptions::Check() const {
     return OptionFault{field, NumberText(value), bound};
   };
   if (!(noise_px >= 0)) return fault("noise_px", noise_px, "noise_px >= 0");
+  if (!(chosen_variance >= 1)) return fault("chosen_variance", chosen_variance, "chosen_variance >= 1");
   if (max_rounds < 1) return fault("max_rounds", max_rounds, "max_rounds >= 1");
   if (!(max_error_px > 0)) return fault("max_error_px", max_error_px, "max_error_px > 0");
   if (!(min_triangulation_deg > 0 && min_triangulation_deg < 90)) {

@@ -28,6 +28,8 @@ struct RefineOptions {
   std::map<std::string, double> stated_angles_deg;
   /// Standard deviation of a keypoint's coordinate, where it is known; 0: as the verified matches tell it.
   double noise_px = 0;
+  /// JointPriors::chosen_variance: 1 where the bound is wide, so that few errors lie near it.
+  double chosen_variance = 1;
   /// Steps that are equal by something better than the angles that the adjustment frees (StepsByMatches): a
   /// prior from its first round on, in place of what the adjusted angles say. By images of the features;
   /// offset and sense are those of the scene as it stands.

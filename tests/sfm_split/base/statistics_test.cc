@@ -3,8 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <optional>
+#include <random>
 #include <vector>
+
+#include "sfm_split/base/angles.h"
 
 namespace s2gs {
 namespace {
@@ -44,6 +48,87 @@ TEST(Statistics, AQuantileIsTheValueAtItsPlaceInTheOrder) {
   for (int k = 0; k < 5; ++k) EXPECT_EQ(Quantile(values, k / 4.0), 1 + 2 * k);
   EXPECT_EQ(Quantile(values, 0.74), 5);  // rounded down
   EXPECT_EQ(Quantile(std::vector<float>{2}, 0.9), 2);
+}
+
+// Half-normal errors at the middles of so many equal shares, up to four standard deviations.
+std::vector<double> NormalErrors(int count) {
+  std::vector<double> errors;
+  double share = 0;
+  for (double x = 0.0005; x < 4; x += 0.001) {
+    share += 0.001 * std::sqrt(2 / kPi) * std::exp(-x * x / 2);
+    while (share * count > static_cast<double>(errors.size()) + 0.5) errors.push_back(x);
+  }
+  return errors;
+}
+
+TEST(VarianceOfChosen, IsThatOfNormalErrorsThatAreCutOff) {
+  const std::vector<double> errors = NormalErrors(20000);
+  for (const double bound : {0.7, 1.0, 1.5, 2.0, 3.0}) {
+    const double inside = std::erf(bound / std::sqrt(2));
+    const double at_bound = bound * std::sqrt(2 / kPi) * std::exp(-bound * bound / 2);
+    const double expected = std::pow(inside / (inside - at_bound), 2);
+    // Measured: 7 % at most, as errors near the bound stand for those at it.
+    EXPECT_NEAR(VarianceOfChosen(errors, bound) / expected, 1, 0.1) << bound;
+  }
+}
+
+// A mean of what lies within a bound of it, found by going on from one to the next.
+TEST(VarianceOfChosen, IsWhatAMeanVariesByThatChoosesItsData) {
+  constexpr int kDraws = 2000;
+  constexpr int kData = 300;
+  constexpr double kBound = 1;
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  double squares = 0;
+  double stated = 0;
+  double seeming = 0;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    std::vector<double> data;
+    for (int k = 0; k < kData; ++k) data.push_back(normal(random));
+    double mean = 0;
+    double variance = 0;
+    for (int round = 0; round < 100; ++round) {
+      double sum = 0;
+      double sum_of_squares = 0;
+      int count = 0;
+      for (const double x : data) {
+        if (std::abs(x - mean) > kBound) continue;
+        sum += x;
+        sum_of_squares += (x - mean) * (x - mean);
+        ++count;
+      }
+      variance = sum_of_squares / count / count;
+      const double next = sum / count;
+      if (next == mean) break;
+      mean = next;
+    }
+    std::vector<double> errors;
+    for (const double x : data) errors.push_back(std::abs(x - mean));
+    squares += mean * mean / kDraws;
+    seeming += variance / kDraws;
+    stated += VarianceOfChosen(errors, kBound) * variance / kDraws;
+  }
+  EXPECT_GT(squares, 8 * seeming);
+  EXPECT_NEAR(stated / squares, 1, 0.5);
+}
+
+TEST(VarianceOfChosen, IsOneWhereNoErrorIsNearTheBound) {
+  EXPECT_EQ(VarianceOfChosen({0.1, 0.2, 0.3, 0.1, 8}, 2), 1);
+  EXPECT_EQ(VarianceOfChosen({}, 1), 1);
+  const double none = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(VarianceOfChosen({0.1, 0.2, none, std::nan("")}, 2), 1);
+}
+
+// Where errors are spread evenly they tell nothing; how little is known from so many.
+TEST(VarianceOfChosen, IsLargeAndFiniteWhereErrorsAreSpreadEvenly) {
+  std::vector<double> errors;
+  for (int k = 0; k < 1000; ++k) errors.push_back(0.002 * k);
+  const double few = VarianceOfChosen(errors, 1);
+  for (int k = 0; k < 9000; ++k) errors.push_back(2.0 / 9000 * k);
+  const double many = VarianceOfChosen(errors, 1);
+  EXPECT_GT(few, 80);
+  EXPECT_GT(many, 5 * few);
+  EXPECT_TRUE(std::isfinite(many));
 }
 
 TEST(Statistics, ALineIsFoundExactlyAndItsErrorsCancel) {

@@ -88,6 +88,37 @@ TEST(JointPriors, CovarianceIsThatOfDataAndPriorTogether) {
   EXPECT_LT(share, 0.99);
 }
 
+// Data that poses chose for themselves count as if they were fewer, against a prior, too.
+TEST(JointPriors, ChosenDataTellLess) {
+  Scan scan = MakeScan(1, 0);
+  JointOptions options = Shared();
+  options.loss = JointLoss::kSquared;
+  constexpr double kSigmaPx = 0.4;
+  constexpr double kChosen = 6;
+  options.loss_scale_px = LossScalePx(kSigmaPx);
+  const Observability all = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
+  scan.problem.priors.chosen_variance = kChosen;
+  const Observability chosen = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
+  EXPECT_LT((chosen.covariance - kChosen * all.covariance).norm(), 1e-9 * chosen.covariance.norm());
+  const std::pair<const Eigen::MatrixXd&, const Eigen::MatrixXd&> by_scores[] = {
+      {all.robust_covariance, chosen.robust_covariance},
+      {all.regional_covariance, chosen.regional_covariance},
+      {all.ring_covariance, chosen.ring_covariance}};
+  for (const auto& [before, after] : by_scores) {
+    ASSERT_GT(before.norm(), 0);
+    EXPECT_LT((after - kChosen * before).norm(), 1e-9 * after.norm());
+  }
+  const double focal = scan.problem.cameras[0].params[0];
+  LensPrior lens;
+  lens.focal = {{focal, 0.002}, {}};
+  scan.problem.priors.lenses = {lens};
+  const Observability with = AnalyzeObservability(scan.problem, options, true, kSigmaPx);
+  const auto f = std::find(all.names.begin(), all.names.end(), "camera 0 focal length") - all.names.begin();
+  const double of_data = kChosen * all.covariance(f, f);
+  const double of_prior = 0.002 * focal * 0.002 * focal;
+  EXPECT_NEAR(with.prior_covariance(f, f) / with.covariance(f, f), of_data / (of_prior + of_data), 1e-6);
+}
+
 // Where the data leave a focal length open, the prior tells it, and says so.
 TEST(JointPriors, WhatThePhotosDoNotTellIsThePriors) {
   Scan scan = MakeScan(2, 0, 0.4, 2);

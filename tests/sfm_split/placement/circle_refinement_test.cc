@@ -187,8 +187,22 @@ TEST(CircleRefinement, FeaturesThatSlideDoNotHoldThePoses) {
   EXPECT_EQ(refined.aligned.scene.views.size(), turntable.images.size());
   // Chosen of all matches, not of those that agreed before anything was adjusted to them.
   EXPECT_EQ(refined.refined.held_back, HoldBack(features));
+  // Measured 1.61: bounds that leave most of what slides out lie where its errors do.
+  EXPECT_GT(refined.refined.priors.chosen_variance, 1.2);
   // Measured .083; within four of the sigmas that were told alone .417.
   EXPECT_LT(WorstStepErrorDeg(refined.aligned.scene, turntable.scene), 0.16);
+}
+
+// A bound that cuts into the noise chooses the matches, a wide one does not.
+TEST(MatchesThatAgree, SayWhetherPosesChoseThem) {
+  const SyntheticTurntable turntable = MakeSyntheticTurntable(OneTurn(15, 300, 0.4));
+  const ScanFeatures features = SyntheticScanFeatures(turntable);
+  const AlignedScene truth = SyntheticAlignedObject(turntable);
+  EXPECT_LT(MatchesThatAgree(features, truth, 1.6).variance, 1.05);
+  // 11.8 of normal errors of as much as keypoints err by.
+  const double narrow = MatchesThatAgree(features, truth, 0.4).variance;
+  EXPECT_GT(narrow, 8);
+  EXPECT_LT(narrow, 18);
 }
 
 // Where a view shows a circle about the axis [px], had the axis this tilt.

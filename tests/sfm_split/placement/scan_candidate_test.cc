@@ -112,17 +112,17 @@ TEST(ScanCandidate, MatchesThatStandStillDoNotAgreeWithTheObject) {
     return num;
   };
   constexpr double kMaxErrorPx = 4;
-  const size_t of_object = count(MatchesThatAgree(features, aligned, kMaxErrorPx));
+  const size_t of_object = count(MatchesThatAgree(features, aligned, kMaxErrorPx).pairs);
   // The static matches pass for the object's.
   ScanFeatures mixed = features;
   mixed.object_pairs.insert(mixed.object_pairs.end(), features.static_pairs.begin(),
                             features.static_pairs.end());
   for (ScanImage& image : mixed.images)
     std::fill(image.labels.begin(), image.labels.end(), KeypointLabel::kRotating);
-  const size_t with_background = count(MatchesThatAgree(mixed, aligned, kMaxErrorPx));
+  const size_t with_background = count(MatchesThatAgree(mixed, aligned, kMaxErrorPx).pairs);
   AlignedScene alone = aligned;
   alone.background = ColmapModel();
-  const size_t unasked = count(MatchesThatAgree(mixed, alone, kMaxErrorPx));
+  const size_t unasked = count(MatchesThatAgree(mixed, alone, kMaxErrorPx).pairs);
   // Of 134 that stand still, 140 more are measured without the background, and 1 more with it.
   EXPECT_GT(unasked, of_object + count(features.static_pairs) / 4);
   EXPECT_LT(with_background, of_object + count(features.static_pairs) / 20);

@@ -158,6 +158,13 @@ TEST(ScanRefinement, OneStationNeedsNoBackground) {
   EXPECT_FALSE(aligned.scene.scale_observable);
   EXPECT_TRUE(aligned.background.images.empty());
   EXPECT_LT(Measure(turntable, aligned).angle_max_deg, 0.15);
+
+  RefineOptions chosen;
+  chosen.chosen_variance = 4;
+  aligned = AlignScene(object, nullptr, StationsOf(features));
+  const RefineReport less_sure = RefineScan(features, &object, {}, chosen, reporter, &aligned);
+  EXPECT_EQ(less_sure.priors.chosen_variance, 4);
+  EXPECT_NEAR(less_sure.joint.axis_direction_sigma_deg / report.joint.axis_direction_sigma_deg, 2, 0.2);
 }
 
 // Only angles about one axis are compared with stated ones: where photos have poses of their own that is
