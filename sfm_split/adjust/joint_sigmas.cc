@@ -220,16 +220,21 @@ class SigmaReport {
       report_.axis_point_sigma =
           std::max(report_.axis_point_sigma, WorstSigma(axis.bottomRightCorner<2, 2>()));
     }
+    const auto is_untold = [&](int k) { return IsUntold(observability_, of_axis.col(k)); };
+    if (is_untold(0) || is_untold(1)) report_.axis_direction_sigma_deg = kInfinity;
+    if (is_untold(2) || is_untold(3)) report_.axis_point_sigma = kInfinity;
     report_.scale_sigma_rel = ScaleSigmaRel(problem_, system_, observability_, of_all_, index_of_);
   }
 
  private:
   // Of a parameter that photos share.
   double VarianceOfShared(int parameter) const {
+    const VectorXd alone = VectorXd::Unit(observability_.num_parameters, parameter);
+    if (IsUntold(observability_, alone)) return kInfinity;
     double largest = 0;
     for (const Eigen::MatrixXd* covariance : of_all_)
       largest = std::max(largest, (*covariance)(parameter, parameter));
-    return largest + VarianceByPull(observability_, VectorXd::Unit(observability_.num_parameters, parameter));
+    return largest + VarianceByPull(observability_, alone);
   }
 
   double VarianceBy(const Weights& weights, const Eigen::MatrixXd& covariance) const {

@@ -397,8 +397,10 @@ class Judge {
     // Poses hold all the same: what a focal length does to them, the object's depth makes up for.
     if (kSigmas * evidence_.focal_sigma_rel.value_or(0) > kMaxFocal) {
       reasons.push_back(
-          FormatText("the focal length is known to +- %.2g %%, and how deep things are no better",
-                     100 * *evidence_.focal_sigma_rel));
+          std::isfinite(*evidence_.focal_sigma_rel)
+              ? FormatText("the focal length is known to +- %.2g %%, and how deep things are no better",
+                           100 * *evidence_.focal_sigma_rel)
+              : std::string("the focal length, and how deep things are, cannot be told from the photos"));
     }
     return reasons;
   }

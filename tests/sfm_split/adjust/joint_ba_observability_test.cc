@@ -147,6 +147,8 @@ TEST(JointBa, UnobservableDirectionsAreNamed) {
   scene.Perturb(0.002, 1, 1);
   const JointReport report = AdjustJointly(options, reporter, &scene.start);
   EXPECT_GT(report.observability.nullity, 0);
+  EXPECT_TRUE(std::isinf(report.axis_direction_sigma_deg)) << report.axis_direction_sigma_deg;
+  EXPECT_TRUE(std::isinf(report.axis_point_sigma)) << report.axis_point_sigma;
   EXPECT_TRUE(scene.start.axis.allFinite());
   ExpectWithin(numerics::kGeometry, "unobservable scene whose nullity is not reported", "double",
                still.nullity > 0 && report.observability.nullity > 0 ? 0 : 1, 0);

@@ -61,6 +61,8 @@ TEST(Verdict, AGoodScanSaysHowWellItsFocalLengthIsKnown) {
   EXPECT_EQ(verdict.verdict, Verdict::kGood);
   EXPECT_THAT(verdict.reasons.back(), testing::HasSubstr("the focal length is known to +- 4.3 %"));
   EXPECT_TRUE(verdict.advice.empty());
+  evidence.focal_sigma_rel = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(JudgeScan(evidence).reasons.back(), testing::HasSubstr("cannot be told from the photos"));
 }
 
 TEST(Verdict, AFocalLengthThatEXIFStatesWronglyIsSaidAndNotJudged) {
