@@ -147,7 +147,7 @@ MatchLikelihood LikelihoodOfMatches(const ScanFeatures& features, const AlignedS
 }
 
 ChosenMatches MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
-                                 double max_error_px) {
+                               double max_error_px) {
   ChosenMatches agreeing;
   std::vector<double> errors_px;
   for (const MatchesAndErrors& pair : ErrorsOfAllMatches(features, aligned)) {

@@ -33,6 +33,6 @@ struct ChosenMatches {
 /// Of all matches, verified or not, of the pairs of photos that the scene has. Between stations that a
 /// background places, what agrees better with cameras before which nothing turns is left out.
 ChosenMatches MatchesThatAgree(const ScanFeatures& features, const AlignedScene& aligned,
-                                 double max_error_px);
+                               double max_error_px);
 
 }  // namespace s2gs
