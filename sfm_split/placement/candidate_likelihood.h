@@ -32,6 +32,8 @@ class CandidateLikelihood {
 
   /// Of the object, all of them.
   const std::vector<PossiblePair>& pairs() const { return pairs_; }
+  /// Those inside stations.
+  const std::vector<PossiblePair>& pairs_inside() const { return pairs_inside_; }
 
   /// Sets what all poses explain with lenses that there are, less what their unknowns cost, and that charge:
   /// half the logarithm of the matches that tell each (the Bayesian information criterion), a photo's own or

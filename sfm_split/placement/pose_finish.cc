@@ -199,7 +199,7 @@ ScanCandidate PoseFinish::AdjustAboutRims(const std::vector<RimPrior>& rims) con
   ScanCandidate look;
   RimStart from;
   for (const RimStart& start :
-       StartsByRims(features_, likelihood_.pairs(), rims, scenes, kMostRimStarts, reporter_)) {
+       StartsByRims(features_, likelihood_.pairs_inside(), rims, scenes, kMostRimStarts, reporter_)) {
     ScanCandidate candidate = circles_.RefineAs(before, start.aligned, start.sigma_px, {{}, rims});
     if (!MatchesBear(rims, candidate) || !candidate.IsBetterThan(look)) continue;
     look = std::move(candidate);

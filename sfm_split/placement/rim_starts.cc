@@ -25,24 +25,12 @@ Camera WithFocal(const Camera& before, const Camera& adjusted, double factor) {
   return camera;
 }
 
-// A rim moves a station as a whole, which says nothing of how it lies to others: until an adjustment has
-// brought them together, matches between them tell how wide their errors are, and not the lens.
-std::vector<PossiblePair> InsideStations(const ScanFeatures& features,
-                                         const std::vector<PossiblePair>& pairs) {
-  std::vector<PossiblePair> inside;
-  for (const PossiblePair& pair : pairs) {
-    const int station = features.images[static_cast<size_t>(pair.image1)].station;
-    if (features.images[static_cast<size_t>(pair.image2)].station == station) inside.push_back(pair);
-  }
-  return inside;
-}
-
 }  // namespace
 
-std::vector<RimStart> StartsByRims(const ScanFeatures& features, const std::vector<PossiblePair>& pairs,
+std::vector<RimStart> StartsByRims(const ScanFeatures& features,
+                                   const std::vector<PossiblePair>& pairs_inside,
                                    const std::vector<RimPrior>& rims, const std::vector<AlignedScene>& scenes,
                                    size_t most, Reporter& reporter) {
-  const std::vector<PossiblePair> inside = InsideStations(features, pairs);
   std::vector<RimStart> starts;
   for (const AlignedScene& scene : scenes) {
     bool is_known = true;
@@ -63,7 +51,7 @@ std::vector<RimStart> StartsByRims(const ScanFeatures& features, const std::vect
         log_prior += LogPriorOfLens(camera, before, HasPriorFocal(features, camera.camera_id));
       }
       MoveToRims(rims, features, &start.aligned.scene);
-      const MatchLikelihood matches = LikelihoodOfMatches(features, start.aligned, inside);
+      const MatchLikelihood matches = LikelihoodOfMatches(features, start.aligned, pairs_inside);
       start.sigma_px = matches.sigma_px;
       start.gain = matches.gain + log_prior;
       reporter.Debug("rims with a focal length of " +

@@ -19,9 +19,12 @@ struct RimStart {
 
 /// Where the table's rim is the picture of a circle about the axis: each scene's stations are moved there
 /// with focal lengths about those that it has, or as they are known, since a rim tells the axis before a
-/// camera once its focal length is known; the likeliest by the matches inside stations, at most `most` of
-/// them, the best first. \param rims  by images of the features. \param pairs  of the object, all of them.
-std::vector<RimStart> StartsByRims(const ScanFeatures& features, const std::vector<PossiblePair>& pairs,
+/// camera once its focal length is known; the likeliest, at most `most` of them, the best first. A rim moves
+/// a station as a whole, which says nothing of how it lies to others: until an adjustment has brought them
+/// together, matches between them tell how wide their errors are, and not the lens.
+/// \param rims  by images of the features. \param pairs_inside  of the object, those inside stations.
+std::vector<RimStart> StartsByRims(const ScanFeatures& features,
+                                   const std::vector<PossiblePair>& pairs_inside,
                                    const std::vector<RimPrior>& rims, const std::vector<AlignedScene>& scenes,
                                    size_t most, Reporter& reporter);
 

@@ -254,8 +254,8 @@ TEST(PlaceScan, ALensThatThereIsNotComesBack) {
 }
 
 // Steps of 10 degrees, 24 of them, before a level camera: matches of two photos are explained as well by a
-// turn that closes and a longer lens. Measured: 1.1, 3.2, 1.0 and .3 degrees off at the end of the arc (the
-// second .3 to .7 with three other tenths of the matches held back), and 115 by what two photos say alone.
+// turn that closes and a longer lens. Measured: 1.11, .67, 1.01 and .23 degrees off at the end of the arc,
+// and 115 by what two photos say alone.
 TEST(PlaceScan, AnArcBeforeALevelCameraDoesNotClose) {
   for (const auto& [elevation_deg, seed] :
        {std::pair(0.0, 2), std::pair(2.0, 1), std::pair(5.0, 1), std::pair(5.0, 3)}) {
@@ -277,7 +277,7 @@ TEST(PlaceScan, AnArcBeforeALevelCameraDoesNotClose) {
     scan.background = {};
     const ScanPlacement placement = scan.Place({}, false);
     EXPECT_EQ(placement.best.aligned.scene.views.size(), 24U) << elevation_deg << " " << seed;
-    EXPECT_LT(scan.WorstAngleDeg(placement), 5) << elevation_deg << " " << seed;
+    EXPECT_LT(scan.WorstAngleDeg(placement), 3) << elevation_deg << " " << seed;
   }
 }
 
