@@ -228,6 +228,24 @@ TEST(TableRim, TheStaticShareIsThatOfAreas) {
   }
 }
 
+// A rim is as likely by chance as heights are looked at. What gets less from one height to the next, as below
+// the table here, where nobody sees it, is level at one height alone.
+TEST(TableRim, IsLookedForWhereMoreIsLevelThanAboveAndBelow) {
+  const std::optional<TableRim> one = FindTableRim(SceneOf(2), BackendOf(ThingOnTable(true)).get());
+  std::vector<ReferenceGaussian> splats = ThingOnTable(true);
+  for (int level = 1; level <= 48; ++level) {
+    const double scale = 0.035 * std::exp(-0.02 * level);
+    for (double x = -0.6; x < 0.6; x += 0.08) {
+      for (double y = -0.6; y < 0.6; y += 0.08)
+        splats.push_back(Splat({x, y, kGround + 0.0025 * level}, true, scale, -1, false));
+    }
+  }
+  const std::optional<TableRim> other = FindTableRim(SceneOf(2), BackendOf(splats).get());
+  ASSERT_TRUE(one && other);
+  EXPECT_EQ(one->region.radius, other->region.radius);
+  EXPECT_DOUBLE_EQ(other->false_alarms, one->false_alarms);
+}
+
 // The same scene in another unit, elsewhere and about another axis.
 TEST(TableRim, ScalesWithTheScene) {
   const std::optional<TableRim> one = FindTableRim(SceneOf(3), BackendOf(ThingOnTable(false)).get());

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "mesh/surface/vertex_normals.h"
@@ -51,6 +52,32 @@ TEST(VertexVisibility, FrontIsSeenAndBackIsNot) {
     }
     if (std::abs(cosine - 0.5) > 0.01) {
       EXPECT_EQ(inner.Get(i), cosine > 0.5) << cosine;
+    }
+  }
+}
+
+// A sheet before another, across the line of sight. The one behind is hidden beyond two pixels at its depth,
+// of pixels that are not square the narrower.
+TEST(VertexVisibility, WhatLiesNarrowPixelsBehindIsHidden) {
+  constexpr int kSize = 40;
+  ObjectView view{kSize, kSize, 400, 100, kSize / 2.0, kSize / 2.0, {}};
+  for (const bool turned : {false, true}) {
+    if (turned) std::swap(view.fx, view.fy);
+    for (const double pixels : {1.8, 2.2}) {
+      const auto front = static_cast<float>(1 - pixels / 400);
+      TriangleMesh mesh;
+      for (const float depth : {front, 1.0F}) {
+        const auto first = static_cast<int32_t>(mesh.vertices.size());
+        for (const auto& [x, y] : {std::pair(-1, -1), std::pair(1, -1), std::pair(1, 1), std::pair(-1, 1)}) {
+          const float half = depth < 1 ? 1.0F : 0.02F;
+          mesh.vertices.emplace_back(half * x, half * y, depth);
+          mesh.normals.emplace_back(0, 0, -1);
+        }
+        mesh.triangles.push_back({first, first + 1, first + 2});
+        mesh.triangles.push_back({first, first + 2, first + 3});
+      }
+      const VertexFlags seen = FindVisibleVertices(mesh, view, {0.2F, 0});
+      for (size_t i = 4; i < 8; ++i) EXPECT_EQ(seen.Get(i), pixels < 2) << pixels << ' ' << turned;
     }
   }
 }
