@@ -64,6 +64,13 @@ Image8 NormalPicture(const RenderedView& view) {
   return image;
 }
 
+Image8 ForegroundPicture(const RenderedView& view) {
+  Image8 image{view.width, view.height, 1, {}};
+  image.pixels.reserve(view.foreground.size());
+  for (const float p : view.foreground) image.pixels.push_back(ToByte(p));
+  return image;
+}
+
 std::vector<size_t> OverviewPhotos(size_t num_photos) {
   const size_t count = std::min(kNumOverviewPhotos, num_photos);
   std::vector<size_t> photos;

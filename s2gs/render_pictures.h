@@ -19,6 +19,9 @@ Image8 DepthPicture(const std::vector<float>& depth, int width, int height);
 /// Unit normals as colours, (n + 1) / 2, with y up and z towards the viewer; nothing is black.
 Image8 NormalPicture(const RenderedView& view);
 
+/// The map of p in grey, one channel: 255 where all that shows rotates.
+Image8 ForegroundPicture(const RenderedView& view);
+
 /// Which of so many photos an overview shows: at most four, spread evenly, ascending.
 std::vector<size_t> OverviewPhotos(size_t num_photos);
 

@@ -175,8 +175,8 @@ class CoarseSearch {
 
   // Seen from the side a circle is a line, and the foot of a wall is as long.
   bool IsLine(const InCamera& circle, double radius) const {
-    constexpr size_t kNear = kCoarseDirections / 4;
-    constexpr size_t kFar = 3 * kCoarseDirections / 4;
+    constexpr size_t kNear = kCoarseDirections / 4;     // of the directions from the one across the view:
+    constexpr size_t kFar = 3 * kCoarseDirections / 4;  // towards the camera, and away
     return (Place(circle, radius, kNear) - Place(circle, radius, kFar)).norm() < kApartPx;
   }
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "mesh/surface/triangle_mesh.h"
-#include "plugin/commands/tsdf_mesher_command.h"
+#include "plugin/outputs/mesh_workspace.h"
 #include "s2gs/image/image_file.h"
 #include "sfm_split/base/angles.h"
 #include "sfm_split/scene/io/colmap_maps.h"
