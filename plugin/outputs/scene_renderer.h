@@ -49,7 +49,8 @@ struct RendererArguments {
 };
 
 /// Renders a trained model at the poses of a workspace's photos. The model is read when the first picture is
-/// wanted; everything throws UserError with the path that is missing or damaged, and Interrupted.
+/// wanted; everything throws UserError with the path that is missing or damaged, and Interrupted. What it is
+/// made from has to live as long.
 class SceneRenderer {
  public:
   SceneRenderer(const RendererArguments& arguments, const Workspace& workspace, Reporter& reporter);
