@@ -128,11 +128,11 @@ TsdfMesherSummary MeshWorkspace(const Workspace& workspace, const TsdfMesherOpti
   const std::optional<TurntableFile> table = ReadTurningTable(workspace);
   // Without one, z is no direction of the scene.
   cleanup.is_axis_known = table.has_value();
-  std::optional<KnownTop> top;
-  if (table) top = ReadTop(workspace, table->axis, GreyPhotos(files));
-  const bool is_flat = options.flatten_table && top &&
-                       FlattenTable(*top, GreyPhotos(files), options.refinement, reporter, &mesh);
   const GreyPhotos all_photos(files);
+  std::optional<KnownTop> top;
+  if (table) top = ReadTop(workspace, table->axis, all_photos);
+  const bool is_flat =
+      options.flatten_table && top && FlattenTable(*top, all_photos, options.refinement, reporter, &mesh);
   const std::vector<int> stations = StationsOf(table, files);
   const PartsBeforeBackground before_background(all_photos, stations, options.refinement.num_threads,
                                                 reporter);

@@ -44,20 +44,16 @@ constexpr char kMapSuffix[] = ".geometric.bin";
 constexpr int kOverviewWidth = 1600;
 constexpr int kOverviewJpegQuality = 85;
 
-std::set<std::string> ReadList(const fs::path& path, const TrainingScene& scene) {
-  if (path.empty()) {
-    std::set<std::string> names;
-    for (const ScenePhoto& photo : scene.photos) names.insert(photo.name);
-    return names;
-  }
-  return ReadPhotoList(path, scene.photos, "--image_list");
-}
-
 std::vector<std::string> NamesOf(const TrainingScene& scene) {
   std::vector<std::string> names;
   names.reserve(scene.photos.size());
   for (const ScenePhoto& photo : scene.photos) names.push_back(photo.name);
   return names;
+}
+
+std::set<std::string> SetOfNames(const TrainingScene& scene) {
+  const std::vector<std::string> names = NamesOf(scene);
+  return {names.begin(), names.end()};
 }
 
 // Of each thread that writes: a picture with all its maps, what is made of them, and the next one that waits;
@@ -229,13 +225,6 @@ class Renderer {
     WriteFileAtomically(workspace_.MaskLog(), [&](std::ostream& out) { out << line.dump() << '\n'; });
   }
 
-  // Of all photos, rendered or not.
-  std::set<std::string> PhotoNames() const {
-    std::set<std::string> names;
-    for (const ScenePhoto& photo : scene_.photos) names.insert(photo.name);
-    return names;
-  }
-
  private:
   RenderedView RenderBy(Backend* backend, RenderRequest request) {
     ThrowIfStopped();
@@ -361,7 +350,8 @@ class SceneRenderer::LazyRenderer {
     state.gaussians = NormaliseGaussians(ReadGaussianPly(a_.model_path), scene.origin, scene.size);
     backend_ = MakeBackend(a_.backend, reporter_);
     backend_->SetState(state);
-    names_ = ReadList(a_.image_list, scene);
+    names_ = a_.image_list.empty() ? SetOfNames(scene)
+                                   : ReadPhotoList(a_.image_list, scene.photos, "--image_list");
     renderer_.emplace(a_, workspace_, std::move(scene), backend_.get(), reporter_);
     if (AsksForColors() && backend_->Count() < static_cast<int64_t>(state.gaussians.size())) {
       KeepingReporter silent(reporter_);
@@ -446,7 +436,7 @@ void SceneRenderer::RenderFrames() {
   }
 }
 
-std::set<std::string> SceneRenderer::PhotoNames() { return lazy_->Get().PhotoNames(); }
+std::set<std::string> SceneRenderer::PhotoNames() { return SetOfNames(lazy_->Get().scene()); }
 size_t SceneRenderer::num_photos() const { return lazy_->num_photos(); }
 
 }  // namespace s2gs
