@@ -55,6 +55,7 @@ json ToJson(const ScanVerdict& verdict, const ScanEvidence& evidence) {
                    {"seam_pairs", evidence.seam_pairs},
                    {"closing", ToJson(evidence.closing)},
                    {"closed_stations", evidence.closed_stations},
+                   {"round_stations", evidence.round_stations},
                    {"contradicted_seams", evidence.contradicted_seams},
                    {"neighbour_apart_deg", Number(evidence.neighbour_apart_deg)},
                    {"far_pairs", evidence.far_pairs},

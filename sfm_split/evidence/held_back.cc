@@ -4,14 +4,18 @@
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
+#include <numeric>
+#include <optional>
 #include <utility>
 
+#include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/union_find.h"
 
 namespace s2gs {
 namespace {
 
 constexpr uint64_t kOneIn = 10;  // sets is held back
+constexpr int64_t kTiesInARow = 1024;
 
 uint64_t Mix(uint64_t x) {  // SplitMix64's
   x += 0x9e3779b97f4a7c15ULL;
@@ -20,19 +24,107 @@ uint64_t Mix(uint64_t x) {  // SplitMix64's
   return x ^ (x >> 31);
 }
 
+// A match, by the numbers of both keypoints among all images'.
+struct Tie {
+  int image1 = 0;
+  int image2 = 0;
+  uint32_t keypoint1 = 0;
+  uint32_t keypoint2 = 0;
+  int witnesses = 0;  // keypoints that both ends are matched with
+};
+
+// All images' keypoints in one row.
+class KeypointRow {
+ public:
+  explicit KeypointRow(const std::vector<ScanImage>& images) : first_(images.size() + 1, 0) {
+    for (size_t i = 0; i < images.size(); ++i) first_[i + 1] = first_[i] + images[i].keypoints.size();
+  }
+  uint32_t Number(int image, uint32_t keypoint) const {
+    return static_cast<uint32_t>(first_[static_cast<size_t>(image)] + keypoint);
+  }
+  size_t Size() const { return first_.back(); }
+  size_t SizeOf(size_t image) const { return first_[image + 1] - first_[image]; }
+
+ private:
+  std::vector<size_t> first_;  // keypoint of each image
+};
+
+// What each keypoint is matched with, in order of their numbers.
+class Neighbours {
+ public:
+  Neighbours(const std::vector<Tie>& ties, size_t num_keypoints) : end_(num_keypoints + 1, 0) {
+    for (const Tie& tie : ties) {
+      ++end_[tie.keypoint1 + 1];
+      ++end_[tie.keypoint2 + 1];
+    }
+    std::partial_sum(end_.begin(), end_.end(), end_.begin());
+    others_.resize(end_.back());
+    std::vector<size_t> next(end_.begin(), end_.end() - 1);
+    for (const Tie& tie : ties) {
+      others_[next[tie.keypoint1]++] = tie.keypoint2;
+      others_[next[tie.keypoint2]++] = tie.keypoint1;
+    }
+    for (size_t k = 0; k < num_keypoints; ++k) std::sort(Begin(k), Begin(k + 1));
+  }
+
+  int Common(uint32_t a, uint32_t b) const {
+    int common = 0;
+    auto i = others_.begin() + static_cast<std::ptrdiff_t>(end_[a]);
+    auto j = others_.begin() + static_cast<std::ptrdiff_t>(end_[b]);
+    const auto i_end = others_.begin() + static_cast<std::ptrdiff_t>(end_[a + 1]);
+    const auto j_end = others_.begin() + static_cast<std::ptrdiff_t>(end_[b + 1]);
+    while (i != i_end && j != j_end) {
+      if (*i < *j) {
+        ++i;
+      } else if (*j < *i) {
+        ++j;
+      } else {
+        ++common;
+        ++i;
+        ++j;
+      }
+    }
+    return common;
+  }
+
+ private:
+  std::vector<uint32_t>::iterator Begin(size_t keypoint) {
+    return others_.begin() + static_cast<std::ptrdiff_t>(end_[keypoint]);
+  }
+
+  std::vector<size_t> end_;  // of the one before
+  std::vector<uint32_t> others_;
+};
+
+// Matches, those first of whose ends most keypoints are matched with both: a wrong match has few such
+// witnesses, since each takes two more that are wrong alike.
+std::vector<Tie> MostWitnessedFirst(const ScanFeatures& features, const KeypointRow& row) {
+  std::vector<Tie> ties;
+  for (const ImagePairMatches& pair : features.object_pairs) {
+    for (const FeatureMatch& match : pair.matches) {
+      ties.push_back({pair.image1, pair.image2, row.Number(pair.image1, match.point2D_idx1),
+                      row.Number(pair.image2, match.point2D_idx2), 0});
+    }
+  }
+  const Neighbours neighbours(ties, row.Size());
+  ParallelFor(static_cast<int64_t>(ties.size()), 0, kTiesInARow, [&](int64_t t) {
+    Tie& tie = ties[static_cast<size_t>(t)];
+    tie.witnesses = neighbours.Common(tie.keypoint1, tie.keypoint2);
+  });
+  std::stable_sort(ties.begin(), ties.end(),
+                   [](const Tie& a, const Tie& b) { return a.witnesses > b.witnesses; });
+  return ties;
+}
+
 // Sets of keypoints with at most one of each image.
 class OneOfEachImage {
  public:
-  explicit OneOfEachImage(const std::vector<ScanImage>& images) : first_(images.size() + 1, 0), sets_(0) {
-    for (size_t i = 0; i < images.size(); ++i) first_[i + 1] = first_[i] + images[i].keypoints.size();
-    sets_ = UnionFind(first_.back());
-    images_of_.resize(first_.back());
-  }
+  explicit OneOfEachImage(size_t num_keypoints) : sets_(num_keypoints), images_of_(num_keypoints) {}
 
   // Puts the sets of both ends of a match together, unless both have a keypoint of the same image.
-  void Join(const ImagePairMatches& pair, const FeatureMatch& match) {
-    const uint32_t a = Root(pair.image1, match.point2D_idx1);
-    const uint32_t b = Root(pair.image2, match.point2D_idx2);
+  void Join(const Tie& tie) {
+    const uint32_t a = Root(tie.image1, tie.keypoint1);
+    const uint32_t b = Root(tie.image2, tie.keypoint2);
     if (a == b) return;
     std::vector<int> both;
     std::set_union(images_of_[a].begin(), images_of_[a].end(), images_of_[b].begin(), images_of_[b].end(),
@@ -43,26 +135,20 @@ class OneOfEachImage {
     images_of_[std::min(a, b)] = std::move(both);
   }
 
-  KeypointSets Sets() {
-    KeypointSets sets(first_.size() - 1);
-    for (size_t i = 0; i < sets.size(); ++i) {
-      sets[i].assign(first_[i + 1] - first_[i], kNoSet);
-      for (size_t k = 0; k < sets[i].size(); ++k) {
-        const uint32_t root = sets_.Root(static_cast<uint32_t>(first_[i] + k));
-        if (!images_of_[root].empty()) sets[i][k] = root;
-      }
-    }
-    return sets;
+  // The set of a keypoint; nothing of one that is tied to none.
+  std::optional<uint32_t> SetOf(uint32_t keypoint) {
+    const uint32_t root = sets_.Root(keypoint);
+    if (images_of_[root].size() < 2) return std::nullopt;
+    return root;
   }
 
  private:
   uint32_t Root(int image, uint32_t keypoint) {
-    const uint32_t root = sets_.Root(static_cast<uint32_t>(first_[static_cast<size_t>(image)] + keypoint));
+    const uint32_t root = sets_.Root(keypoint);
     if (images_of_[root].empty()) images_of_[root] = {image};  // not matched so far: its own root
     return root;
   }
 
-  std::vector<size_t> first_;  // keypoint of each image
   UnionFind sets_;
   std::vector<std::vector<int>> images_of_;  // by root; sorted
 };
@@ -70,11 +156,16 @@ class OneOfEachImage {
 }  // namespace
 
 KeypointSets SetsOfKeypoints(const ScanFeatures& features) {
-  OneOfEachImage sets(features.images);
-  for (const ImagePairMatches& pair : features.object_pairs) {
-    for (const FeatureMatch& match : pair.matches) sets.Join(pair, match);
+  const KeypointRow row(features.images);
+  OneOfEachImage sets(row.Size());
+  for (const Tie& tie : MostWitnessedFirst(features, row)) sets.Join(tie);
+  KeypointSets of_images(features.images.size());
+  for (size_t i = 0; i < of_images.size(); ++i) {
+    of_images[i].reserve(row.SizeOf(i));
+    for (uint32_t k = 0; k < row.SizeOf(i); ++k)
+      of_images[i].push_back(sets.SetOf(row.Number(static_cast<int>(i), k)).value_or(kNoSet));
   }
-  return sets.Sets();
+  return of_images;
 }
 
 HeldBackKeypoints HoldBack(const ScanFeatures& features) {

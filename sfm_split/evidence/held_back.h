@@ -8,14 +8,15 @@
 
 namespace s2gs {
 
-/// Of a keypoint that nothing is matched with.
+/// Of a keypoint that no match ties to another.
 inline constexpr uint32_t kNoSet = std::numeric_limits<uint32_t>::max();
 
 /// Numbers of sets, by image and keypoint.
 using KeypointSets = std::vector<std::vector<uint32_t>>;
 
 /// The sets of keypoints that verified matches of the object tie together, as views of one detail. A match
-/// that would put two keypoints of one photo into a set ties nothing: one of those that did is wrong.
+/// that would put two keypoints of one photo into a set ties nothing: of it and those that did, it is the one
+/// that fewest others bear out. One of its ends has a set all the same.
 KeypointSets SetsOfKeypoints(const ScanFeatures& features);
 
 /// Keypoints that no adjustment may see, by image and keypoint.

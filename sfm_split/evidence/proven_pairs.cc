@@ -229,6 +229,8 @@ void ProvenPairs::RecordClosing(const std::vector<ProvenPair>& seam, ScanEvidenc
     if (!pair.is_contradicted) closed.insert(pair.station);
   }
   evidence->closed_stations = static_cast<int>(closed.size());
+  evidence->round_stations = static_cast<int>(std::count_if(
+      endings_.begin(), endings_.end(), [](const auto& entry) { return entry.second.end == End::kClosed; }));
   evidence->turns_of_nothing = static_cast<int>(came_back.size());
 }
 

@@ -212,14 +212,17 @@ class Judge {
         {kTexture, kSmallerSteps, kFullTurn});
   }
 
-  // By matches across the end of the turn, at each station.
+  // By matches across the end of the turn, at each station. Of stations with one lens one such will do, where
+  // the others go round by the poses: how far neighbours are apart is a matter of the lens, which it tells.
   bool Closes() const {
     const auto bears_out = [](const AgreeingMatches& matches) {
       return matches.all >= kLeastMatches && matches.Share().value_or(0) >= kMost;
     };
-    return evidence_.closed_stations >= evidence_.stations && evidence_.turns_of_nothing == 0 &&
-           evidence_.contradicted_seams == 0 && bears_out(evidence_.closing) &&
-           bears_out(evidence_.neighbours);
+    const bool is_told_by_one = evidence_.closed_stations > 0 && evidence_.focal_widths.size() == 1 &&
+                                evidence_.round_stations >= evidence_.stations;
+    return (is_told_by_one || evidence_.closed_stations >= evidence_.stations) &&
+           evidence_.turns_of_nothing == 0 && evidence_.contradicted_seams == 0 &&
+           bears_out(evidence_.closing) && bears_out(evidence_.neighbours);
   }
 
   void JudgePairs() {

@@ -68,6 +68,7 @@ struct ScanEvidence {
   /// arc's last photos may show what its first do, and say nothing of a turn that closes.
   AgreeingMatches closing;
   int closed_stations = 0;  ///< those that have such a pair that does not contradict the poses.
+  int round_stations = 0;   ///< those whose photos go round by the poses, whether or not a pair says so.
   int neighbour_pairs = 0;
   int contradicted_neighbours = 0;  ///< pairs that prove another motion than the poses'.
   int seam_pairs = 0;

@@ -73,6 +73,38 @@ TEST(HeldBack, IsATenthWhereWrongMatchesTieMostTogether) {
   EXPECT_LT(shares.one, 0.10);
 }
 
+// What is held back of a detail takes its whole track from the adjustment. Of matches of 72 photos one in ten
+// is wrong: 22 of 246 details have some keypoint held back, and 80 would if matches tied in the order of the
+// pairs.
+TEST(HeldBack, IsWholeDetailsWhereWrongMatchesTieLongTracks) {
+  SyntheticTurntableOptions options;
+  options.steps = 72;
+  options.step_deg = 5;
+  options.num_object_points = 200;
+  options.num_platter_points = 80;
+  options.max_view_change_deg = 25;
+  ScanFeatures features = SyntheticScanFeatures(MakeSyntheticTurntable(options));
+  const KeypointSets details = SetsOfKeypoints(features);  // of right matches alone
+  RandomNumbers random(5);
+  for (ImagePairMatches& pair : features.object_pairs) {
+    const auto num2 = static_cast<double>(features.images[static_cast<size_t>(pair.image2)].keypoints.size());
+    for (FeatureMatch& match : pair.matches) {
+      if (random.Uniform(0, 10) < 1) match.point2D_idx2 = static_cast<uint32_t>(random.Uniform(0, num2));
+    }
+  }
+  const HeldBackKeypoints held = HoldBack(features);
+  std::set<uint32_t> all;
+  std::set<uint32_t> touched;
+  for (size_t i = 0; i < details.size(); ++i) {
+    for (size_t k = 0; k < details[i].size(); ++k) {
+      if (details[i][k] == kNoSet) continue;
+      all.insert(details[i][k]);
+      if (held[i][k]) touched.insert(details[i][k]);
+    }
+  }
+  EXPECT_LT(static_cast<double>(touched.size()), 0.2 * static_cast<double>(all.size()));
+}
+
 TEST(HeldBack, IsNothingThatIsNotMatched) {
   ScanFeatures features = FeaturesOfATurn();
   features.object_pairs.resize(1);

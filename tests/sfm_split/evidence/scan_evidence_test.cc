@@ -63,6 +63,7 @@ TEST(ScanEvidence, TruePosesAreGood) {
   EXPECT_GT(evidence.seam_pairs, 2);
   EXPECT_EQ(evidence.closing.all, evidence.seam.all);
   EXPECT_EQ(evidence.closed_stations, 2);
+  EXPECT_EQ(evidence.round_stations, 2);
   EXPECT_GT(*evidence.across_stations.Share(), 0.95);
   // As many pairs are two steps of 20 degrees apart as one; the median is the upper of both.
   EXPECT_NEAR(*evidence.median_step_deg, 40, 1e-9);
@@ -243,6 +244,7 @@ TEST(ScanEvidence, AnArcIsNoTurnThatCameBack) {
   EXPECT_EQ(evidence.far_pairs, 0);
   EXPECT_EQ(evidence.closing.all, 0);
   EXPECT_EQ(evidence.closed_stations, 0);
+  EXPECT_EQ(evidence.round_stations, 0);
   const ScanVerdict verdict = JudgeScan(evidence);
   EXPECT_EQ(verdict.verdict, Verdict::kGood) << verdict.reasons[0];
   for (const std::string& reason : verdict.reasons) {

@@ -24,7 +24,7 @@ ScanEvidence GoodEvidence() {
   evidence.seam = {80, 78, 2};
   evidence.seam_pairs = 3;
   evidence.closing = evidence.seam;
-  evidence.stations = evidence.closed_stations = 1;
+  evidence.stations = evidence.closed_stations = evidence.round_stations = 1;
   evidence.median_step_deg = 15;
   evidence.least_step_deg = 4;
   evidence.adjusted_noise_px = 0.4;
@@ -215,6 +215,21 @@ TEST(Verdict, AClosedTurnNeedsNoFarPairs) {
     changes[k](&changed);
     EXPECT_EQ(JudgeScan(changed).verdict, Verdict::kFailed) << k;
   }
+}
+
+// What closes tells the lens, and the lens how far neighbours are apart at other stations.
+TEST(Verdict, AClosedTurnSpeaksForAnotherThatGoesRoundBeforeTheSameLens) {
+  ScanEvidence evidence = GoodEvidence();
+  evidence.held_back = {100, 44, 1};
+  evidence.adjusted = {900, 420, 9};
+  evidence.stations = evidence.round_stations = 2;
+  EXPECT_EQ(JudgeScan(evidence).verdict, Verdict::kGood);
+  ScanEvidence none_closes = evidence;
+  none_closes.closed_stations = 0;
+  EXPECT_EQ(JudgeScan(none_closes).verdict, Verdict::kFailed);
+  ScanEvidence two_lenses = evidence;
+  two_lenses.focal_widths = {1.2, 1.2};
+  EXPECT_EQ(JudgeScan(two_lenses).verdict, Verdict::kFailed);
 }
 
 TEST(Verdict, StationsThatNothingTiesWantATurnFromBetween) {
