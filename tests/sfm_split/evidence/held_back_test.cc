@@ -21,6 +21,18 @@ ScanFeatures FeaturesOfATurn() {
   return SyntheticScanFeatures(MakeSyntheticTurntable(options));
 }
 
+// One match in so many leads to any keypoint of its second photo.
+void MakeWrong(double one_in, ScanFeatures* features) {
+  RandomNumbers random(4);
+  for (ImagePairMatches& pair : features->object_pairs) {
+    const auto num2 =
+        static_cast<double>(features->images[static_cast<size_t>(pair.image2)].keypoints.size());
+    for (FeatureMatch& match : pair.matches) {
+      if (random.Uniform(0, one_in) < 1) match.point2D_idx2 = static_cast<uint32_t>(random.Uniform(0, num2));
+    }
+  }
+}
+
 // Of the matches, those with both ends, and with one end, held back.
 struct Shares {
   double both = 0;
@@ -58,13 +70,7 @@ TEST(HeldBack, IsATenthOfWholeSets) {
 // One match in twenty is wrong, at random: nearly all that is matched hangs together by them.
 TEST(HeldBack, IsATenthWhereWrongMatchesTieMostTogether) {
   ScanFeatures features = FeaturesOfATurn();
-  RandomNumbers random(4);
-  for (ImagePairMatches& pair : features.object_pairs) {
-    const auto num2 = static_cast<double>(features.images[static_cast<size_t>(pair.image2)].keypoints.size());
-    for (FeatureMatch& match : pair.matches) {
-      if (random.Uniform(0, 20) < 1) match.point2D_idx2 = static_cast<uint32_t>(random.Uniform(0, num2));
-    }
-  }
+  MakeWrong(20, &features);
   const HeldBackKeypoints held = HoldBack(features);
   const Shares shares = SharesOf(features, held);
   EXPECT_GT(shares.both, 0.04);
@@ -85,13 +91,7 @@ TEST(HeldBack, IsWholeDetailsWhereWrongMatchesTieLongTracks) {
   options.max_view_change_deg = 25;
   ScanFeatures features = SyntheticScanFeatures(MakeSyntheticTurntable(options));
   const KeypointSets details = SetsOfKeypoints(features);  // of right matches alone
-  RandomNumbers random(5);
-  for (ImagePairMatches& pair : features.object_pairs) {
-    const auto num2 = static_cast<double>(features.images[static_cast<size_t>(pair.image2)].keypoints.size());
-    for (FeatureMatch& match : pair.matches) {
-      if (random.Uniform(0, 10) < 1) match.point2D_idx2 = static_cast<uint32_t>(random.Uniform(0, num2));
-    }
-  }
+  MakeWrong(10, &features);
   const HeldBackKeypoints held = HoldBack(features);
   std::set<uint32_t> all;
   std::set<uint32_t> touched;
