@@ -14,8 +14,8 @@
 namespace s2gs {
 namespace {
 
-constexpr uint64_t kOneIn = 10;  // sets is held back
-constexpr int64_t kTiesInARow = 1024;
+constexpr uint64_t kOneIn = 10;        // sets is held back
+constexpr int64_t kTiesInARow = 1024;  // by one thread: one is done in less time than it takes to hand it out
 
 uint64_t Mix(uint64_t x) {  // SplitMix64's
   x += 0x9e3779b97f4a7c15ULL;

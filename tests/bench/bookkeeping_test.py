@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of run.py, report.py, compare.py, curves.py, plans.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
+"""Tests of run.py, report.py, compare.py, curves.py, plans.py, evidence.py, numerics.py, method_tables.py and mutants.py on made-up results and sources. Needs the standard library only."""
 import argparse
 import contextlib
 import io
@@ -17,6 +17,7 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import compare
 import curves
+import evidence
 import method_tables
 import mutant_build
 import mutants
@@ -709,6 +710,29 @@ class Plans(unittest.TestCase):
         self.assertEqual([line.split('`')[1] for line in b.split('\n') if '`' in line], ['p', 'scale', 'pairs', 'background', 'bands'])
         self.assertIn('| `scale` | left out | 3 / 4 | t | r; nothing to force: no bound | s |', b)
         self.assertIn('| `background` | runs | 3 / 4 | t | r | s |', b)
+
+
+class Evidence(unittest.TestCase):
+    REPORT = {'report': {'verdict': {'verdict': 'good', 'reasons': ['98 % of 114 details that were held back agree with the poses',
+                                                                  '616 matches across the end of the turn bear out the poses']},
+                         'geometry': {'sigma': {'angle_median_deg': .0141, 'axis_direction_deg': .0064, 'angle_prior_share': .83,
+                                                'focal_prior_share': [.003, None]}},
+                         'stages': {'plan': [{'part': 'weak_features', 'state': 'runs',
+                                              'measured': '50 features a photo, 30 more: standard deviations lower by 13 %'}]}}}
+    LOG = """[1s] poses by patches of the photos: points of all, errors of patches that were held back went from 0.0988 px to 0.0922 px
+[2s] about the table's rim the log-likelihood of the matches is 11.8 less
+path                    circular_motion: placed 36 images
+"""
+
+    def test_a_row_tells_what_was_asked_and_what_was_taken(self):
+        self.assertEqual(evidence.row('a', self.REPORT, self.LOG),
+                         ('a', 'circular_motion', 'good', '0.014, 0.006', '98 % of 114', '616', '-', '-13 %', '0.099 > 0.092', '-',
+                          'no', '-', '83 %', '0 %'))
+
+    def test_what_a_scan_lacks_is_left_empty(self):
+        report = {'report': {'verdict': {'verdict': 'failed', 'reasons': ['of 52 details that were held back, 21 % agree with the poses']},
+                             'stages': {'plan': []}}}
+        self.assertEqual(evidence.row('b', report, ''), ('b', '-', 'failed', '-, -', '21 % of 52') + ('-',) * 9)
 
 
 class Curves(unittest.TestCase):
