@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <iterator>
 #include <numeric>
-#include <optional>
 #include <utility>
 
 #include "sfm_split/base/parallel_for.h"
@@ -135,11 +134,10 @@ class OneOfEachImage {
     images_of_[std::min(a, b)] = std::move(both);
   }
 
-  // The set of a keypoint; nothing of one that is tied to none.
-  std::optional<uint32_t> SetOf(uint32_t keypoint) {
+  // kNoSet: tied to no other.
+  uint32_t SetOf(uint32_t keypoint) {
     const uint32_t root = sets_.Root(keypoint);
-    if (images_of_[root].size() < 2) return std::nullopt;
-    return root;
+    return images_of_[root].size() < 2 ? kNoSet : root;
   }
 
  private:
@@ -163,7 +161,7 @@ KeypointSets SetsOfKeypoints(const ScanFeatures& features) {
   for (size_t i = 0; i < of_images.size(); ++i) {
     of_images[i].reserve(row.SizeOf(i));
     for (uint32_t k = 0; k < row.SizeOf(i); ++k)
-      of_images[i].push_back(sets.SetOf(row.Number(static_cast<int>(i), k)).value_or(kNoSet));
+      of_images[i].push_back(sets.SetOf(row.Number(static_cast<int>(i), k)));
   }
   return of_images;
 }

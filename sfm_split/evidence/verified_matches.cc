@@ -110,6 +110,7 @@ std::vector<int> RecordVerifiedMatches(const PosedMatches& matches, const HeldBa
         held.Add(is_first ? sets[first][match.point2D_idx1] : sets[second][match.point2D_idx2], error,
                  matches.bound_px(), ChanceOf(of_pair.held_back));
       } else {
+        // Wrong ones may lead from or to a keypoint that belongs to none.
         const uint32_t set = sets[first][match.point2D_idx1];
         adjusted.Add(set != kNoSet ? set : sets[second][match.point2D_idx2], error, matches.bound_px(),
                      ChanceOf(of_pair.compared));

@@ -17,9 +17,9 @@ COLUMNS = ('scan', 'path', 'verdict', 'table angle, axis [deg]', 'details that w
            'between camera places', 'second search', 'patches [px]', 'surface', 'rim', 'placed by looks', 'equal steps', 'guessed lens')
 
 
-def first(pattern, text, form='{}', without='-'):
+def first(pattern, text, form='{}'):
     found = re.search(pattern, text)
-    return form.format(*found.groups()) if found else without
+    return form.format(*found.groups()) if found else '-'
 
 
 def held_back(reasons):
@@ -83,9 +83,14 @@ def main():
     options = parser.parse_args()
     print('| ' + ' | '.join(COLUMNS) + ' |\n|' + '---|' * len(COLUMNS))
     for scan in options.scans:
-        scene, workspace, *log = scan.split('=')
-        log = pathlib.Path(log[0] if log else pathlib.Path(workspace) / 'log.txt')
-        report = json.loads((pathlib.Path(workspace) / 'report.json').read_text())
+        scene, *paths = scan.split('=')
+        if not paths:
+            parser.error(f'{scan}: SCENE=WORKSPACE is wanted')
+        workspace = pathlib.Path(paths[0])
+        log = pathlib.Path(paths[1]) if len(paths) > 1 else workspace / 'log.txt'
+        report = json.loads((workspace / 'report.json').read_text())
+        if 'report' not in report:
+            parser.error(f"{workspace / 'report.json'} has no report: run s2gs report --workspace_path {workspace}")
         print('| ' + ' | '.join(row(scene, report, log.read_text() if log.exists() else '')) + ' |')
 
 

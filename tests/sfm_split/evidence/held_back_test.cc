@@ -80,8 +80,8 @@ TEST(HeldBack, IsATenthWhereWrongMatchesTieMostTogether) {
 }
 
 // What is held back of a detail takes its whole track from the adjustment. Of matches of 72 photos one in ten
-// is wrong: 22 of 246 details have some keypoint held back, and 80 would if matches tied in the order of the
-// pairs.
+// is wrong: 21 of 246 details have some keypoint held back, and a third would if matches tied in the order of
+// the pairs.
 TEST(HeldBack, IsWholeDetailsWhereWrongMatchesTieLongTracks) {
   SyntheticTurntableOptions options;
   options.steps = 72;
