@@ -9,6 +9,7 @@
 
 #include "sfm_split/base/parallel_for.h"
 #include "sfm_split/base/union_find.h"
+#include "sfm_split/scene/keypoint_numbers.h"
 
 namespace s2gs {
 namespace {
@@ -30,22 +31,6 @@ struct Tie {
   uint32_t keypoint1 = 0;
   uint32_t keypoint2 = 0;
   int witnesses = 0;  // keypoints that both ends are matched with
-};
-
-// All images' keypoints in one row.
-class KeypointRow {
- public:
-  explicit KeypointRow(const std::vector<ScanImage>& images) : first_(images.size() + 1, 0) {
-    for (size_t i = 0; i < images.size(); ++i) first_[i + 1] = first_[i] + images[i].keypoints.size();
-  }
-  uint32_t Number(int image, uint32_t keypoint) const {
-    return static_cast<uint32_t>(first_[static_cast<size_t>(image)] + keypoint);
-  }
-  size_t Size() const { return first_.back(); }
-  size_t SizeOf(size_t image) const { return first_[image + 1] - first_[image]; }
-
- private:
-  std::vector<size_t> first_;  // keypoint of each image
 };
 
 // What each keypoint is matched with, in order of their numbers.
@@ -97,15 +82,15 @@ class Neighbours {
 
 // Matches, those first of whose ends most keypoints are matched with both: a wrong match has few such
 // witnesses, since each takes two more that are wrong alike.
-std::vector<Tie> MostWitnessedFirst(const ScanFeatures& features, const KeypointRow& row) {
+std::vector<Tie> MostWitnessedFirst(const ScanFeatures& features, const KeypointNumbers& numbers) {
   std::vector<Tie> ties;
   for (const ImagePairMatches& pair : features.object_pairs) {
     for (const FeatureMatch& match : pair.matches) {
-      ties.push_back({pair.image1, pair.image2, row.Number(pair.image1, match.point2D_idx1),
-                      row.Number(pair.image2, match.point2D_idx2), 0});
+      ties.push_back({pair.image1, pair.image2, numbers.Of(pair.image1, match.point2D_idx1),
+                      numbers.Of(pair.image2, match.point2D_idx2), 0});
     }
   }
-  const Neighbours neighbours(ties, row.Size());
+  const Neighbours neighbours(ties, numbers.Count());
   ParallelFor(static_cast<int64_t>(ties.size()), 0, kTiesInARow, [&](int64_t t) {
     Tie& tie = ties[static_cast<size_t>(t)];
     tie.witnesses = neighbours.Common(tie.keypoint1, tie.keypoint2);
@@ -154,14 +139,16 @@ class OneOfEachImage {
 }  // namespace
 
 KeypointSets SetsOfKeypoints(const ScanFeatures& features) {
-  const KeypointRow row(features.images);
-  OneOfEachImage sets(row.Size());
-  for (const Tie& tie : MostWitnessedFirst(features, row)) sets.Join(tie);
+  KeypointNumbers numbers;
+  for (const ScanImage& image : features.images) numbers.Add(image.keypoints.size());
+  OneOfEachImage sets(numbers.Count());
+  for (const Tie& tie : MostWitnessedFirst(features, numbers)) sets.Join(tie);
   KeypointSets of_images(features.images.size());
   for (size_t i = 0; i < of_images.size(); ++i) {
-    of_images[i].reserve(row.SizeOf(i));
-    for (uint32_t k = 0; k < row.SizeOf(i); ++k)
-      of_images[i].push_back(sets.SetOf(row.Number(static_cast<int>(i), k)));
+    const size_t count = features.images[i].keypoints.size();
+    of_images[i].reserve(count);
+    for (uint32_t k = 0; k < count; ++k)
+      of_images[i].push_back(sets.SetOf(numbers.Of(static_cast<int>(i), k)));
   }
   return of_images;
 }

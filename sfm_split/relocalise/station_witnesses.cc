@@ -10,6 +10,7 @@
 #include "sfm_split/base/infinity.h"
 #include "sfm_split/base/union_find.h"
 #include "sfm_split/circular_motion/match_mixture.h"
+#include "sfm_split/scene/keypoint_numbers.h"
 
 namespace s2gs {
 namespace {
@@ -85,10 +86,9 @@ std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const A
   const bool may_stand = !aligned.background.images.empty();
   const MatchErrors against_poses(posed, AllKeypoints(features));
   const MatchErrors against_standing(standing, AllKeypoints(features));
-  std::vector<uint32_t> first_keypoint = {0};
-  for (const ScanImage& image : features.images)
-    first_keypoint.push_back(first_keypoint.back() + static_cast<uint32_t>(image.keypoints.size()));
-  UnionFind details(first_keypoint.back());
+  KeypointNumbers numbers;
+  for (const ScanImage& image : features.images) numbers.Add(image.keypoints.size());
+  UnionFind details(numbers.Count());
   std::vector<Between> between;
   for (PossiblePair& pair : pairs) {
     const auto i = static_cast<size_t>(pair.image1);
@@ -102,8 +102,8 @@ std::vector<PossiblePair> StationWitnesses(const ScanFeatures& features, const A
     for (size_t m = 0; m < pair.matches.size(); ++m) {
       const FeatureMatch& match = pair.matches[m];
       if (is_one_station && !(errors_px[m] <= kAgreeingPx)) continue;
-      const uint32_t one = first_keypoint[i] + match.point2D_idx1;
-      const uint32_t two = first_keypoint[j] + match.point2D_idx2;
+      const uint32_t one = numbers.Of(pair.image1, match.point2D_idx1);
+      const uint32_t two = numbers.Of(pair.image2, match.point2D_idx2);
       if (is_one_station) {
         details.Join(one, two);
         continue;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "sfm_split/scene/keypoint_numbers.h"
+
 namespace s2gs {
 namespace {
 
@@ -15,18 +17,17 @@ constexpr int kMaxSweeps = 50;        // over all motions, until no side changes
 class MotionGraph {
  public:
   MotionGraph(const std::vector<Keypoints>& keypoints, const std::vector<VerifiedPair>& motions) {
-    std::vector<size_t> first_keypoint(1, 0);
-    for (const Keypoints& of_image : keypoints)
-      first_keypoint.push_back(first_keypoint.back() + of_image.size());
-    degree_of_keypoint_.assign(first_keypoint.back(), 0);
+    KeypointNumbers numbers;
+    for (const Keypoints& of_image : keypoints) numbers.Add(of_image.size());
+    degree_of_keypoint_.assign(numbers.Count(), 0);
     keypoints_of_motion_.resize(motions.size());
     rivals_.resize(motions.size());
     for (size_t m = 0; m < motions.size(); ++m) {
       const VerifiedPair& motion = motions[m];
       keypoints_of_motion_[m].reserve(2 * motion.matches.size());
       for (const FeatureMatch& match : motion.matches) {
-        keypoints_of_motion_[m].push_back(first_keypoint[motion.image1] + match.point2D_idx1);
-        keypoints_of_motion_[m].push_back(first_keypoint[motion.image2] + match.point2D_idx2);
+        keypoints_of_motion_[m].push_back(numbers.Of(motion.image1, match.point2D_idx1));
+        keypoints_of_motion_[m].push_back(numbers.Of(motion.image2, match.point2D_idx2));
       }
       for (const size_t k : keypoints_of_motion_[m]) ++degree_of_keypoint_[k];
       for (size_t other = m; other-- > 0;) {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "sfm_split/base/parallel_for.h"
+#include "sfm_split/scene/keypoint_numbers.h"
 
 namespace s2gs {
 namespace {
@@ -30,10 +31,8 @@ class MatchGraph {
   };
 
   MatchGraph(const std::vector<Keypoints>& keypoints, const std::vector<VerifiedPair>& pairs) {
-    first_keypoint_.push_back(0);
-    for (const Keypoints& of_image : keypoints)
-      first_keypoint_.push_back(first_keypoint_.back() + of_image.size());
-    begin_.assign(first_keypoint_.back() + 1, 0);
+    for (const Keypoints& of_image : keypoints) numbers_.Add(of_image.size());
+    begin_.assign(numbers_.Count() + 1, 0);
     for (const VerifiedPair& pair : pairs) {
       for (const FeatureMatch& match : pair.matches) {
         ++begin_[Index(pair.image1, match.point2D_idx1) + 1];
@@ -59,9 +58,9 @@ class MatchGraph {
   }
 
  private:
-  size_t Index(int image, uint32_t keypoint) const { return first_keypoint_[image] + keypoint; }
+  size_t Index(int image, uint32_t keypoint) const { return numbers_.Of(image, keypoint); }
 
-  std::vector<size_t> first_keypoint_;
+  KeypointNumbers numbers_;
   std::vector<size_t> begin_;
   std::vector<End> ends_;
 };
